@@ -1,0 +1,398 @@
+"""Values that every other module speaks in: frozen data and enums, no I/O.
+
+Instants are ISO 8601 strings in UTC (`2026-11-20T23:59:59Z`), seconds are floats of wall-clock time, versions are
+normalised (PEP 440), package names are normalised (PEP 503).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+
+class Phase(StrEnum):
+    """What a cell goes through, in this order; a failed phase leaves those that need it `not_reached`."""
+
+    RESOLVE = "resolve"
+    INSTALL = "install"
+    IMPORT = "import"
+    SINGLE = "single"
+    VECTOR = "vector"
+    RENDER = "render"
+    BEHAVE = "behave"
+    INTEROP = "interop"
+    SUITE = "suite"
+
+
+CELL_PHASES = (Phase.RESOLVE, Phase.INSTALL, Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER)
+"""Phases that every cell reports, always present in the document."""
+
+CASE_PHASES = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER)
+"""Phases that a probe runs, in this order."""
+
+
+class Outcome(StrEnum):
+    """How a check or a phase ended; the definition order is worst first, as a cell's phase is worst of its cases'."""
+
+    FAILED = "failed"
+    CRASHED = "crashed"
+    TIMED_OUT = "timed_out"
+    FLAKY = "flaky"
+    INFRA = "infra"
+    UNAVAILABLE = "unavailable"
+    NOT_REACHED = "not_reached"
+    PASSED = "passed"
+    SKIPPED = "skipped"
+
+
+FAILING = frozenset({Outcome.FAILED, Outcome.CRASHED, Outcome.TIMED_OUT, Outcome.FLAKY})
+
+
+class Verdict(StrEnum):
+    """Computed from outcomes by `verdict.judge`; the first row of the table that fits wins, in this order."""
+
+    NOT_RUN = "not_run"
+    INCONCLUSIVE = "inconclusive"
+    UNAVAILABLE = "unavailable"
+    UNRESOLVABLE = "unresolvable"
+    UNINSTALLABLE = "uninstallable"
+    IMPORT_FAILS = "import_fails"
+    WORKS = "works"
+    PARTIAL = "partial"
+    BROKEN = "broken"
+
+
+class Level(StrEnum):
+    """How much a finding matters; only a warning can be made to fail by `required`."""
+
+    NOTE = "note"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finding:
+    """Something to know that does not stop a user's loop."""
+
+    check: str
+    level: Level
+    text: str
+
+
+# --- what is asked for -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Case:
+    """One environment tried in a cell.
+
+    `checks` are names like `vector.sync`, the part before the dot being their phase. `required` names finding
+    checks whose warnings turn the case red. `timeouts` maps a phase to seconds per check, `imports` are module
+    names imported first.
+    """
+
+    id: str
+    env: str | None
+    api: str
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    checks: tuple[str, ...] = ()
+    required: tuple[str, ...] = ()
+    imports: tuple[str, ...] = ()
+    timeouts: Mapping[Phase, float] = field(default_factory=dict)
+    steps: int = 100
+    seed: int = 7
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Expectation:
+    """What a cell is expected to be; `match` is a regular expression on the decisive line."""
+
+    verdict: Verdict
+    reason: str
+    phase: Phase | None = None
+    match: str | None = None
+    signature: str | None = None
+    link: str | None = None
+    until: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class IndexSettings:
+    """Where packages come from, where a matrix says so; empty means the user's own uv and pip settings."""
+
+    default: str | None = None
+    extra: tuple[str, ...] = ()
+    find_links: tuple[str, ...] = ()
+    no_index: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Question:
+    """All that decides a resolution, the interpreter apart: equal questions on one interpreter have one lock.
+
+    `snapshot` is the cutoff instant. `torch_backend` is uv's (`cpu`, `cu126`, ...); `cpu` is the default and is
+    without meaning where no torch is in the resolution. `absent` are packages that may not be in the lock.
+    """
+
+    requirements: tuple[str, ...]
+    constraints: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+    build_constraints: tuple[str, ...] = ()
+    build_variables: Mapping[str, str] = field(default_factory=dict)
+    only_binary: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    resolution: str = "highest"
+    prerelease: str = "if-necessary-or-explicit"
+    index: IndexSettings = IndexSettings()
+    torch_backend: str = "cpu"
+    snapshot: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cell:
+    """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`)."""
+
+    id: str
+    matrix: str
+    axes: Mapping[str, str]
+    python: str
+    question: Question
+    environment: Mapping[str, str]
+    cases: tuple[Case, ...]
+    needs: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+    expect: Expectation | None = None
+
+    @property
+    def label(self) -> str:
+        """The part of the id after the matrix name."""
+        return self.id.partition("/")[2]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Dropped:
+    """A combination that is not run, and why."""
+
+    id: str
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Plan:
+    """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell."""
+
+    matrix: str
+    cells: tuple[Cell, ...]
+    dropped: tuple[Dropped, ...] = ()
+    stale: tuple[str, ...] = ()
+    axes: tuple[str, ...] = ()
+    shown: tuple[str, ...] = ()
+
+
+# --- what was found --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Interpreter:
+    """A Python that exists here. `identity` changes whenever another build of Python stands at `path`."""
+
+    path: str
+    version: str
+    implementation: str
+    identity: str
+
+    @property
+    def minor(self) -> str:
+        """`3.11` of `3.11.7`."""
+        return ".".join(self.version.split(".")[:2])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Artifact:
+    """One file of a release: a wheel, or an sdist to be built. `source` is an address or a path, never committed."""
+
+    filename: str
+    sha256: str
+    source: str
+    size: int | None = None
+    uploaded: str | None = None
+
+    @property
+    def is_wheel(self) -> bool:
+        """Whether it can be installed as it is."""
+        return self.filename.endswith(".whl")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pin:
+    """One package of a lock: the artifact that this interpreter takes, and the hashes of all that the lock allows."""
+
+    name: str
+    version: str
+    artifact: Artifact
+    hashes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Lock:
+    """A full resolution, pinned and hashed; `requirements` is its committed form, `sha256` is of that text.
+
+    `escaped` names packages from find-links or an index without upload times, to which the cutoff did not apply.
+    """
+
+    pins: tuple[Pin, ...]
+    requirements: str
+    sha256: str
+    instant: str
+    escaped: tuple[str, ...] = ()
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Name to version."""
+        return {pin.name: pin.version for pin in self.pins}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Step:
+    """How a step on the host (resolve, build, install) ended when it did not succeed, or what it says of itself.
+
+    `decisive` is the one line that says why; `log` is a path below the state folder.
+    """
+
+    phase: Phase
+    outcome: Outcome
+    seconds: float = 0.0
+    decisive: str | None = None
+    log: str | None = None
+    findings: tuple[Finding, ...] = ()
+    reused: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CheckRecord:
+    """One check of one case. `facts` are what it measured (shapes, digests, start method)."""
+
+    check: str
+    outcome: Outcome
+    seconds: float = 0.0
+    decisive: str | None = None
+    masked_by: str | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PhaseRecord:
+    """One phase of one case, as stored and reused. `frames` and `evidence` are paths below the state folder."""
+
+    phase: Phase
+    outcome: Outcome
+    seconds: float = 0.0
+    decisive: str | None = None
+    checks: tuple[CheckRecord, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    frames: tuple[str, ...] = ()
+    evidence: str | None = None
+    attempts: int = 1
+    measured: str | None = None
+    reused: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CaseRecord:
+    """One case of a cell, with a record for each phase of `CASE_PHASES`."""
+
+    case: str
+    env: str | None
+    api: str
+    required: tuple[str, ...]
+    phases: tuple[PhaseRecord, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CellRecord:
+    """All evidence of one cell on one machine; the verdict is computed from it, never stored alone.
+
+    `resolve` and `install` are None when nothing of the cell was run.
+    """
+
+    cell: Cell
+    machine: str
+    python: str | None = None
+    supplied: Mapping[str, str] = field(default_factory=dict)
+    installed: Mapping[str, str] | None = None
+    lock: str | None = None
+    lock_sha256: str | None = None
+    key: str | None = None
+    resolve: Step | None = None
+    install: Step | None = None
+    unavailable: str | None = None
+    cases: tuple[CaseRecord, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    measured: str | None = None
+    reused: bool = False
+    seconds: float = 0.0
+
+
+# --- between the two worlds ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProbeRequest:
+    """What one in-cell process is asked to do: some checks of one case.
+
+    `folder` is where the reply (`reply.jsonl`), worker files and arrays go; `limits` maps a check to its seconds.
+    """
+
+    case: Case
+    checks: tuple[str, ...]
+    folder: str
+    limits: Mapping[str, float]
+    num_envs: int = 2
+    vector_steps: int = 20
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Raised:
+    """An exception as the cell told it: `blame` is `library`, or `harness` when our own code raised it."""
+
+    type: str
+    message: str
+    traceback: str
+    blame: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WorkerRecord:
+    """What became of one worker process of a vector environment: its own first exception, signal or exit code."""
+
+    pid: int
+    raised: Raised | None = None
+    exit_code: int | None = None
+    stacks: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CheckReply:
+    """One check as the cell reported it; `outcome` None means it was started and never ended."""
+
+    check: str
+    outcome: Outcome | None
+    seconds: float = 0.0
+    raised: Raised | None = None
+    reason: str | None = None
+    workers: tuple[WorkerRecord, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProbeReply:
+    """A whole reply, read as hostile data. `complete` is whether the last line was there."""
+
+    checks: tuple[CheckReply, ...]
+    findings: tuple[Finding, ...]
+    frames: tuple[tuple[str, str], ...]
+    facts: Mapping[str, Any]
+    modules: tuple[str, ...]
+    complete: bool
+    problems: tuple[str, ...] = ()
