@@ -1,0 +1,170 @@
+"""Where results, locks and evidence live: plain JSON files, written atomically, found again by content.
+
+`results/` holds one phase of one case on one machine per file, `locks/` one answer per question, `steps/` failed
+resolutions and installs, `cells/` the last record of each cell on each machine, `evidence/` logs and frames.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import platformdirs
+
+from harness.model import CellRecord, Interpreter, Lock, PhaseRecord, Question, Step
+
+T = TypeVar("T")
+
+
+def state_folder() -> Path:
+    """The folder of results and locks: `HARNESS_STATE`, else `.harness` in the working folder; ignored by git."""
+    return ignored_by_git(Path(os.environ.get("HARNESS_STATE") or ".harness").absolute())
+
+
+def cache_folder() -> Path:
+    """The folder of environments, wheels and downloads: `HARNESS_CACHE`, else the user's cache folder."""
+    folder = os.environ.get("HARNESS_CACHE") or platformdirs.user_cache_path("simmatrix")
+    return ignored_by_git(Path(folder).absolute())
+
+
+def ignored_by_git(folder: Path) -> Path:
+    """Make the folder and let it ignore itself."""
+    marker = folder / ".gitignore"
+    if not marker.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(marker, b"*\n")
+    return folder
+
+
+def write_atomic(path: Path, content: bytes) -> None:
+    """Write the whole file or nothing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def digest(*parts: Any) -> str:
+    """A content key: 32 hexadecimal digits of the SHA-256 of the parts as canonical JSON."""
+    return hashlib.sha256(msgspec.json.encode(parts, order="deterministic")).hexdigest()[:32]
+
+
+def question_key(question: Question, interpreter: Interpreter) -> str:
+    """Equal for two cells exactly when one resolution serves both."""
+    return digest("lock", question, interpreter.implementation, interpreter.version, os.uname().machine)
+
+
+@dataclass(frozen=True)
+class Store:
+    """All that was measured, below one folder."""
+
+    folder: Path
+
+    def load_lock(self, key: str) -> Lock | Step | None:
+        """The answer to a question: its lock, or the step that says why there is none."""
+        return self._load("locks", key, Lock) or self._load("steps", key, Step)
+
+    def save_lock(self, key: str, answer: Lock | Step) -> None:
+        """Keep a lock or a failed resolution; its pinned form lies beside it for people."""
+        if isinstance(answer, Step):
+            self.save_step(key, answer)
+            return
+        self._save("locks", key, answer)
+        write_atomic(self.lock_file(answer), answer.requirements.encode())
+
+    def lock_file(self, lock: Lock) -> Path:
+        """The hash-pinned requirements of a lock; identical resolutions are one file."""
+        return self.folder / "locks" / f"{lock.sha256[:16]}.txt"
+
+    def load_step(self, key: str) -> Step | None:
+        """A failed resolution or install."""
+        return self._load("steps", key, Step)
+
+    def save_step(self, key: str, step: Step) -> None:
+        """Keep a failed resolution or install, so that it is not tried again."""
+        self._save("steps", key, step)
+
+    def load_phase(self, key: str) -> PhaseRecord | None:
+        """One phase of one case, if it was measured here under the same key."""
+        return self._load("results", key, PhaseRecord)
+
+    def save_phase(self, key: str, record: PhaseRecord) -> None:
+        """Keep one phase of one case."""
+        self._save("results", key, record)
+
+    def cell_file(self, machine: str, cell_id: str) -> Path:
+        """Where the last record of a cell on a machine is kept."""
+        return self.folder / "cells" / machine / f"{cell_id}.json"
+
+    def save_cell(self, record: CellRecord) -> None:
+        """Keep the record of a cell; one machine never overwrites another's."""
+        write_atomic(self.cell_file(record.machine, record.cell.id), _encode(record))
+
+    def load_cell(self, machine: str, cell_id: str) -> CellRecord | None:
+        """The last record of a cell on a machine."""
+        return _read(self.cell_file(machine, cell_id), CellRecord)
+
+    def cells(self) -> Iterator[CellRecord]:
+        """Every cell record of every machine."""
+        for path in sorted((self.folder / "cells").glob("*/*/*.json")):
+            record = _read(path, CellRecord)
+            if record:
+                yield record
+
+    def evidence(self, name: str) -> Path:
+        """A folder for the logs, stacks and frames of one probe run."""
+        folder = self.folder / "evidence" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+    def relative(self, path: Path) -> str:
+        """A path as records name it: below the state folder, never a machine's own."""
+        return path.relative_to(self.folder).as_posix()
+
+    def scratch(self) -> Path:
+        """A new empty folder for one probe, removed by its owner."""
+        parent = self.folder / "tmp"
+        parent.mkdir(exist_ok=True)
+        return Path(tempfile.mkdtemp(dir=parent))
+
+    def _path(self, kind: str, key: str) -> Path:
+        return self.folder / kind / key[:2] / f"{key[2:]}.json"
+
+    def _load(self, kind: str, key: str, kept: type[T]) -> T | None:
+        return _read(self._path(kind, key), kept)
+
+    def _save(self, kind: str, key: str, value: Any) -> None:
+        write_atomic(self._path(kind, key), _encode(value))
+
+
+def open_store() -> Store:
+    """The store of the working folder."""
+    return Store(state_folder())
+
+
+def _encode(value: Any) -> bytes:
+    return msgspec.json.encode(value, order="deterministic")
+
+
+def _read(path: Path, kept: type[T]) -> T | None:
+    """None where the file is absent, or of an older shape and so of no use."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    try:
+        return msgspec.json.decode(content, type=kept)
+    except msgspec.MsgspecError:
+        return None
