@@ -1,0 +1,80 @@
+"""The command line: parse, dispatch to one module per verb, turn errors into messages and exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+
+from harness.errors import HarnessError
+
+VERBS = {
+    "plan": ("harness.commands.plan", "list the cells of a matrix, and what was dropped and why"),
+    "lock": ("harness.commands.lock", "resolve every cell to hash-pinned requirements"),
+    "run": ("harness.commands.run", "lock, build, install, probe and report every cell of a matrix"),
+    "try": ("harness.commands.try_", "try one combination of requirements"),
+    "report": ("harness.commands.report", "tables from stored results"),
+    "show": ("harness.commands.show", "everything known of one cell"),
+    "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
+}
+"""Verb: module and one line of help. A module is imported only when its verb is used."""
+
+INTERRUPTED = 130
+TERMINATED = 143
+
+
+def console() -> None:
+    """Entry point of the installed commands."""
+    sys.exit(main(sys.argv[1:]))
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run one verb and return the exit code of the contract."""
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        verb, rest = _verb(arguments)
+        module = importlib.import_module(VERBS[verb][0])
+        parser = argparse.ArgumentParser(prog=f"simmatrix {verb}", description=module.HELP)
+        module.add_arguments(parser)
+        return int(module.main(parser.parse_args(rest)))
+    except HarnessError as error:
+        print(f"simmatrix: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("simmatrix: interrupted; finished cells are kept, the same command goes on from there", file=sys.stderr)
+        return INTERRUPTED
+    except _Terminated:
+        print("simmatrix: terminated; finished cells are kept, the same command goes on from there", file=sys.stderr)
+        return TERMINATED
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+
+
+class _Terminated(BaseException):
+    """SIGTERM, raised in the main thread so that `with` blocks end what they started."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise _Terminated
+
+
+def _verb(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
+    lines = "\n".join(f"  {name:<8} {text}" for name, (_, text) in VERBS.items())
+    parser = argparse.ArgumentParser(
+        prog="simmatrix",
+        description=__import__("harness").__doc__,
+        epilog=f"verbs:\n{lines}\n\n`simmatrix VERB --help` tells the rest.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage="simmatrix VERB [...]",
+    )
+    parser.add_argument("verb", choices=VERBS, metavar="VERB", help=argparse.SUPPRESS)
+    parsed, _ = parser.parse_known_args(arguments[:1])
+    return str(parsed.verb), arguments[1:]
+
+
+if __name__ == "__main__":
+    console()

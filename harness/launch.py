@@ -1,0 +1,167 @@
+"""Runs one in-cell probe under the supervisor and watches the limit of each of its checks."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from time import monotonic
+
+import msgspec
+
+from harness import process, wire
+from harness.model import Case, ProbeReply, ProbeRequest, WorkerRecord
+
+INCELL = Path(__file__).parent / "incell"
+POLL_SECONDS = 0.05
+STARTUP_SECONDS = 120.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Site:
+    """Where a probe runs: an environment's folder and interpreter, its compile cache, and the cell's own settings.
+
+    `variables` is the whole environment of the probe, `files` maps a path below HOME to its content.
+    """
+
+    folder: Path
+    python: Path
+    pycache: Path
+    variables: Mapping[str, str]
+    files: Mapping[str, bytes]
+    memory_mb: int = 6000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProbeRun:
+    """What came of one probe process. `overran` is the check whose limit ended it; files lie below `scratch`."""
+
+    reply: ProbeReply
+    completed: process.Completed
+    workers: tuple[WorkerRecord, ...]
+    overran: str | None
+    stacks: str
+    scratch: Path
+
+
+@contextmanager
+def probe(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> Iterator[ProbeRun]:
+    """Run the checks named in `limits` (in their order, each with its seconds) in one process of the cell.
+
+    The scratch folder holds HOME and the reply and is removed at the end.
+    """
+    try:
+        yield _run(site, case, limits, scratch)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> ProbeRun:
+    home, replies = scratch / "home", scratch / "reply"
+    replies.mkdir(parents=True)
+    (home / "tmp").mkdir(parents=True)
+    for name, content in site.files.items():
+        target = home / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+    request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=dict(limits))
+    (scratch / "request.json").write_text(wire.request_to_json(request))
+    command = process.Command(
+        argv=(str(site.python), "-s", str(INCELL / "bootstrap.py"), str(scratch / "request.json")),
+        cwd=home,
+        env={**site.variables, "PYTHONPYCACHEPREFIX": str(site.pycache)},
+        limits=process.Limits(seconds=STARTUP_SECONDS + sum(limits.values()), memory_mb=site.memory_mb),
+        log=scratch / "log.txt",
+        profile=process.Profile.CELL,
+        home=home,
+        sealed=(site.folder,),
+        writable=(site.pycache,),
+    )
+    completed, overran = _watch(command, replies / "reply.jsonl", limits)
+    return ProbeRun(
+        reply=wire.read_reply(_lines(replies / "reply.jsonl")),
+        completed=completed,
+        workers=wire.read_workers({path.name: path.read_bytes() for path in sorted(replies.glob("worker-*"))}),
+        overran=overran,
+        stacks=_text(replies / "stacks.txt"),
+        scratch=scratch,
+    )
+
+
+def _watch(
+    command: process.Command, reply: Path, limits: Mapping[str, float]
+) -> tuple[process.Completed, str | None]:
+    """Wait for the end, ending the probe when one check takes longer than its own limit."""
+    follower = _Follower(reply)
+    with process.start(command) as running:
+        since = monotonic()
+        while (completed := running.wait(POLL_SECONDS)) is None:
+            if follower.advanced():
+                since = monotonic()
+            limit = limits.get(follower.check or "", STARTUP_SECONDS)
+            if monotonic() - since > limit:
+                running.kill(f"limit of {limit:g} s")
+                return running.wait(None), follower.check
+        return completed, None
+
+
+class _Follower:
+    """Reads the reply as it grows, to know which check is running."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.check: str | None = None
+        self._seen = 0
+
+    def advanced(self) -> bool:
+        """Whether another check has started or ended since the last call."""
+        before = self.check
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self._seen)
+                tail = file.read(1 << 20)
+        except FileNotFoundError:
+            return False
+        whole = tail[: tail.rfind(b"\n") + 1]
+        self._seen += len(whole)
+        for line in whole.splitlines():
+            self._take(line)
+        return self.check != before
+
+    def _take(self, line: bytes) -> None:
+        try:
+            record = msgspec.json.decode(line)
+        except msgspec.DecodeError:
+            return
+        if isinstance(record, dict) and record.get("kind") == "start":
+            self.check = str(record.get("check"))
+        elif isinstance(record, dict) and record.get("kind") in {"check", "end"}:
+            self.check = None
+
+
+def _lines(path: Path) -> Iterator[bytes]:
+    if not path.exists():
+        return
+    with path.open("rb") as file:
+        yield from file
+
+
+def _text(path: Path, limit: int = 200_000) -> str:
+    if not path.exists():
+        return ""
+    with path.open("rb") as file:
+        return file.read(limit).decode("utf-8", "replace")
+
+
+@cache
+def probe_hash(api: str, phases: tuple[str, ...]) -> str:
+    """A hash of exactly the in-cell files that a probe of these phases loads: part of a result's key."""
+    names = wire.closure(api, phases, lambda name: (INCELL / name).read_text())
+    combined = hashlib.sha256()
+    for name in names:
+        combined.update(name.encode() + b"\0" + (INCELL / name).read_bytes() + b"\0")
+    return combined.hexdigest()[:32]
