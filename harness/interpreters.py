@@ -1,0 +1,289 @@
+"""Which Pythons exist on this machine, and which one answers a request such as `3.11`, `host` or a path.
+
+`findpython` names the candidates (PATH, pyenv's and asdf's versions whatever their shims say, uv's and rye's folders)
+without starting one. Each candidate is asked once what it is; the answers are kept in the cache folder and hold until
+the file changes, so that a later call starts no process.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from packaging.version import InvalidVersion, Version
+
+from harness.model import Interpreter
+from harness.process import Command, Limits, Profile, run
+from harness.store import cache_folder, write_atomic
+
+OLDEST = Version("3.7")
+"""The in-cell side speaks Python 3.7 to 3.14; an older interpreter is as good as absent."""
+
+_REQUEST = re.compile(r"(?P<name>[a-z]*)[@-]?(?P<number>\d[\da-z.]*?)(?P<threads>t?)")
+_MARK = "simmatrix-facts "
+_ASK = f"""
+import json, platform, sys, sysconfig
+value = sysconfig.get_config_var
+print({_MARK!r} + json.dumps({{
+    "version": platform.python_version(), "build": sys.version, "name": sys.implementation.name,
+    "executable": sys.executable, "prefix": sys.prefix, "base_prefix": sys.base_prefix,
+    "abi": str(value("SOABI")) + getattr(sys, "abiflags", ""), "platform": sysconfig.get_platform(),
+    "free_threaded": bool(value("Py_GIL_DISABLED")), "debug": bool(value("Py_DEBUG"))}}))
+"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Facts:
+    """What an interpreter says of itself."""
+
+    version: str
+    build: str
+    name: str
+    executable: str
+    prefix: str
+    base_prefix: str
+    abi: str
+    platform: str
+    free_threaded: bool
+    debug: bool
+
+    @property
+    def implementation(self) -> str:
+        """`cpython`, `pypy`; a build that takes other wheels has a suffix (`cpython+freethreaded`)."""
+        suffixes = ("+freethreaded" * self.free_threaded, "+debug" * self.debug)
+        return self.name + "".join(suffixes)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Known:
+    """Facts as kept: they hold for the file of this size and time of change (nanoseconds)."""
+
+    size: int
+    changed: int
+    facts: Facts
+
+
+def find(request: str) -> Interpreter | None:
+    """The interpreter for `3.11` (its newest patch here), `3.11.7`, `3.13t`, `pypy3.10`, `host` or a path.
+
+    `host` is the base of the Python that runs the harness; of a path into a virtual environment it is the base too.
+    """
+    if request == "host":
+        return _at(Path(sys.executable))
+    if _is_path(request):
+        path = Path(request).expanduser()
+        return _at(path / "bin" / "python" if path.is_dir() else path)
+    implementation, version = _parse(request)
+    if version is None:
+        return None
+    fitting = [one for one in available() if one.implementation == implementation and _fits(version, one.version)]
+    return max(fitting, key=lambda one: Version(one.version), default=None)
+
+
+@functools.cache
+def available() -> tuple[Interpreter, ...]:
+    """Every Python from 3.7 on that answers here, each base interpreter once, in the order of discovery."""
+    found = {one.path: one for path in _candidates() if (one := _at(path)) is not None}
+    return tuple(one for one in found.values() if Version(one.version) >= OLDEST)
+
+
+def active_version() -> str | None:
+    """The Python version of the environment that the user works in: `$VIRTUAL_ENV`, `$CONDA_PREFIX` or `./.venv`."""
+    for prefix in (os.environ.get("VIRTUAL_ENV"), os.environ.get("CONDA_PREFIX"), ".venv"):
+        if prefix and (facts := _facts(Path(prefix).absolute() / "bin" / "python")) is not None:
+            return facts.version
+    return None
+
+
+def obtain(request: str, *, offline: bool = False) -> Interpreter | None:
+    """As `find`; where nothing is found uv downloads it into the cache folder, where that is allowed."""
+    found = find(request)
+    if found is not None or offline or not _downloadable(request):
+        return found
+    if _install(request):
+        available.cache_clear()
+    return find(request)
+
+
+def hint(request: str) -> str:
+    """The sentence for a cell whose interpreter cannot be had."""
+    if _is_path(request):
+        return f"there is no Python at {request}; name an executable, or a version such as 3.11"
+    version = _parse(request)[1]
+    if version is None:
+        return f"'{request}' names no Python; write a version such as 3.11 or 3.11.7, host, or a path"
+    if _too_old(version):
+        return f"python {request} is older than {OLDEST}, the oldest that can be tried"
+    why = "uv could not download it" if _downloadable(request) else "uv may not download it"
+    return (
+        f"python {request} is not on this machine and {why}; "
+        f"install it with `uv python install {request}` or pyenv, then run again"
+    )
+
+
+def _is_path(request: str) -> bool:
+    return os.sep in request or request.startswith("~")
+
+
+def _parse(request: str) -> tuple[str, Version | None]:
+    """Implementation and version of `3.11`, `3.13t`, `pypy3.10`; no version when it cannot be read."""
+    match = _REQUEST.fullmatch(request)
+    if match is None:
+        return "", None
+    name = match["name"].replace("cpython", "python").replace("python", "") or "cpython"
+    try:
+        return name + "+freethreaded" * bool(match["threads"]), Version(match["number"])
+    except InvalidVersion:
+        return "", None
+
+
+def _too_old(version: Version) -> bool:
+    return version.major < OLDEST.major or (len(version.release) > 1 and version < OLDEST)
+
+
+def _fits(asked: Version, version: str) -> bool:
+    """Whether the version has the parts that were asked for; a patch or a pre-release is asked for exactly."""
+    there = Version(version)
+    if len(asked.release) > 2 or asked.is_prerelease:
+        return there == asked
+    return there.release[: len(asked.release)] == asked.release
+
+
+def _candidates() -> Iterator[Path]:
+    """Real paths of what looks like a Python 3, none of them started yet."""
+    from findpython import Finder  # noqa: PLC0415  (not needed by most commands)
+    from findpython.providers.uv import UvProvider  # noqa: PLC0415
+
+    yield Path(sys.executable)
+    providers = [*Finder().setup_providers(), UvProvider(_downloads())]
+    seen = set()
+    for python in (python for provider in providers for python in provider.find_pythons()):
+        real = python.executable.resolve()
+        if real not in seen and not real.name.startswith(("python2", "pypy2")) and not _is_shim(python.executable):
+            seen.add(real)
+            yield real
+
+
+def _is_shim(path: Path) -> bool:
+    """pyenv's and asdf's shims are scripts that refuse versions not switched on; findpython lists what lies behind."""
+    if path.parent.name != "shims":
+        return False
+    with path.open("rb") as file:
+        return file.read(2) == b"#!"
+
+
+def _at(path: Path) -> Interpreter | None:
+    """The base interpreter behind an executable: itself, or what a virtual environment or a wrapper stands on."""
+    facts = _facts(path)
+    if facts is None:
+        return None
+    base = _base(facts)
+    if base != path:
+        facts = _facts(base)
+        if facts is None:
+            return None
+    parts = (str(base), facts.build, facts.abi, facts.platform)
+    identity = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+    version = facts.version.removesuffix("+")  # a build from a checkout calls itself 3.14.0+
+    return Interpreter(path=str(base), version=version, implementation=facts.implementation, identity=identity)
+
+
+def _base(facts: Facts) -> Path:
+    """One path for all names of an interpreter (`python`, `python3.7m`), so that it has one identity."""
+    minor = ".".join(facts.version.split(".")[:2])
+    stem = "python" if facts.name == "cpython" else facts.name
+    common = Path(facts.base_prefix, "bin", f"{stem}{minor}{'t' * facts.free_threaded}")
+    alone = facts.debug or not common.exists()  # a debug build shares its prefix with the common one
+    return Path(facts.executable if alone else common).resolve()
+
+
+def _facts(path: Path) -> Facts | None:
+    """What the executable says of itself, from the cache where the file is unchanged; None when it does not answer."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    known = _known()
+    entry = known.get(str(path))
+    if entry is not None and (entry.size, entry.changed) == (status.st_size, status.st_mtime_ns):
+        return entry.facts
+    facts = _ask(path)
+    if facts is not None:
+        known[str(path)] = _Known(size=status.st_size, changed=status.st_mtime_ns, facts=facts)
+        write_atomic(_known_file(), msgspec.json.encode(known))
+    return facts
+
+
+def _ask(path: Path) -> Facts | None:
+    folder = cache_folder() / "interpreters"
+    folder.mkdir(exist_ok=True)
+    log = folder / f"{hashlib.sha256(str(path).encode()).hexdigest()[:16]}-{os.getpid()}.log"
+    argv = (str(path), "-I", "-c", _ASK)
+    try:
+        run(_command(argv, folder, log, seconds=30))
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    finally:
+        log.unlink(missing_ok=True)
+    answers = (line.removeprefix(_MARK) for line in lines if line.startswith(_MARK))
+    try:
+        return msgspec.json.decode(next(answers, ""), type=Facts)
+    except msgspec.DecodeError:
+        return None
+
+
+def _command(argv: tuple[str, ...], folder: Path, log: Path, *, seconds: float, **variables: str) -> Command:
+    return Command(
+        argv=argv,
+        cwd=folder,
+        env={**os.environ, **variables},
+        limits=Limits(seconds=seconds),
+        log=log,
+        profile=Profile.HOST,
+    )
+
+
+def _known_file() -> Path:
+    return cache_folder() / "interpreters.json"
+
+
+@functools.cache
+def _known() -> dict[str, _Known]:
+    try:
+        return msgspec.json.decode(_known_file().read_bytes(), type=dict[str, _Known])
+    except (OSError, msgspec.DecodeError):
+        return {}
+
+
+def _downloads() -> Path:
+    return cache_folder() / "pythons"
+
+
+def _downloadable(request: str) -> bool:
+    """Whether uv may be asked: a version is meant, and neither downloads nor the network are forbidden to it."""
+    allowed = os.environ.get("UV_PYTHON_DOWNLOADS", "").lower() not in {"never", "false", "0"}
+    online = os.environ.get("UV_OFFLINE", "").lower() not in {"1", "true"}
+    version = None if request == "host" or _is_path(request) else _parse(request)[1]
+    return allowed and online and version is not None and not _too_old(version)
+
+
+@functools.cache
+def _install(request: str) -> bool:
+    """Let uv download it; asked once per process, since a refusal takes seconds."""
+    from uv import find_uv_bin  # noqa: PLC0415  (not needed by most commands)
+
+    folder = _downloads()
+    folder.mkdir(exist_ok=True)
+    argv = (find_uv_bin(), "python", "install", "--no-bin", request)
+    log = folder / f"install-{request}-{os.getpid()}.log"
+    try:
+        command = _command(argv, folder, log, seconds=900, UV_PYTHON_INSTALL_DIR=str(folder), UV_NO_PROGRESS="1")
+        return run(command).exit_code == 0
+    finally:
+        log.unlink(missing_ok=True)
