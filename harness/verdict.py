@@ -1,0 +1,277 @@
+"""Judges evidence: one pure function from what was measured of a cell to what that means.
+
+Evidence is stored and verdicts are computed, so that old results can be judged again. What could not be measured is
+never guessed: where infra trouble hit, the cell is judged twice, once as if everything so hit had passed and once as
+if it had failed, and it is `inconclusive` unless both say the same.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from harness.errors import BadInput
+from harness.model import (
+    CASE_PHASES,
+    FAILING,
+    Case,
+    CaseRecord,
+    Cell,
+    CellRecord,
+    Level,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Step,
+    Verdict,
+)
+
+SEVERITY = (
+    Verdict.UNRESOLVABLE,
+    Verdict.UNINSTALLABLE,
+    Verdict.IMPORT_FAILS,
+    Verdict.BROKEN,
+    Verdict.PARTIAL,
+    Verdict.INCONCLUSIVE,
+    Verdict.UNAVAILABLE,
+    Verdict.NOT_RUN,
+    Verdict.WORKS,
+)
+"""Worst first: what says something against the packages (the earlier it stops, the worse), then what says nothing."""
+
+UNTOLD = frozenset({Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE, Verdict.NOT_RUN})
+"""Verdicts that say nothing about the packages; nothing can be expected or unexpected about them."""
+
+ONLY_IMPORT = "only the import was tried"
+
+Outcomes = Mapping[Phase, Outcome]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Judgement:
+    """What the evidence means. `phase` is the first that decided it, `decisive` the line that says why.
+
+    `unverified` names the phases that a working cell could not show in every case.
+    """
+
+    verdict: Verdict
+    phases: Outcomes
+    phase: Phase | None = None
+    decisive: str | None = None
+    unverified: tuple[str, ...] = ()
+
+
+def judge(evidence: CellRecord) -> Judgement:
+    """Apply the table of DESIGN section 5: the first row that fits wins."""
+    cases = tuple(case_phases(evidence.cell, record) for record in _all_cases(evidence))
+    phases = _cell_phases(evidence, cases)
+    verdict = _verdict(evidence, cases)
+    phase, decisive = _decided_by(_deciding(verdict), evidence, cases)
+    if verdict is Verdict.NOT_RUN and phases[Phase.IMPORT] is Outcome.PASSED:
+        decisive = ONLY_IMPORT
+    return Judgement(
+        verdict=verdict,
+        phases=phases,
+        phase=phase,
+        decisive=decisive,
+        unverified=_unverified(cases) if verdict is Verdict.WORKS else (),
+    )
+
+
+def case_phases(cell: Cell, record: CaseRecord) -> tuple[PhaseRecord, ...]:
+    """The phases of a case as they count, all of `CASE_PHASES`: with `required` findings, and none left unsaid."""
+    known = {phase.phase: phase for phase in record.phases}
+    asked = {check.partition(".")[0] for case in cell.cases if case.id == record.case for check in case.checks}
+    return tuple(_counted(phase, known.get(phase), phase in asked, record.required) for phase in CASE_PHASES)
+
+
+def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
+    """The record of a phase, failed where a check that the case requires gave a warning."""
+    names = frozenset(required)
+    broken = [found for found in record.findings if found.check in names and found.level is Level.WARNING]
+    if not broken or record.outcome in FAILING:
+        return record
+    return replace(record, outcome=Outcome.FAILED, decisive=f"{broken[0].check}: {broken[0].text}")
+
+
+def worst(outcomes: Iterable[Outcome]) -> Outcome:
+    """The first in the order of `Outcome`, which is worst first; `skipped` of nothing."""
+    order = list(Outcome)
+    return min(outcomes, key=order.index, default=Outcome.SKIPPED)
+
+
+# --- the table -------------------------------------------------------------------------------------------------
+
+
+def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]) -> Verdict:
+    resolve, install = _step(evidence.resolve), _step(evidence.install)
+    if install in FAILING and resolve not in FAILING:
+        return Verdict.UNINSTALLABLE
+    for outcome, failed in ((resolve, Verdict.UNRESOLVABLE), (install, Verdict.UNINSTALLABLE)):
+        match outcome:
+            case Outcome.PASSED | Outcome.SKIPPED:
+                continue
+            case Outcome.INFRA:
+                return Verdict.INCONCLUSIVE
+            case Outcome.UNAVAILABLE:
+                return Verdict.UNAVAILABLE
+            case Outcome.NOT_REACHED | None:
+                return Verdict.UNAVAILABLE if evidence.unavailable else Verdict.NOT_RUN
+            case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
+                return failed
+    best, poorest = (_probed([_had(case, outcome) for case in cases]) for outcome in (Outcome.PASSED, Outcome.FAILED))
+    return best if best is poorest else Verdict.INCONCLUSIVE
+
+
+def _step(step: Step | None) -> Outcome | None:
+    """How a step on the host ended; a resolution that timed out says nothing about packages."""
+    if step and step.phase is Phase.RESOLVE and step.outcome is Outcome.TIMED_OUT:
+        return Outcome.INFRA
+    return step.outcome if step else None
+
+
+def _had(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
+    """The case as it would stand had each infra phase ended `infra`, and with it all that it kept from running.
+
+    In the same way what an unavailable phase kept from running is unavailable.
+    """
+    imagined: dict[Phase, Outcome] = {}
+    cause: Outcome | None = None
+    for record in case:
+        outcome = record.outcome
+        if outcome is Outcome.INFRA:
+            cause = outcome = infra
+        elif outcome is Outcome.UNAVAILABLE:
+            cause = cause or outcome
+        elif outcome is Outcome.NOT_REACHED and cause:
+            outcome = cause
+        imagined[record.phase] = outcome
+    return imagined
+
+
+def _probed(cases: Sequence[Outcomes]) -> Verdict:
+    """The verdict of an installed cell without infra trouble."""
+    imports = {case[Phase.IMPORT] for case in cases}
+    single = {case[Phase.SINGLE] for case in cases}
+    after = {outcome for case in cases for phase, outcome in case.items() if phase is not Phase.IMPORT}
+    if (imports | after) & FAILING:
+        if Outcome.PASSED in after:
+            return Verdict.PARTIAL
+        untried = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}
+        return Verdict.IMPORT_FAILS if imports & FAILING and imports <= FAILING | untried else Verdict.BROKEN
+    if Outcome.PASSED in single and Outcome.NOT_REACHED not in single:
+        return Verdict.WORKS
+    return Verdict.UNAVAILABLE if Outcome.UNAVAILABLE in imports | after else Verdict.NOT_RUN
+
+
+# --- what counts, and what decided -----------------------------------------------------------------------------
+
+
+def _all_cases(evidence: CellRecord) -> tuple[CaseRecord, ...]:
+    """The cases with a record, and an empty one for each that the cell should have had."""
+    known = {record.case for record in evidence.cases}
+    return (*evidence.cases, *(_unseen(case) for case in evidence.cell.cases if case.id not in known))
+
+
+def _unseen(case: Case) -> CaseRecord:
+    return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=())
+
+
+def _counted(phase: Phase, record: PhaseRecord | None, asked: bool, required: tuple[str, ...]) -> PhaseRecord:
+    """Tell a phase that has no meaning (skipped, and a check says so) from one that was asked for and left out."""
+    left_out = record is None or (record.outcome is Outcome.SKIPPED and not record.checks)
+    if record is None or (left_out and asked):
+        return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
+    return effective(record, required)
+
+
+def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]) -> Outcomes:
+    unreached = Outcome.UNAVAILABLE if evidence.unavailable else Outcome.NOT_REACHED
+    resolve = _step(evidence.resolve) or unreached
+    install = _step(evidence.install) or (unreached if resolve is Outcome.PASSED else Outcome.NOT_REACHED)
+    phases = {Phase.RESOLVE: resolve, Phase.INSTALL: install}
+    for number, phase in enumerate(CASE_PHASES):
+        phases[phase] = worst(case[number].outcome for case in cases) if cases else Outcome.NOT_REACHED
+    return phases
+
+
+def _deciding(verdict: Verdict) -> frozenset[Outcome]:
+    """The outcomes that make this verdict what it is."""
+    match verdict:
+        case Verdict.WORKS | Verdict.NOT_RUN:
+            return frozenset()
+        case Verdict.INCONCLUSIVE:
+            return frozenset({Outcome.INFRA})
+        case Verdict.UNAVAILABLE:
+            return frozenset({Outcome.UNAVAILABLE})
+        case Verdict.UNRESOLVABLE | Verdict.UNINSTALLABLE | Verdict.IMPORT_FAILS | Verdict.PARTIAL | Verdict.BROKEN:
+            return FAILING
+
+
+def _decided_by(
+    deciding: frozenset[Outcome], evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]
+) -> tuple[Phase | None, str | None]:
+    """The first phase, and in it the first case, that ended in one of these outcomes, with the line that says why."""
+    steps = [(step.phase, _step(step), step.decisive) for step in (evidence.resolve, evidence.install) if step]
+    missing = Phase.INSTALL if evidence.resolve else Phase.RESOLVE
+    probes = [(record.phase, record.outcome, reason(record)) for phase in zip(*cases, strict=True) for record in phase]
+    for phase, outcome, why in steps + probes:
+        if outcome in deciding:
+            return phase, why
+    return (missing, evidence.unavailable) if Outcome.UNAVAILABLE in deciding else (None, None)
+
+
+def reason(record: PhaseRecord) -> str | None:
+    """Why a phase ended as it did: its own line, or that of its first check that ended so."""
+    own = (check.decisive for check in record.checks if check.outcome is record.outcome)
+    return record.decisive or next((line for line in own if line), None)
+
+
+def _unverified(cases: Sequence[Sequence[PhaseRecord]]) -> tuple[str, ...]:
+    open_ends = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}
+    found = {record.phase for case in cases for record in case if record.outcome in open_ends}
+    return tuple(phase.value for phase in CASE_PHASES if phase in found)
+
+
+# --- against what was expected ---------------------------------------------------------------------------------
+
+
+def expected(cell: Cell, judgement: Judgement, today: str) -> tuple[bool | None, str | None]:
+    """Whether the cell is as expected (None where nothing can be said), and why its expectation is stale, if it is.
+
+    `today` is an ISO date or instant. A cell without expectation is expected to work.
+    """
+    expect = cell.expect
+    told = judgement.verdict not in UNTOLD
+    if expect is None:
+        return (judgement.verdict is Verdict.WORKS if told else None), None
+    stale = None
+    if told and SEVERITY.index(judgement.verdict) > SEVERITY.index(expect.verdict):
+        stale = f"{cell.id} does better than expected: {judgement.verdict} instead of {expect.verdict}"
+    elif expect.until and today[:10] > expect.until[:10]:
+        stale = f"{cell.id} was expected to be {expect.verdict} until {expect.until}, which has passed"
+    fits = (
+        judgement.verdict is expect.verdict
+        and expect.phase in {None, judgement.phase}
+        and (expect.match is None or re.search(expect.match, judgement.decisive or "") is not None)
+    )
+    return (fits if told else None), stale
+
+
+def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fail_on: frozenset[Verdict]) -> int:
+    """The exit code of verdicts with their `as_expected`: 1 before 3 before 0."""
+    known = tuple(judged)
+    if stale or any(as_expected is False or verdict in fail_on for verdict, as_expected in known):
+        return 1
+    return 3 if any(verdict is Verdict.INCONCLUSIVE for verdict, _ in known) else 0
+
+
+def kinds(text: str) -> frozenset[Verdict]:
+    """Read the value of `--fail-on`: verdicts with commas between them."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    unknown = [name for name in names if name not in set(Verdict)]
+    if unknown or not names:
+        message = f"--fail-on {text}: not a verdict: {', '.join(unknown) or 'nothing'}; known: {', '.join(Verdict)}"
+        raise BadInput(message)
+    return frozenset(Verdict(name) for name in names)
