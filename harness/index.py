@@ -1,0 +1,352 @@
+"""Releases of a package, and the files of a lock, from the places of `sources`.
+
+Addresses may be http(s), `file:` or plain paths; an index is a simple index (JSON or HTML), a find-links place is a
+folder or a page of links. A trouble of the network is `IndexUnreachable`, never an absent package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+from urllib.parse import unquote, urlsplit, urlunsplit
+from urllib.request import url2pathname
+
+from packaging.utils import (
+    InvalidSdistFilename,
+    InvalidWheelFilename,
+    canonicalize_name,
+    parse_sdist_filename,
+    parse_wheel_filename,
+)
+from packaging.version import Version
+
+from harness.errors import BadInput, CouldNotTell
+from harness.model import Artifact, IndexSettings
+from harness.sources import NOTHING, UserIndex, combined
+
+if TYPE_CHECKING:
+    import requests
+
+T = TypeVar("T")
+
+PAUSES = (0.3, 1.5)
+"""Seconds before the second and the third attempt."""
+
+TIMEOUT = (15, 60)
+"""Seconds to connect, and between two pieces of an answer."""
+
+
+class IndexUnreachable(CouldNotTell):
+    """An index, a find-links place or a file of theirs could not be had; says nothing about packages."""
+
+
+class UnknownPackage(BadInput):
+    """Every place answered, and none has a package of this name."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Release:
+    """A version that an index offers. `uploaded` is the instant of its first file, None where the index tells none.
+
+    `yanked` is whether all its files are; `wheels` are file names, `sdist` is whether there is one.
+    """
+
+    version: str
+    uploaded: str | None
+    yanked: bool
+    requires_python: str | None
+    wheels: tuple[str, ...]
+    sdist: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _File:
+    name: str
+    uploaded: datetime | None = None
+    yanked: bool = False
+    requires_python: str | None = None
+
+
+def releases(
+    name: str, matrix: IndexSettings = NOTHING, *, cutoff: str | None = None, offline: bool = False
+) -> tuple[Release, ...]:
+    """All releases of a package, oldest version first, pre-releases and yanked ones among them.
+
+    Files uploaded after the instant `cutoff` are left out; files without an upload time stay. With `offline` only
+    folders and `file:` indexes answer. Raises IndexUnreachable, or UnknownPackage when no place has such a package.
+    """
+    places = combined(matrix)
+    with closing(_Client(places, offline=offline)) as client:
+        linked = (file for link in places.find_links for file in client.linked(link))
+        files = [file for file in linked if _version(file.name, name) is not None]
+        known = bool(files)
+        for address in () if places.no_index else (*places.extra, places.default):
+            page = client.project(address, name)
+            if page is not None:
+                known = True
+                files += page
+                if places.strategy == "first-index":
+                    break
+    if not known:
+        message = f"none of the package indexes and find-links places asked has a package '{name}'; check the name"
+        raise UnknownPackage(message)
+    return _grouped(files, name, cutoff)
+
+
+def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Path:
+    """The artifact's file below `folder`, downloaded or copied there unless it is there already.
+
+    It comes into place whole and with the right SHA-256, or not at all: IndexUnreachable otherwise.
+    """
+    target = folder / artifact.sha256[:16] / artifact.filename
+    if target.exists():
+        return target
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=target.parent, delete=False) as file:
+        temporary = Path(file.name)
+    try:
+        with closing(_Client(combined(matrix), offline=offline)) as client:
+            client.download(artifact.source, temporary)
+        _check(temporary, artifact)
+        temporary.chmod(0o644)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return target
+
+
+class _Client:
+    """One session with the user's certificates, proxy and logins."""
+
+    def __init__(self, places: UserIndex, *, offline: bool) -> None:
+        self._places = places
+        self._offline = offline
+        self._opened: requests.Session | None = None
+
+    def project(self, address: str | None, name: str) -> list[_File] | None:
+        """The files of a package on one index (None: the default one); None when it has no such package."""
+        from pypi_simple import ACCEPT_ANY, PYPI_SIMPLE_ENDPOINT  # noqa: PLC0415  (slow to import)
+
+        page = f"{(address or PYPI_SIMPLE_ENDPOINT).rstrip('/')}/{canonicalize_name(name)}/"
+        folder = _local(page)
+        if folder is not None:
+            html = _there(folder.parent) and folder / "index.html"
+            return _from_html(html.read_bytes(), html.as_uri()) if html.is_file() else None
+
+        def work() -> list[_File] | None:
+            with self._get(page, {"Accept": ACCEPT_ANY}) as response:
+                return None if response.status_code == 404 else _from_response(response, name)
+
+        return self._patiently(work, page)
+
+    def linked(self, link: str) -> list[_File]:
+        """The files of all packages in one find-links place: a folder, or a page of links."""
+        path = _local(link)
+        if path is not None:
+            if _there(path).is_dir():
+                return [_File(name=file.name) for file in path.iterdir()]
+            return _from_html(path.read_bytes(), path.absolute().as_uri())
+
+        def work() -> list[_File]:
+            with self._get(link, {}) as response:
+                response.raise_for_status()
+                return _from_html(response.content, response.url)
+
+        return self._patiently(work, link)
+
+    def download(self, source: str, target: Path) -> None:
+        """Write what the address or path holds to `target`."""
+        path = _local(source)
+        if path is not None:
+            shutil.copyfile(_there(path), target)
+            return
+
+        def work() -> None:
+            with self._get(self._with_login(source), {}, stream=True) as response, target.open("wb") as file:
+                response.raise_for_status()
+                for chunk in response.iter_content(1 << 20):
+                    file.write(chunk)
+
+        self._patiently(work, source)
+
+    def close(self) -> None:
+        """End the session."""
+        if self._opened is not None:
+            self._opened.close()
+
+    def _get(self, address: str, headers: dict[str, str], *, stream: bool = False) -> requests.Response:
+        """One answer, 404 included; any other refusal raises."""
+        response = self._session().get(address, headers=headers, timeout=TIMEOUT, stream=stream)
+        if response.status_code != 404:
+            response.raise_for_status()
+        return response
+
+    def _session(self) -> requests.Session:
+        import requests  # noqa: PLC0415  (slow to import)
+
+        if self._opened is None:
+            self._opened = requests.Session()
+            self._opened.headers["User-Agent"] = "simmatrix"
+            if self._places.certificates is not None:
+                self._opened.verify = self._places.certificates
+            if self._places.proxy is not None:
+                self._opened.proxies = {"http": self._places.proxy, "https": self._places.proxy}
+        return self._opened
+
+    def _with_login(self, address: str) -> str:
+        """The address with the login of a configured place on the same host, as pip and uv do for files."""
+        parts = urlsplit(address)
+        for place in (*self._places.extra, self._places.default or "", *self._places.find_links):
+            login, at, host = urlsplit(place).netloc.rpartition("@")
+            if at and host == parts.netloc:
+                return urlunsplit(parts._replace(netloc=f"{login}@{host}"))
+        return address
+
+    def _patiently(self, work: Callable[[], T], address: str) -> T:
+        """Three attempts where a second one can help; what is left is told in a sentence."""
+        from requests import RequestException  # noqa: PLC0415  (slow to import)
+
+        if self._offline:
+            message = f"{_shown(address)} is on the network and the harness is offline; run without --offline"
+            raise IndexUnreachable(message)
+        for pause in (*PAUSES, None):
+            try:
+                return work()
+            except (RequestException, ValueError) as error:
+                if pause is None or not _passing(error):
+                    message = f"{_shown(address)} could not be had: {_reason(error)}"
+                    raise IndexUnreachable(message) from None
+                time.sleep(pause)
+        raise AssertionError
+
+
+def _passing(error: Exception) -> bool:
+    """Whether another attempt may do better: no answer, a broken one, an overloaded server."""
+    response = getattr(error, "response", None)
+    return response is None or response.status_code >= 500 or response.status_code == 429
+
+
+def _reason(error: Exception) -> str:
+    """What happened and what to do, in a few words."""
+    from requests import exceptions  # noqa: PLC0415  (slow to import)
+
+    response = getattr(error, "response", None)
+    if response is not None and response.status_code in {401, 403}:
+        return f"it answers HTTP {response.status_code}; put its login into ~/.netrc or into the index setting"
+    if response is not None and response.status_code >= 400:
+        return f"it answers HTTP {response.status_code}; try again later, or set another index"
+    reasons: tuple[tuple[type[Exception], str], ...] = (
+        (exceptions.ProxyError, "the proxy refuses; check HTTPS_PROXY"),
+        (exceptions.SSLError, "its certificate is not accepted; name your CA bundle in SSL_CERT_FILE"),
+        (exceptions.Timeout, "no answer in time; check the network, or try again later"),
+        (exceptions.ConnectionError, "no connection; check the network and the index settings of uv and pip"),
+        (exceptions.ChunkedEncodingError, "the connection broke; try again later"),
+    )
+    for kind, text in reasons:
+        if isinstance(error, kind):
+            return text
+    return f"the answer is no index page ({type(error).__name__}); check the index settings of uv and pip"
+
+
+def _shown(address: str) -> str:
+    """The address without its login."""
+    parts = urlsplit(address)
+    return urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+
+
+def _local(address: str) -> Path | None:
+    """The path that a `file:` address or a plain path means; None for anything on the network."""
+    if address.startswith("file:"):
+        return Path(url2pathname(unquote(urlsplit(address).path)))
+    return Path(address) if "://" not in address else None
+
+
+def _there(path: Path) -> Path:
+    if not path.exists():
+        message = f"{path} does not exist; check the index and find-links settings of uv and pip"
+        raise IndexUnreachable(message)
+    return path
+
+
+def _from_response(response: requests.Response, name: str) -> list[_File]:
+    from pypi_simple import ProjectPage  # noqa: PLC0415  (slow to import)
+
+    if "json" not in response.headers.get("Content-Type", ""):
+        return _from_html(response.content, response.url)
+    return [
+        _File(
+            name=package.filename,
+            uploaded=package.upload_time,
+            yanked=package.is_yanked,
+            requires_python=package.requires_python,
+        )
+        for package in ProjectPage.from_response(response, name).packages
+    ]
+
+
+def _from_html(content: bytes, address: str) -> list[_File]:
+    """The links of a page; its upload times are those that uv reads too, though no standard names the attribute."""
+    from pypi_simple import RepositoryPage  # noqa: PLC0415  (slow to import)
+
+    return [
+        _File(
+            name=unquote(urlsplit(link.url).path.rpartition("/")[2]),
+            uploaded=datetime.fromisoformat(at) if (at := link.get_str_attrib("data-upload-time")) else None,
+            yanked=link.get_str_attrib("data-yanked") is not None,
+            requires_python=link.get_str_attrib("data-requires-python"),
+        )
+        for link in RepositoryPage.from_html(content, base_url=address).links
+    ]
+
+
+def _check(path: Path, artifact: Artifact) -> None:
+    with path.open("rb") as file:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    if found != artifact.sha256:
+        message = (
+            f"{artifact.filename} from {_shown(artifact.source)} is not the file that the lock names: "
+            f"its SHA-256 is {found}, not {artifact.sha256}; try again, or lock anew"
+        )
+        raise IndexUnreachable(message)
+
+
+def _grouped(files: Iterable[_File], name: str, cutoff: str | None) -> tuple[Release, ...]:
+    limit = datetime.fromisoformat(cutoff) if cutoff else None
+    versions: dict[Version, list[_File]] = {}
+    for file in files:
+        version = _version(file.name, name)
+        if version is not None and not (limit and file.uploaded and file.uploaded > limit):
+            versions.setdefault(version, []).append(file)
+    return tuple(_release(version, versions[version]) for version in sorted(versions))
+
+
+def _release(version: Version, files: list[_File]) -> Release:
+    times = [file.uploaded for file in files if file.uploaded is not None]
+    return Release(
+        version=str(version),
+        uploaded=min(times).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ") if times else None,
+        yanked=all(file.yanked for file in files),
+        requires_python=next((file.requires_python for file in files if file.requires_python), None),
+        wheels=tuple(sorted({file.name for file in files if file.name.endswith(".whl")})),
+        sdist=any(not file.name.endswith(".whl") for file in files),
+    )
+
+
+def _version(filename: str, name: str) -> Version | None:
+    """The version that a wheel or an sdist of this package carries; None for anything else."""
+    try:
+        if filename.endswith(".whl"):
+            project, version = parse_wheel_filename(filename)[:2]
+        else:
+            project, version = parse_sdist_filename(filename)
+    except (InvalidWheelFilename, InvalidSdistFilename):
+        return None
+    return version if project == canonicalize_name(name) else None

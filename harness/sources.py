@@ -1,0 +1,205 @@
+"""The places that the user's uv and pip take packages from, as their variables and files set them.
+
+`settings` reads them, `combined` puts a matrix's places before them, `uv_variables` hands to uv what it does not read
+by itself: pip's settings and the matrix's.
+"""
+
+from __future__ import annotations
+
+import configparser
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote, urlsplit
+
+from harness.errors import BadInput
+from harness.model import IndexSettings
+
+NOTHING = IndexSettings()
+"""A matrix that says nothing about its places."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class UserIndex:
+    """Where this user's uv and pip take packages from.
+
+    `default` None is the index that pypi-simple and uv know by themselves. `extra` are asked before it, `find_links`
+    are folders or pages of files. Logins that a variable gives (`UV_INDEX_NAME_PASSWORD`) are inside the addresses.
+    `strategy` is uv's: pip's extra indexes mean `unsafe-best-match`, uv's own default is `first-index`.
+    """
+
+    default: str | None = None
+    extra: tuple[str, ...] = ()
+    find_links: tuple[str, ...] = ()
+    no_index: bool = False
+    strategy: str | None = None
+    certificates: str | None = None
+    proxy: str | None = None
+
+
+def settings() -> UserIndex:
+    """The user's places as uv and pip are set up by variables and files; uv's settings win over pip's."""
+    uv, pip = _uv_settings(), _pip_settings()
+    return UserIndex(
+        default=uv.default or pip.default,
+        extra=_distinct(uv.extra, pip.extra),
+        find_links=_distinct(uv.find_links, pip.find_links),
+        no_index=uv.no_index or pip.no_index,
+        strategy=uv.strategy or ("unsafe-best-match" if pip.extra else "first-index"),
+        certificates=uv.certificates or pip.certificates,
+        proxy=pip.proxy,
+    )
+
+
+def uv_variables(matrix: IndexSettings = NOTHING) -> dict[str, str]:
+    """Variables that, set over the user's own, make uv see the matrix's places and pip's settings too.
+
+    `no_index` has no variable: where `combined(matrix).no_index` holds, uv needs the flag `--no-index`.
+    """
+    uv, pip, everything = _uv_settings(), _pip_settings(), settings()
+    given = os.environ.get
+    chosen = {
+        "UV_DEFAULT_INDEX": matrix.default or (None if uv.default else pip.default),
+        "UV_INDEX": " ".join(_distinct(matrix.extra, given("UV_INDEX", "").split(), pip.extra)),
+        "UV_FIND_LINKS": ",".join(
+            _distinct(matrix.find_links, _split(given("UV_FIND_LINKS", ""), ","), pip.find_links)
+        ),
+        "UV_INDEX_STRATEGY": None if uv.strategy else everything.strategy,
+        "SSL_CERT_FILE": everything.certificates,
+        "ALL_PROXY": given("ALL_PROXY") or pip.proxy,
+    }
+    return {name: value for name, value in chosen.items() if value}
+
+
+def combined(matrix: IndexSettings) -> UserIndex:
+    """The user's places with the matrix's before them; the matrix's default takes the place of the user's."""
+    user = settings()
+    return UserIndex(
+        default=matrix.default or user.default,
+        extra=_distinct(matrix.extra, user.extra),
+        find_links=_distinct(matrix.find_links, user.find_links),
+        no_index=matrix.no_index or user.no_index,
+        strategy=user.strategy,
+        certificates=user.certificates,
+        proxy=user.proxy,
+    )
+
+
+def _uv_settings() -> UserIndex:
+    given = os.environ.get
+    files = [_uv_file(path) for path in _uv_files()]
+    extra = [_named(value) for name in ("UV_INDEX", "UV_EXTRA_INDEX_URL") for value in given(name, "").split()]
+    defaults = [_named(value) for name in ("UV_DEFAULT_INDEX", "UV_INDEX_URL") if (value := given(name))]
+    links = [_located(value, Path()) for value in _split(given("UV_FIND_LINKS", ""), ",")]
+    return UserIndex(
+        default=next(iter([*defaults, *(one.default for one in files if one.default)]), None),
+        extra=_distinct(extra, *(one.extra for one in files)),
+        find_links=_distinct(links, *(one.find_links for one in files)),
+        no_index=any(one.no_index for one in files),
+        strategy=given("UV_INDEX_STRATEGY") or next((one.strategy for one in files if one.strategy), None),
+        certificates=given("SSL_CERT_FILE"),
+    )
+
+
+def _uv_files() -> Iterator[Path]:
+    """uv's own rule: the named file alone, else the user's, then the first of the system's."""
+    if named := os.environ.get("UV_CONFIG_FILE"):
+        yield Path(named)
+        return
+    if os.environ.get("UV_NO_CONFIG", "").lower() in {"1", "true"}:
+        return
+    system = [Path(folder, "uv/uv.toml") for folder in _split(os.environ.get("XDG_CONFIG_DIRS") or "/etc/xdg", ":")]
+    system.append(Path("/etc/uv/uv.toml"))
+    there = [path for path in system if path.is_file()]
+    yield from (path for path in (_user_config() / "uv/uv.toml", *there[:1]) if path.is_file())
+
+
+def _uv_file(path: Path) -> UserIndex:
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        message = f"{path}: uv's settings cannot be read: {error}"
+        raise BadInput(message) from None
+    table = {**table, **table.get("pip", {})}
+    indexes = [entry for entry in table.get("index", ()) if not entry.get("explicit")]
+    addresses = [(entry, _named(f"{entry.get('name', '')}={entry['url']}", path.parent)) for entry in indexes]
+    flat = [address for entry, address in addresses if entry.get("format") == "flat"]
+    simple = [(entry, address) for entry, address in addresses if entry.get("format") != "flat"]
+    defaults = [address for entry, address in simple if entry.get("default")]
+    legacy = [_located(value, path.parent) for value in table.get("extra-index-url", ())]
+    return UserIndex(
+        default=next(iter(defaults), table.get("index-url")),
+        extra=(*(address for entry, address in simple if not entry.get("default")), *legacy),
+        find_links=(*flat, *(_located(value, path.parent) for value in table.get("find-links", ()))),
+        no_index=bool(table.get("no-index")),
+        strategy=table.get("index-strategy"),
+    )
+
+
+def _pip_settings() -> UserIndex:
+    options = _pip_options()
+    first = next(iter(options.get("index-url", "").split()), None)
+    return UserIndex(
+        default=first,
+        extra=tuple(options.get("extra-index-url", "").split()),
+        find_links=tuple(_located(value, Path()) for value in options.get("find-links", "").split()),
+        no_index=options.get("no-index", "").lower() in {"1", "true", "yes", "on"},
+        certificates=os.environ.get("REQUESTS_CA_BUNDLE") or os.environ.get("CURL_CA_BUNDLE") or options.get("cert"),
+        proxy=options.get("proxy"),
+    )
+
+
+def _pip_options() -> dict[str, str]:
+    """pip's options, later places over earlier ones: global, user, environment, `PIP_CONFIG_FILE`, variables."""
+    named = os.environ.get("PIP_CONFIG_FILE")
+    active = os.environ.get("VIRTUAL_ENV") or os.environ.get("CONDA_PREFIX")
+    files = [Path("/etc/xdg/pip/pip.conf"), Path("/etc/pip.conf"), Path.home() / ".pip/pip.conf"]
+    files += [
+        _user_config() / "pip/pip.conf",
+        *([Path(active, "pip.conf")] if active else []),
+        Path(named or os.devnull),
+    ]
+    parser = configparser.RawConfigParser()
+    try:
+        parser.read([] if named == os.devnull else files, encoding="utf-8")
+    except (configparser.Error, UnicodeDecodeError) as error:
+        message = f"pip's settings cannot be read: {error}"
+        raise BadInput(message) from None
+    sections = [parser[name] for name in ("global", "install") if parser.has_section(name)]
+    options = {key.replace("_", "-"): value for section in sections for key, value in section.items()}
+    for key in ("index-url", "extra-index-url", "find-links", "no-index", "cert", "proxy"):
+        if value := os.environ.get("PIP_" + key.upper().replace("-", "_")):
+            options[key] = value
+    return options
+
+
+def _user_config() -> Path:
+    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+
+
+def _named(value: str, folder: Path = Path()) -> str:
+    """The address of uv's `NAME=ADDRESS`, with the login that `UV_INDEX_NAME_USERNAME` and `_PASSWORD` give."""
+    name, separator, address = value.partition("=")
+    if not separator or not re.fullmatch(r"[\w.-]*", name):
+        return _located(value, folder)
+    prefix = "UV_INDEX_" + re.sub(r"\W", "_", name).upper()
+    user, password = os.environ.get(f"{prefix}_USERNAME", ""), os.environ.get(f"{prefix}_PASSWORD", "")
+    if not (user or password) or "@" in urlsplit(address).netloc:
+        return _located(address, folder)
+    return address.replace("://", f"://{quote(user, safe='')}:{quote(password, safe='')}@", 1)
+
+
+def _located(value: str, folder: Path) -> str:
+    """An address as it is; a path made absolute."""
+    return value if "://" in value else str((folder / Path(value).expanduser()).absolute())
+
+
+def _split(value: str, separator: str) -> list[str]:
+    return [part.strip() for part in value.split(separator) if part.strip()]
+
+
+def _distinct(*groups: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(value for group in groups for value in group))
