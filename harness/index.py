@@ -12,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -73,6 +73,7 @@ class _File:
     uploaded: datetime | None = None
     yanked: bool = False
     requires_python: str | None = None
+    linked: bool = False
 
 
 def releases(
@@ -80,13 +81,14 @@ def releases(
 ) -> tuple[Release, ...]:
     """All releases of a package, oldest version first, pre-releases and yanked ones among them.
 
-    Files uploaded after the instant `cutoff` are left out; files without an upload time stay. With `offline` only
-    folders and `file:` indexes answer. Raises IndexUnreachable, or UnknownPackage when no place has such a package.
+    The instant `cutoff` does to files what it does in uv: those uploaded later or at a time that the index does not
+    tell are left out, those of find-links places stay. With `offline` only folders and `file:` indexes answer.
+    Raises IndexUnreachable, or UnknownPackage when no place has such a package.
     """
     places = combined(matrix)
     with closing(_Client(places, offline=offline)) as client:
         linked = (file for link in places.find_links for file in client.linked(link))
-        files = [file for file in linked if _version(file.name, name) is not None]
+        files = [replace(file, linked=True) for file in linked if _version(file.name, name) is not None]
         known = bool(files)
         for address in () if places.no_index else (*places.extra, places.default):
             page = client.project(address, name)
@@ -323,7 +325,7 @@ def _grouped(files: Iterable[_File], name: str, cutoff: str | None) -> tuple[Rel
     versions: dict[Version, list[_File]] = {}
     for file in files:
         version = _version(file.name, name)
-        if version is not None and not (limit and file.uploaded and file.uploaded > limit):
+        if version is not None and (limit is None or file.linked or (file.uploaded and file.uploaded <= limit)):
             versions.setdefault(version, []).append(file)
     return tuple(_release(version, versions[version]) for version in sorted(versions))
 
