@@ -12,6 +12,7 @@ import hashlib
 import os
 import re
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from harness.store import cache_folder, write_atomic
 OLDEST = Version("3.7")
 """The in-cell side speaks Python 3.7 to 3.14; an older interpreter is as good as absent."""
 
+_ASKING = threading.RLock()
 _REQUEST = re.compile(r"(?P<name>[a-z]*)[@-]?(?P<number>\d[\da-z.]*?)(?P<threads>t?)")
 _MARK = "simmatrix-facts "
 _ASK = f"""
@@ -107,8 +109,9 @@ def obtain(request: str, *, offline: bool = False) -> Interpreter | None:
     found = find(request)
     if found is not None or offline or not _downloadable(request):
         return found
-    if _install(request):
-        available.cache_clear()
+    with _ASKING:
+        if _install(request):
+            available.cache_clear()
     return find(request)
 
 
@@ -210,15 +213,16 @@ def _facts(path: Path) -> Facts | None:
         status = path.stat()
     except OSError:
         return None
-    known = _known()
-    entry = known.get(str(path))
-    if entry is not None and (entry.size, entry.changed) == (status.st_size, status.st_mtime_ns):
-        return entry.facts
-    facts = _ask(path)
-    if facts is not None:
-        known[str(path)] = _Known(size=status.st_size, changed=status.st_mtime_ns, facts=facts)
-        write_atomic(_known_file(), msgspec.json.encode(known))
-    return facts
+    with _ASKING:
+        known = _known()
+        entry = known.get(str(path))
+        if entry is not None and (entry.size, entry.changed) == (status.st_size, status.st_mtime_ns):
+            return entry.facts
+        facts = _ask(path)
+        if facts is not None:
+            known[str(path)] = _Known(size=status.st_size, changed=status.st_mtime_ns, facts=facts)
+            write_atomic(_known_file(), msgspec.json.encode(known))
+        return facts
 
 
 def _ask(path: Path) -> Facts | None:
