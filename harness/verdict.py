@@ -8,10 +8,10 @@ if it had failed, and it is `inconclusive` unless both say the same.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from harness.errors import BadInput
+from harness.contract import SEVERITY
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -26,19 +26,6 @@ from harness.model import (
     Step,
     Verdict,
 )
-
-SEVERITY = (
-    Verdict.UNRESOLVABLE,
-    Verdict.UNINSTALLABLE,
-    Verdict.IMPORT_FAILS,
-    Verdict.BROKEN,
-    Verdict.PARTIAL,
-    Verdict.INCONCLUSIVE,
-    Verdict.UNAVAILABLE,
-    Verdict.NOT_RUN,
-    Verdict.WORKS,
-)
-"""Worst first: what says something against the packages (the earlier it stops, the worse), then what says nothing."""
 
 UNTOLD = frozenset({Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE, Verdict.NOT_RUN})
 """Verdicts that say nothing about the packages; nothing can be expected or unexpected about them."""
@@ -259,19 +246,12 @@ def expected(cell: Cell, judgement: Judgement, today: str) -> tuple[bool | None,
     return (fits if told else None), stale
 
 
-def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fail_on: frozenset[Verdict]) -> int:
-    """The exit code of verdicts with their `as_expected`: 1 before 3 before 0."""
+def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fail_on: Collection[str]) -> int:
+    """The exit code of verdicts with their `as_expected`: 1 before 3 before 0.
+
+    `fail_on` names verdicts that are to fail whatever was expected, and `stale` for expectations out of date.
+    """
     known = tuple(judged)
-    if stale or any(as_expected is False or verdict in fail_on for verdict, as_expected in known):
+    if (stale and "stale" in fail_on) or any(right is False or verdict in fail_on for verdict, right in known):
         return 1
     return 3 if any(verdict is Verdict.INCONCLUSIVE for verdict, _ in known) else 0
-
-
-def kinds(text: str) -> frozenset[Verdict]:
-    """Read the value of `--fail-on`: verdicts with commas between them."""
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    unknown = [name for name in names if name not in set(Verdict)]
-    if unknown or not names:
-        message = f"--fail-on {text}: not a verdict: {', '.join(unknown) or 'nothing'}; known: {', '.join(Verdict)}"
-        raise BadInput(message)
-    return frozenset(Verdict(name) for name in names)

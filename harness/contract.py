@@ -1,0 +1,216 @@
+"""What is told of a run: the types of the report document (`report.json`) and of the tables made from it.
+
+The document's keys are a contract: some may be added, none renamed. Paths are relative to the document.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import msgspec
+
+from harness.model import Level, Outcome, Phase, Verdict
+
+SEVERITY = (
+    Verdict.UNRESOLVABLE,
+    Verdict.UNINSTALLABLE,
+    Verdict.IMPORT_FAILS,
+    Verdict.BROKEN,
+    Verdict.PARTIAL,
+    Verdict.INCONCLUSIVE,
+    Verdict.UNAVAILABLE,
+    Verdict.NOT_RUN,
+    Verdict.WORKS,
+)
+"""Worst first: what says something against the packages (the earlier it stops, the worse), then what says nothing."""
+
+
+class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """Something to know that does not stop a user's loop; `cases` are those it was seen in."""
+
+    check: str
+    level: Level
+    text: str
+    cases: tuple[str, ...] = ()
+
+
+class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that."""
+
+    case: str
+    env: str | None
+    api: str
+    phases: dict[Phase, Outcome]
+    checks: dict[str, Outcome]
+    frames: tuple[str, ...]
+    decisive: str | None
+    reasons: dict[str, str] = {}
+    masked: dict[str, str] = {}
+    evidence: dict[Phase, str] = {}
+
+
+class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the matrix says the cell is expected to be."""
+
+    verdict: Verdict
+    reason: str
+    phase: Phase | None = None
+    match: str | None = None
+    signature: str | None = None
+    link: str | None = None
+    until: str | None = None
+
+
+class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A known cause that fits the evidence."""
+
+    signature: str
+    cause: str
+    remedy: dict[str, Any]
+    proven: bool
+    masks: bool
+    references: tuple[str, ...]
+
+
+class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One cell on one machine, measured or not. `phase` is the one that decided the verdict."""
+
+    id: str
+    matrix: str
+    axes: dict[str, str]
+    requested_python: str
+    python: str | None
+    machine: str | None
+    environment: dict[str, str]
+    supplied: dict[str, str]
+    installed: dict[str, str] | None
+    lock: str | None
+    lock_sha256: str | None
+    key: str | None
+    measured: str | None
+    reused: bool
+    inferred: bool
+    attempts: int
+    seconds: float
+    verdict: Verdict
+    unverified: tuple[str, ...]
+    expected: Verdict
+    as_expected: bool | None
+    repairs: tuple[dict[str, Any], ...]
+    findings: tuple[FindingEntry, ...]
+    phases: dict[Phase, Outcome]
+    cases: tuple[CaseEntry, ...]
+    decisive: str | None
+    diagnoses: tuple[DiagnosisEntry, ...]
+    evidence: str | None
+    phase: Phase | None = None
+    expectation: ExpectationEntry | None = None
+    requirements: tuple[str, ...] = ()
+
+
+class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A combination that is not run, and why."""
+
+    id: str
+    reason: str
+
+
+class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """What the tables need of a matrix: its axes in order, and the packages whose versions it wants shown."""
+
+    axes: tuple[str, ...]
+    shown: tuple[str, ...] = ()
+
+
+class Document(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that a report says."""
+
+    schema: Literal[1] = 1
+    generated: str
+    machines: dict[str, dict[str, Any]]
+    cells: tuple[CellEntry, ...]
+    dropped: tuple[DroppedEntry, ...]
+    matrices: dict[str, MatrixEntry] = {}
+    stale: tuple[str, ...] = ()
+
+
+# --- the tables --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Row:
+    """One cell on one machine as the list shows it; `versions` stand in the order of the sheet's columns."""
+
+    id: str
+    label: str
+    verdict: Verdict
+    symbol: str
+    word: str
+    as_expected: bool | None
+    phase: str
+    decisive: str
+    versions: tuple[str, ...]
+    unverified: tuple[str, ...]
+    findings: int
+    seconds: float
+    machine: str
+    reused: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Square:
+    """Where two axis values meet on one machine: the worst verdict, and how many of its cells have it."""
+
+    machine: str
+    verdict: Verdict
+    symbol: str
+    count: int
+    total: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pivot:
+    """The cells of a matrix over two of its axes. A square holds one entry per machine, none where no cell is."""
+
+    down: str
+    across: str
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    squares: tuple[tuple[tuple[Square, ...], ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Remark:
+    """The same finding in one or more cells."""
+
+    check: str
+    level: str
+    text: str
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Sheet:
+    """Everything about one matrix: counts of verdicts, the pivot, the list, what needs explaining."""
+
+    matrix: str
+    counts: tuple[tuple[Verdict, str, str, int], ...]
+    pivot: Pivot | None
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+    explained: tuple[CellEntry, ...]
+    remarks: tuple[Remark, ...]
+    dropped: tuple[DroppedEntry, ...]
+    locks: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Report:
+    """What a presentation needs: a sheet per matrix, and what they share."""
+
+    generated: str
+    sheets: tuple[Sheet, ...]
+    machines: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+    legend: tuple[tuple[str, str], ...]
+    stale: tuple[str, ...]

@@ -1,0 +1,221 @@
+"""The report document (`report.json`) made from records, written, read, moved and combined; types in `contract`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from harness import schema, verdict
+from harness.contract import (
+    CaseEntry,
+    CellEntry,
+    Document,
+    DroppedEntry,
+    ExpectationEntry,
+    FindingEntry,
+    MatrixEntry,
+)
+from harness.model import (
+    CASE_PHASES,
+    CELL_PHASES,
+    CaseRecord,
+    Cell,
+    CellRecord,
+    Finding,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Plan,
+    Step,
+    Verdict,
+)
+
+Locate = Callable[[str], str]
+"""From a path as records hold it (below the state folder) to one relative to the document."""
+
+
+# --- making it -------------------------------------------------------------------------------------------------
+
+
+def build(
+    records: Iterable[CellRecord],
+    plans: Sequence[Plan],
+    machines: Mapping[str, Mapping[str, Any]],
+    generated: str,
+    locate: Locate = str,
+) -> Document:
+    """Judge every planned cell on every machine it was measured on; one without a record has a row that says so."""
+    known: dict[str, list[CellRecord]] = {}
+    for record in records:
+        known.setdefault(record.cell.id, []).append(record)
+    here = next(iter(machines)) if len(machines) == 1 else ""
+    cells: list[CellEntry] = []
+    stale = [sentence for plan in plans for sentence in plan.stale]
+    for cell in (cell for plan in plans for cell in plan.cells):
+        unrun = CellRecord(cell=cell, machine=here)
+        for record in sorted(known.get(cell.id, [unrun]), key=lambda record: record.machine):
+            entry, outdated = _entry(record, generated, locate)
+            cells.append(entry)
+            stale += [outdated] if outdated else []
+    return Document(
+        generated=generated,
+        machines={name: dict(facts) for name, facts in sorted(machines.items())},
+        cells=tuple(cells),
+        dropped=tuple(DroppedEntry(id=gone.id, reason=gone.reason) for plan in plans for gone in plan.dropped),
+        matrices={plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown) for plan in plans},
+        stale=tuple(dict.fromkeys(stale)),
+    )
+
+
+def _entry(record: CellRecord, today: str, locate: Locate) -> tuple[CellEntry, str | None]:
+    cell, judged = record.cell, verdict.judge(record)
+    as_expected, stale = verdict.expected(cell, judged, today)
+    phases = [phase for case in record.cases for phase in case.phases]
+    lock = locate(record.lock) if record.lock else None
+    entry = CellEntry(
+        id=cell.id,
+        matrix=cell.matrix,
+        axes=dict(cell.axes),
+        requested_python=cell.python,
+        python=record.python,
+        machine=record.machine or None,
+        environment=dict(cell.environment),
+        supplied=dict(record.supplied),
+        installed=dict(record.installed) if record.installed is not None else None,
+        lock=lock,
+        lock_sha256=record.lock_sha256,
+        key=record.key,
+        measured=record.measured,
+        reused=record.reused,
+        inferred=False,
+        attempts=max((phase.attempts for phase in phases), default=1),
+        seconds=round(record.seconds, 1),
+        verdict=judged.verdict,
+        unverified=judged.unverified,
+        expected=cell.expect.verdict if cell.expect else Verdict.WORKS,
+        as_expected=as_expected,
+        repairs=(),
+        findings=_findings(record),
+        phases={phase: judged.phases[phase] for phase in CELL_PHASES},
+        cases=tuple(_case(cell, case, locate) for case in record.cases),
+        decisive=judged.decisive,
+        diagnoses=(),
+        evidence=_evidence(record, judged.phase, locate),
+        phase=judged.phase,
+        expectation=_expectation(cell),
+        requirements=cell.question.requirements,
+    )
+    return entry, stale
+
+
+def _case(cell: Cell, record: CaseRecord, locate: Locate) -> CaseEntry:
+    phases = verdict.case_phases(cell, record)
+    checks = [check for phase in phases for check in phase.checks]
+    return CaseEntry(
+        case=record.case,
+        env=record.env,
+        api=record.api,
+        phases={phase.phase: phase.outcome for phase in phases},
+        checks={check.check: check.outcome for check in checks},
+        frames=tuple(locate(frame) for phase in phases for frame in phase.frames),
+        decisive=_why(phases),
+        reasons={check.check: check.decisive for check in checks if check.decisive},
+        masked={check.check: check.masked_by for check in checks if check.masked_by},
+        evidence={phase.phase: locate(phase.evidence) for phase in phases if phase.evidence},
+    )
+
+
+def _why(phases: Iterable[PhaseRecord]) -> str | None:
+    """The reason of the first phase that ended worst; None where nothing went wrong."""
+    told = [phase for phase in phases if phase.outcome not in {Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED}]
+    worst = verdict.worst(phase.outcome for phase in told)
+    return next((verdict.reason(phase) for phase in told if phase.outcome is worst), None)
+
+
+def _findings(record: CellRecord) -> tuple[FindingEntry, ...]:
+    """Each finding once, with the cases it was seen in."""
+    steps = [step for step in (record.resolve, record.install) if step]
+    everywhere = [*record.findings, *(finding for step in steps for finding in step.findings)]
+    seen: dict[Finding, list[str]] = {finding: [] for finding in everywhere}
+    for case in record.cases:
+        for finding in (finding for phase in case.phases for finding in phase.findings):
+            cases = seen.setdefault(finding, [])
+            cases += [] if case.case in cases else [case.case]
+    return tuple(
+        FindingEntry(check=finding.check, level=finding.level, text=finding.text, cases=tuple(cases))
+        for finding, cases in seen.items()
+    )
+
+
+def _evidence(record: CellRecord, phase: Phase | None, locate: Locate) -> str | None:
+    """The log of what decided the verdict; of the last thing done where nothing went wrong."""
+    steps: list[Step] = [step for step in (record.resolve, record.install) if step]
+    logs = [(step.phase, step.log) for step in steps if step.log]
+    for wanted in CASE_PHASES:
+        probes = [probe for case in record.cases for probe in case.phases if probe.phase is wanted]
+        probes.sort(key=lambda probe: list(Outcome).index(probe.outcome))
+        logs += [(probe.phase, probe.evidence) for probe in probes if probe.evidence]
+    found = next((log for at, log in logs if at is phase), logs[-1][1] if logs else None)
+    return locate(found) if found else None
+
+
+def _expectation(cell: Cell) -> ExpectationEntry | None:
+    return msgspec.convert(cell.expect, ExpectationEntry, from_attributes=True) if cell.expect else None
+
+
+# --- reading, writing, moving ----------------------------------------------------------------------------------
+
+
+def encode(document: Document) -> bytes:
+    """The document as indented JSON, equal for equal documents."""
+    return msgspec.json.format(msgspec.json.encode(document, order="deterministic"), indent=1) + b"\n"
+
+
+def read(content: bytes, name: str) -> Document:
+    """Read a document; `name` is its file's in messages. Keys that this version does not know are passed over."""
+    return schema.load_json(content, Document, name)
+
+
+def moved(document: Document, locate: Locate) -> Document:
+    """The same document with its paths as they are from another place."""
+    replace = msgspec.structs.replace
+
+    def case(entry: CaseEntry) -> CaseEntry:
+        evidence = {phase: locate(path) for phase, path in entry.evidence.items()}
+        return replace(entry, frames=tuple(locate(frame) for frame in entry.frames), evidence=evidence)
+
+    def cell(entry: CellEntry) -> CellEntry:
+        return replace(
+            entry,
+            lock=locate(entry.lock) if entry.lock else None,
+            evidence=locate(entry.evidence) if entry.evidence else None,
+            cases=tuple(case(tried) for tried in entry.cases),
+        )
+
+    return replace(document, cells=tuple(cell(entry) for entry in document.cells))
+
+
+def combined(documents: Sequence[Document]) -> Document:
+    """Several documents as one; of a cell measured twice on one machine the later measurement stands."""
+    cells: dict[tuple[str, str | None], CellEntry] = {}
+    for entry in (entry for document in documents for entry in document.cells):
+        before = cells.get((entry.id, entry.machine))
+        if before is None or (entry.measured or "") >= (before.measured or ""):
+            cells[entry.id, entry.machine] = entry
+    measured = {name for name, machine in cells if machine}
+    return Document(
+        generated=max(document.generated for document in documents),
+        machines={name: facts for document in documents for name, facts in document.machines.items()},
+        cells=tuple(entry for entry in cells.values() if entry.machine or entry.id not in measured),
+        dropped=tuple({gone.id: gone for document in documents for gone in document.dropped}.values()),
+        matrices={name: matrix for document in documents for name, matrix in document.matrices.items()},
+        stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),
+    )
+
+
+def exit_code(document: Document, fail_on: Iterable[str]) -> int:
+    """The exit code of the contract for what the document says."""
+    judged = [(cell.verdict, cell.as_expected) for cell in document.cells]
+    return verdict.exit_code(judged, stale=bool(document.stale), fail_on=frozenset(fail_on))
