@@ -18,6 +18,9 @@ from urllib.parse import quote, urlsplit
 from harness.errors import BadInput
 from harness.model import IndexSettings
 
+ETC = Path("/etc")
+"""Where the machine's own settings lie."""
+
 NOTHING = IndexSettings()
 """A matrix that says nothing about its places."""
 
@@ -111,9 +114,7 @@ def _uv_files() -> Iterator[Path]:
         return
     if os.environ.get("UV_NO_CONFIG", "").lower() in {"1", "true"}:
         return
-    system = [Path(folder, "uv/uv.toml") for folder in _split(os.environ.get("XDG_CONFIG_DIRS") or "/etc/xdg", ":")]
-    system.append(Path("/etc/uv/uv.toml"))
-    there = [path for path in system if path.is_file()]
+    there = [path for folder in (*_system_config(), ETC) if (path := folder / "uv/uv.toml").is_file()]
     yield from (path for path in (_user_config() / "uv/uv.toml", *there[:1]) if path.is_file())
 
 
@@ -156,12 +157,10 @@ def _pip_options() -> dict[str, str]:
     """pip's options, later places over earlier ones: global, user, environment, `PIP_CONFIG_FILE`, variables."""
     named = os.environ.get("PIP_CONFIG_FILE")
     active = os.environ.get("VIRTUAL_ENV") or os.environ.get("CONDA_PREFIX")
-    files = [Path("/etc/xdg/pip/pip.conf"), Path("/etc/pip.conf"), Path.home() / ".pip/pip.conf"]
-    files += [
-        _user_config() / "pip/pip.conf",
-        *([Path(active, "pip.conf")] if active else []),
-        Path(named or os.devnull),
-    ]
+    files = [folder / "pip/pip.conf" for folder in reversed(_system_config())]
+    files += [ETC / "pip.conf", Path.home() / ".pip/pip.conf", _user_config() / "pip/pip.conf"]
+    files += [Path(active, "pip.conf")] if active else []
+    files += [Path(named)] if named else []
     parser = configparser.RawConfigParser()
     try:
         parser.read([] if named == os.devnull else files, encoding="utf-8")
@@ -174,6 +173,11 @@ def _pip_options() -> dict[str, str]:
         if value := os.environ.get("PIP_" + key.upper().replace("-", "_")):
             options[key] = value
     return options
+
+
+def _system_config() -> list[Path]:
+    named = _split(os.environ.get("XDG_CONFIG_DIRS", ""), ":")
+    return [Path(folder) for folder in named] or [ETC / "xdg"]
 
 
 def _user_config() -> Path:

@@ -1,0 +1,380 @@
+"""Releases and files, asked of real little indexes: a loopback server, a folder index, a find-links folder."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+
+from harness import index
+from harness.index import IndexUnreachable, Release, UnknownPackage, fetch, releases
+from harness.model import Artifact, IndexSettings
+
+JSON_PAGE = {
+    "meta": {"api-version": "1.1"},
+    "name": "pole",
+    "versions": ["1.0", "1.1", "2.0rc1"],
+    "files": [
+        {
+            "filename": "pole-1.0-py3-none-any.whl",
+            "url": "../../files/pole-1.0-py3-none-any.whl",
+            "hashes": {},
+            "size": 1,
+            "requires-python": ">=3.7",
+            "upload-time": "2024-01-02T03:04:05.678Z",
+        },
+        {
+            "filename": "pole-1.0.tar.gz",
+            "url": "../../files/pole-1.0.tar.gz",
+            "hashes": {},
+            "size": 1,
+            "upload-time": "2024-01-01T00:00:00Z",
+        },
+        {
+            "filename": "pole-1.1-cp311-cp311-manylinux_2_17_x86_64.whl",
+            "url": "x.whl",
+            "hashes": {},
+            "size": 1,
+            "yanked": "broken",
+            "upload-time": "2025-01-01T00:00:00Z",
+        },
+        {"filename": "pole-2.0rc1.tar.gz", "url": "x.tar.gz", "hashes": {}, "size": 1},
+        {"filename": "pole-1.1.exe", "url": "x.exe", "hashes": {}, "size": 1},
+    ],
+}
+HTML_PAGE = """<!DOCTYPE html><html><body>
+<a href="../../files/pole-1.0-py3-none-any.whl#sha256=00" data-requires-python="&gt;=3.7"
+   data-upload-time="2024-01-02T03:04:05.678Z">pole-1.0-py3-none-any.whl</a>
+<a href="../../files/pole-1.0.tar.gz" data-upload-time="2024-01-01T00:00:00Z">pole-1.0.tar.gz</a>
+<a href="pole-1.1-cp311-cp311-manylinux_2_17_x86_64.whl" data-yanked="broken"
+   data-upload-time="2025-01-01T00:00:00Z">pole-1.1-cp311-cp311-manylinux_2_17_x86_64.whl</a>
+<a href="pole-2.0rc1.tar.gz">pole-2.0rc1.tar.gz</a>
+</body></html>"""
+POLE = (
+    Release(
+        version="1.0",
+        uploaded="2024-01-01T00:00:00Z",
+        yanked=False,
+        requires_python=">=3.7",
+        wheels=("pole-1.0-py3-none-any.whl",),
+        sdist=True,
+    ),
+    Release(
+        version="1.1",
+        uploaded="2025-01-01T00:00:00Z",
+        yanked=True,
+        requires_python=None,
+        wheels=("pole-1.1-cp311-cp311-manylinux_2_17_x86_64.whl",),
+        sdist=False,
+    ),
+    Release(version="2.0rc1", uploaded=None, yanked=False, requires_python=None, wheels=(), sdist=True),
+)
+WHEEL = b"a wheel, as far as this server is concerned"
+LOGIN = "Basic dXNlcjpzZWNyZXQ="  # user:secret
+
+
+class Server:
+    """A loopback web server; `pages` maps a path to what answers it, `asked` lists the paths that were asked for."""
+
+    def __init__(self) -> None:
+        self.pages: dict[str, Callable[[BaseHTTPRequestHandler], None]] = {}
+        self.asked: list[str] = []
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                outer.asked.append(self.path)
+                outer.pages.get(self.path, answer(404))(self)
+
+            def log_message(self, *_: Any) -> None:
+                """Quiet."""
+
+        self._http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.host = f"127.0.0.1:{self._http.server_port}"
+        self.url = f"http://{self.host}"
+        self._thread = Thread(target=self._http.serve_forever, args=(0.01,))
+        self._thread.start()
+
+    def close(self) -> None:
+        self._http.shutdown()
+        self._thread.join()
+        self._http.server_close()
+
+
+def answer(
+    status: int, body: bytes = b"", kind: str = "text/html", login: str | None = None
+) -> Callable[[BaseHTTPRequestHandler], None]:
+    """A fixed answer, to the right login only where one is given."""
+
+    def send(handler: BaseHTTPRequestHandler) -> None:
+        refused = login is not None and handler.headers["Authorization"] != login
+        handler.send_response(401 if refused else status)
+        handler.send_header("Content-Type", kind)
+        handler.send_header("Content-Length", "0" if refused else str(len(body)))
+        handler.end_headers()
+        handler.wfile.write(b"" if refused else body)
+
+    return send
+
+
+def cut_off(handler: BaseHTTPRequestHandler) -> None:
+    """Promise more than is sent, then close the connection."""
+    handler.send_response(200)
+    handler.send_header("Content-Type", "text/html")
+    handler.send_header("Content-Length", "1000000")
+    handler.end_headers()
+    handler.wfile.write(b"<html>")
+
+
+def in_turn(*answers: Callable[[BaseHTTPRequestHandler], None]) -> Callable[[BaseHTTPRequestHandler], None]:
+    """Another answer each time, the last one from then on."""
+    left = list(answers)
+
+    def send(handler: BaseHTTPRequestHandler) -> None:
+        (left.pop(0) if len(left) > 1 else left[0])(handler)
+
+    return send
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    """A server that knows no page yet."""
+    running = Server()
+    yield running
+    running.close()
+
+
+@pytest.fixture(autouse=True)
+def bare_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """The home of a user without any setting of uv or pip; no waiting between attempts."""
+    for variable in os.environ:
+        if variable.upper().startswith(("UV_", "PIP_", "SSL_CERT", "REQUESTS_", "CURL_", "HTTP", "ALL_PROXY", "NETRC")):
+            monkeypatch.delenv(variable)
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("UV_NO_CONFIG", "1")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    monkeypatch.setattr(index, "PAUSES", (0, 0))
+    return home
+
+
+def at(server: Server) -> IndexSettings:
+    """The server as the only index."""
+    return IndexSettings(default=f"{server.url}/simple")
+
+
+def page(server: Server, *answers: Callable[[BaseHTTPRequestHandler], None]) -> IndexSettings:
+    """Let the server answer for the package, one answer after the other."""
+    server.pages["/simple/pole/"] = in_turn(*answers)
+    return at(server)
+
+
+JSON = answer(200, json.dumps(JSON_PAGE).encode(), "application/vnd.pypi.simple.v1+json")
+HTML = answer(200, HTML_PAGE.encode())
+
+
+class TestReleases:
+    @pytest.mark.parametrize("form", [JSON, HTML], ids=["json", "html"])
+    def test_both_forms_of_an_index_say_the_same(self, server: Server, form: Any) -> None:
+        """JSON and HTML pages give the same releases: oldest first, with times, yanks and kinds of files."""
+        assert releases("Pole", page(server, form)) == POLE
+
+    def test_a_folder_index_answers_like_a_server(self, tmp_path: Path) -> None:
+        """A `file:` index is read as a server's would be."""
+        (tmp_path / "simple/pole").mkdir(parents=True)
+        (tmp_path / "simple/pole/index.html").write_text(HTML_PAGE)
+
+        assert releases("pole", IndexSettings(default=(tmp_path / "simple").as_uri()), offline=True) == POLE
+
+    def test_a_cutoff_leaves_out_later_and_undated_files_but_no_links(self, server: Server, tmp_path: Path) -> None:
+        """At an instant only earlier files exist; files of a find-links folder always do."""
+        (tmp_path / "pole-3.0-py3-none-any.whl").touch()
+        matrix = IndexSettings(default=page(server, JSON).default, find_links=(str(tmp_path),))
+
+        found = releases("pole", matrix, cutoff="2024-01-01T12:00:00Z")
+
+        assert [(one.version, one.wheels) for one in found] == [("1.0", ()), ("3.0", ("pole-3.0-py3-none-any.whl",))]
+
+    def test_a_page_of_links_serves_as_find_links(self, server: Server) -> None:
+        """A find-links address is a flat page of files of any package."""
+        server.pages["/flat.html"] = answer(
+            200, b'<a href="files/pole-1.0-py3-none-any.whl">a</a> <a href="files/other-9.0-py3-none-any.whl">b</a>'
+        )
+
+        found = releases("pole", IndexSettings(find_links=(f"{server.url}/flat.html",), no_index=True))
+
+        assert [(one.version, one.wheels) for one in found] == [("1.0", ("pole-1.0-py3-none-any.whl",))]
+
+    def test_the_first_index_that_has_the_package_decides(self, server: Server) -> None:
+        """As in uv, an extra index comes before the default one and hides it."""
+        server.pages["/extra/pole/"] = answer(200, b'<a href="pole-0.1-py3-none-any.whl">a</a>')
+        matrix = IndexSettings(default=page(server, JSON).default, extra=(f"{server.url}/extra",))
+
+        assert [one.version for one in releases("pole", matrix)] == ["0.1"]
+
+    def test_extra_indexes_of_pip_are_merged(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+        """As in pip, the best version of all indexes counts."""
+        server.pages["/extra/pole/"] = answer(200, b'<a href="pole-0.1-py3-none-any.whl">a</a>')
+        monkeypatch.setenv("PIP_EXTRA_INDEX_URL", f"{server.url}/extra")
+
+        assert [one.version for one in releases("pole", page(server, JSON))] == ["0.1", "1.0", "1.1", "2.0rc1"]
+
+    def test_a_package_that_no_place_has_is_bad_input(self, server: Server) -> None:
+        """A 404 of every index is an answer: the name is wrong."""
+        with pytest.raises(UnknownPackage) as raised:
+            releases("pole", at(server))
+
+        assert (
+            str(raised.value)
+            == "none of the package indexes and find-links places asked has a package 'pole'; check the name"
+        )
+        assert raised.value.exit_code == 2
+
+
+class TestTrouble:
+    @pytest.mark.parametrize("first", [answer(503), answer(429), cut_off], ids=["503", "429", "cut off"])
+    def test_a_passing_trouble_is_tried_again(self, server: Server, first: Any) -> None:
+        """Two bad answers and a good one are a good one."""
+        assert releases("pole", page(server, first, first, JSON)) == POLE
+
+    @pytest.mark.parametrize(
+        ("reply", "attempts", "reason"),
+        [
+            (answer(500), 3, "it answers HTTP 500; try again later, or set another index"),
+            (answer(401), 1, "it answers HTTP 401; put its login into ~/.netrc or into the index setting"),
+            (cut_off, 3, "the connection broke; try again later"),
+            (
+                answer(200, b"{}", "application/vnd.pypi.simple.v1+json"),
+                3,
+                "the answer is no index page (ValidationError); check the index settings of uv and pip",
+            ),
+        ],
+        ids=["500", "401", "cut off", "nonsense"],
+    )
+    def test_a_lasting_trouble_is_told_in_a_sentence(
+        self, server: Server, reply: Any, attempts: int, reason: str
+    ) -> None:
+        """An index that does not answer well is never an absent package."""
+        with pytest.raises(IndexUnreachable) as raised:
+            releases("pole", page(server, reply))
+
+        assert str(raised.value) == f"{server.url}/simple/pole/ could not be had: {reason}"
+        assert raised.value.exit_code == 3
+        assert len(server.asked) == attempts
+
+    def test_a_closed_port_is_told_without_the_login(self) -> None:
+        """No connection; the message names the address without its password."""
+        server = Server()
+        server.close()
+        with pytest.raises(IndexUnreachable) as raised:
+            releases("pole", IndexSettings(default=f"http://user:secret@{server.host}/simple"))
+
+        assert str(raised.value) == (
+            f"{server.url}/simple/pole/ could not be had: "
+            "no connection; check the network and the index settings of uv and pip"
+        )
+
+    def test_an_absent_folder_is_told(self, tmp_path: Path) -> None:
+        """A find-links folder that is not there is a trouble of this machine."""
+        with pytest.raises(IndexUnreachable) as raised:
+            releases("pole", IndexSettings(find_links=(str(tmp_path / "gone"),)))
+
+        assert str(raised.value) == (
+            f"{tmp_path / 'gone'} does not exist; check the index and find-links settings of uv and pip"
+        )
+
+    def test_offline_asks_nothing(self, server: Server) -> None:
+        """With `offline` the network is not touched."""
+        with pytest.raises(IndexUnreachable) as raised:
+            releases("pole", page(server, JSON), offline=True)
+
+        assert str(raised.value) == (
+            f"{server.url}/simple/pole/ is on the network and the harness is offline; run without --offline"
+        )
+        assert server.asked == []
+
+
+class TestLogins:
+    def test_netrc_opens_a_protected_index(self, server: Server, bare_user: Path) -> None:
+        """The user's netrc is used as uv and pip use it."""
+        (bare_user / ".netrc").write_text("machine 127.0.0.1 login user password secret\n")
+        (bare_user / ".netrc").chmod(0o600)
+        protected = answer(200, HTML_PAGE.encode(), login=LOGIN)
+
+        assert releases("pole", page(server, protected)) == POLE
+
+    def test_the_login_of_an_index_opens_its_files(self, server: Server, tmp_path: Path) -> None:
+        """A file on the host of an index with a login is fetched with that login."""
+        server.pages["/pole.whl"] = answer(200, WHEEL, login=LOGIN)
+        matrix = IndexSettings(default=f"http://user:secret@{server.host}/simple")
+
+        path = fetch(wheel(f"{server.url}/pole.whl"), tmp_path / "wheels", matrix)
+
+        assert path.read_bytes() == WHEEL
+
+    def test_a_named_index_takes_its_login_from_variables(
+        self, server: Server, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """`UV_INDEX_NAME_USERNAME` and `_PASSWORD` belong to the index of that name."""
+        page(server, answer(200, HTML_PAGE.encode(), login=LOGIN))
+        monkeypatch.setenv("UV_DEFAULT_INDEX", f"our-lab={server.url}/simple")
+        monkeypatch.setenv("UV_INDEX_OUR_LAB_USERNAME", "user")
+        monkeypatch.setenv("UV_INDEX_OUR_LAB_PASSWORD", "secret")
+
+        assert releases("pole") == POLE
+
+
+def wheel(source: str, content: bytes = WHEEL) -> Artifact:
+    """The file as a lock names it."""
+    return Artifact(filename="pole-1.0-py3-none-any.whl", sha256=hashlib.sha256(content).hexdigest(), source=source)
+
+
+class TestFetch:
+    def test_a_file_is_downloaded_once(self, server: Server, tmp_path: Path) -> None:
+        """A second fetch takes the file that is there."""
+        server.pages["/pole.whl"] = in_turn(cut_off, answer(200, WHEEL))
+        first = fetch(wheel(f"{server.url}/pole.whl"), tmp_path)
+        second = fetch(wheel(f"{server.url}/pole.whl"), tmp_path)
+
+        assert (first, first.name, first.read_bytes()) == (second, "pole-1.0-py3-none-any.whl", WHEEL)
+        assert len(server.asked) == 2
+
+    @pytest.mark.parametrize("as_address", [True, False], ids=["file:", "path"])
+    def test_a_local_file_is_copied(self, tmp_path: Path, as_address: bool) -> None:
+        """A find-links file is copied, so that a later change of it changes nothing here."""
+        source = tmp_path / "a wheel"
+        source.write_bytes(WHEEL)
+
+        path = fetch(wheel(source.as_uri() if as_address else str(source)), tmp_path / "wheels", offline=True)
+        source.write_bytes(b"changed")
+
+        assert path.read_bytes() == WHEEL
+
+    def test_other_content_is_refused_and_nothing_kept(self, server: Server, tmp_path: Path) -> None:
+        """A file with another hash than the lock's never comes into place."""
+        server.pages["/pole.whl"] = answer(200, b"other")
+        artifact = wheel(f"{server.url}/pole.whl")
+
+        with pytest.raises(IndexUnreachable) as raised:
+            fetch(artifact, tmp_path)
+
+        assert str(raised.value) == (
+            f"pole-1.0-py3-none-any.whl from {server.url}/pole.whl is not the file that the lock names: its SHA-256 is "
+            f"{hashlib.sha256(b'other').hexdigest()}, not {artifact.sha256}; try again, or lock anew"
+        )
+        assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+    def test_a_file_that_is_gone_could_not_be_had(self, server: Server, tmp_path: Path) -> None:
+        """A 404 of a locked file says nothing about packages."""
+        with pytest.raises(IndexUnreachable) as raised:
+            fetch(wheel(f"{server.url}/pole.whl"), tmp_path)
+
+        assert str(raised.value) == (
+            f"{server.url}/pole.whl could not be had: it answers HTTP 404; try again later, or set another index"
+        )

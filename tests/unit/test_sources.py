@@ -1,0 +1,154 @@
+"""What the settings of uv and pip mean, and what uv is told of them."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from harness import sources
+from harness.errors import BadInput
+from harness.model import IndexSettings
+from harness.sources import UserIndex, combined, settings, uv_variables
+
+
+@pytest.fixture(autouse=True)
+def home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """An empty home on a machine without settings."""
+    for variable in os.environ:
+        if variable.startswith(("UV_", "PIP_", "XDG_", "SSL_CERT", "REQUESTS_", "CURL_", "VIRTUAL_", "CONDA_", "ALL_")):
+            monkeypatch.delenv(variable)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(sources, "ETC", tmp_path / "etc")
+    return tmp_path
+
+
+def put(path: Path, text: str) -> None:
+    """Write a settings file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def test_a_machine_without_settings_has_none() -> None:
+    """Nothing set means uv's and pypi-simple's own default index."""
+    assert settings() == UserIndex(strategy="first-index")
+    assert uv_variables() == {"UV_INDEX_STRATEGY": "first-index"}
+
+
+def test_uv_variables_come_before_its_files(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Variables, then the user's uv.toml, then the machine's; explicit indexes count for nothing."""
+    put(
+        home / ".config/uv/uv.toml",
+        """
+index-strategy = "unsafe-first-match"
+find-links = ["wheels"]
+index = [
+    {name = "mine", url = "https://mine.test/simple"},
+    {name = "pin", url = "https://pin.test/simple", explicit = true},
+    {name = "flat", url = "https://flat.test/files", format = "flat"},
+    {url = "https://main.test/simple", default = true},
+]
+""",
+    )
+    put(home / "etc/uv/uv.toml", 'index-url = "https://machine.test/simple"\nextra-index-url = ["https://more.test"]')
+    monkeypatch.setenv("UV_INDEX", "lab=https://lab.test/simple https://two.test/simple")
+    monkeypatch.setenv("UV_FIND_LINKS", "/links,https://links.test/")
+
+    assert settings() == UserIndex(
+        default="https://main.test/simple",
+        extra=(
+            "https://lab.test/simple",
+            "https://two.test/simple",
+            "https://mine.test/simple",
+            "https://more.test",
+        ),
+        find_links=("/links", "https://links.test/", "https://flat.test/files", str(home / ".config/uv/wheels")),
+        strategy="unsafe-first-match",
+    )
+    monkeypatch.setenv("UV_DEFAULT_INDEX", "https://variable.test/simple")
+    assert settings().default == "https://variable.test/simple"
+
+
+def test_pip_files_are_read_in_its_order(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine's pip.conf, the user's, the environment's; a later one wins per option, a variable over all."""
+    put(
+        home / "etc/pip.conf",
+        "[global]\nindex-url = https://machine.test\nfind-links = /machine /shared\nno-index = no",
+    )
+    put(
+        home / ".config/pip/pip.conf", "[global]\nextra_index_url =\n  https://a.test\n  https://b.test\ncert = /ca.pem"
+    )
+    put(home / "env/pip.conf", "[install]\nindex-url = https://environment.test\nproxy = http://proxy.test:3128")
+    monkeypatch.setenv("VIRTUAL_ENV", str(home / "env"))
+    monkeypatch.setenv("PIP_FIND_LINKS", "/variable")
+
+    assert settings() == UserIndex(
+        default="https://environment.test",
+        extra=("https://a.test", "https://b.test"),
+        find_links=("/variable",),
+        strategy="unsafe-best-match",
+        certificates="/ca.pem",
+        proxy="http://proxy.test:3128",
+    )
+
+
+def test_uv_is_told_what_it_does_not_read_itself(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The matrix's places first, then the user's own variables of uv, then pip's settings."""
+    put(home / "etc/pip.conf", "[global]\nindex-url = https://pip.test\nextra-index-url = https://more.test")
+    monkeypatch.setenv("UV_INDEX", "lab=https://lab.test/simple")
+    monkeypatch.setenv("PIP_FIND_LINKS", "/wheels")
+    monkeypatch.setenv("REQUESTS_CA_BUNDLE", "/ca.pem")
+
+    assert uv_variables(IndexSettings(extra=("https://matrix.test",), find_links=("/matrix",))) == {
+        "UV_DEFAULT_INDEX": "https://pip.test",
+        "UV_INDEX": "https://matrix.test lab=https://lab.test/simple https://more.test",
+        "UV_FIND_LINKS": "/matrix,/wheels",
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "SSL_CERT_FILE": "/ca.pem",
+    }
+
+
+def test_pip_does_not_override_uv(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where uv has a default index or a strategy of its own, pip's are not handed to it."""
+    put(home / "etc/pip.conf", "[global]\nindex-url = https://pip.test")
+    put(home / ".config/uv/uv.toml", '[pip]\nindex-url = "https://uv.test"\nindex-strategy = "unsafe-first-match"')
+
+    assert uv_variables() == {}
+    assert settings().default == "https://uv.test"
+
+
+def test_a_matrix_stands_before_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its default replaces the user's, its other places come first."""
+    monkeypatch.setenv("UV_DEFAULT_INDEX", "https://user.test")
+    monkeypatch.setenv("UV_FIND_LINKS", "/user")
+
+    found = combined(IndexSettings(default="https://matrix.test", find_links=("/matrix",), no_index=True))
+
+    assert (found.default, found.find_links, found.no_index) == ("https://matrix.test", ("/matrix", "/user"), True)
+
+
+def test_settings_can_be_switched_off(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`UV_NO_CONFIG` and `PIP_CONFIG_FILE` at the null device hide the files, as they do for uv and pip."""
+    put(home / ".config/uv/uv.toml", 'index-url = "https://uv.test"')
+    put(home / "etc/pip.conf", "[global]\nindex-url = https://pip.test")
+    monkeypatch.setenv("UV_NO_CONFIG", "1")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+
+    assert settings().default is None
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        (".config/uv/uv.toml", "index-url = ", "{home}/.config/uv/uv.toml: uv's settings cannot be read: "),
+        ("etc/pip.conf", "index-url = x", "pip's settings cannot be read: File contains no section headers."),
+    ],
+    ids=["uv", "pip"],
+)
+def test_settings_that_cannot_be_read_are_bad_input(home: Path, file: str, text: str, message: str) -> None:
+    """A broken settings file is named, not skipped."""
+    put(home / file, text)
+
+    with pytest.raises(BadInput) as raised:
+        settings()
+
+    assert str(raised.value).startswith(message.format(home=home))
