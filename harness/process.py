@@ -1,0 +1,318 @@
+"""The only spawner: every uv command, build and probe runs under the supervisor, within limits, and leaves nothing.
+
+The harness's end, even by SIGKILL, closes the pipe to each supervisor, which ends everything below it.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import select
+import shlex
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from time import monotonic
+from typing import Any, Self, overload
+
+from harness.errors import BadInput, CouldNotTell
+
+SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
+SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")
+"""Best first: how processes are held together, and how sealed folders are kept from writes."""
+
+FORCED = "HARNESS_SANDBOX"
+STUCK_SECONDS = 30.0  # beyond its deadline a supervisor itself is ended
+
+
+class Profile(StrEnum):
+    """What a command sees of this machine.
+
+    CELL: a HOME, TMPDIR and /dev/shm of its own, no process but its own, sealed folders covered.
+    HOST: what the user sees; for our own uv.
+    """
+
+    CELL = "cell"
+    HOST = "host"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Limits:
+    """`memory_mb` is for all processes together, shared pages counted once; `output_kb` is kept of the output."""
+
+    seconds: float
+    memory_mb: int = 6000
+    output_kb: int = 2048
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """What to run, and within which bounds. `env` is the whole environment, to which CELL adds HOME, TMPDIR, XDG_*.
+
+    CELL needs `home`, an existing folder; TMPDIR is `home/tmp` (keep it under 75 characters: multiprocessing binds
+    sockets below it, whose addresses end at 107). `sealed` folders can be written to, but keep none of it: what was
+    written is reported. `writable` folders below a sealed one stay as they are.
+    """
+
+    argv: tuple[str, ...]
+    cwd: Path
+    env: Mapping[str, str]
+    limits: Limits
+    log: Path
+    profile: Profile
+    home: Path | None = None
+    sealed: tuple[Path, ...] = ()
+    writable: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Completed:
+    """How a command ended: `exit_code` or `signal`; both None where it never ran.
+
+    `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
+    `out_of_memory`, that the whole machine had no memory left. None of these says anything about the command.
+    `out_of_memory` without `killed` means its own limit. `written` are paths relative to the sealed folder, at most
+    100. `stray` counts the processes that outlived the command and were ended.
+    """
+
+    argv: tuple[str, ...]
+    exit_code: int | None
+    signal: int | None
+    timed_out: bool
+    out_of_memory: bool
+    killed: str | None
+    seconds: float
+    log: Path
+    truncated: bool
+    written: tuple[str, ...]
+    sandbox: str
+    stray: int
+
+
+class Running:
+    """A command on its way. Leaving its `with` block ends it; `kill` may come from any thread, the rest from one."""
+
+    def __init__(self, command: Command, sandbox: str) -> None:
+        self.command, self.sandbox = command, sandbox
+        command.log.parent.mkdir(parents=True, exist_ok=True)
+        with command.log.open("wb") as log:
+            self._supervisor = subprocess.Popen(
+                (sys.executable, "-I", "-S", str(SUPERVISOR)),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                bufsize=0,
+                start_new_session=True,
+            )
+        self._overdue = monotonic() + command.limits.seconds + STUCK_SECONDS
+        self._report = b""
+        self._completed: Completed | None = None
+        self._pipe = threading.Lock()
+        self._tell(_order(command, sandbox))
+
+    @property
+    def log(self) -> Path:
+        """Where its output goes."""
+        return self.command.log
+
+    def poll(self) -> Completed | None:
+        """How it ended, if it has."""
+        return self.wait(0.0)
+
+    @overload
+    def wait(self, timeout: None = None) -> Completed: ...
+    @overload
+    def wait(self, timeout: float) -> Completed | None: ...
+    def wait(self, timeout: float | None = None) -> Completed | None:
+        """How it ended; None if it has not within `timeout` seconds."""
+        until = float("inf") if timeout is None else monotonic() + timeout
+        while self._completed is None:
+            now = monotonic()
+            if now > self._overdue:
+                self._supervisor.kill()
+            if self._readable(max(0.0, min(until, max(self._overdue, now + 1)) - now)):
+                self._read()
+            elif monotonic() >= until:
+                break
+        return self._completed
+
+    def kill(self, reason: str) -> None:
+        """End it: SIGTERM, half a second, SIGKILL."""
+        self._tell(reason[:500])
+
+    def __enter__(self) -> Self:
+        """End it with the block."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it, if it has not ended."""
+        if self._completed is None:
+            self._hang_up()
+            self._overdue = min(self._overdue, monotonic() + STUCK_SECONDS)
+            self.wait()
+
+    def _tell(self, message: Any) -> None:
+        assert self._supervisor.stdin
+        with self._pipe:
+            try:
+                self._supervisor.stdin.write(json.dumps(message).encode() + b"\n")
+            except (BrokenPipeError, ValueError):  # it has ended already; the report, or its absence, says how
+                return
+
+    def _hang_up(self) -> None:
+        assert self._supervisor.stdin
+        with self._pipe:
+            self._supervisor.stdin.close()
+
+    def _readable(self, patience: float) -> bool:
+        assert self._supervisor.stdout
+        poller = select.poll()
+        poller.register(self._supervisor.stdout, select.POLLIN)
+        return bool(poller.poll(patience * 1000))
+
+    def _read(self) -> None:
+        assert self._supervisor.stdout
+        data = self._supervisor.stdout.read(1 << 16)
+        if data:
+            self._report += data
+            return
+        self._hang_up()
+        self._supervisor.stdout.close()
+        code = self._supervisor.wait()
+        report = json.loads(self._report or json.dumps({"killed": f"supervisor: it ended with {code}, without a word"}))
+        self._completed = _completed(self, report)
+        _live.discard(self)
+
+
+_live: set[Running] = set()
+_gate = threading.Lock()
+_stopped = threading.Event()
+
+
+def start(command: Command) -> Running:
+    """Start a command under the supervisor."""
+    sandbox = sandbox_mode() if command.profile is Profile.CELL else "subreaper"
+    return _start(command, sandbox)
+
+
+def run(command: Command) -> Completed:
+    """Run a command under the supervisor to its end."""
+    with start(command) as running:
+        return running.wait()
+
+
+def stop() -> None:
+    """End all that runs, whichever thread waits for it, and let nothing start any more."""
+    with _gate:
+        _stopped.set()
+        for running in tuple(_live):
+            running.kill("interrupted")
+
+
+def sandbox_mode() -> str:
+    """The best of `SANDBOXES` that this machine allows, found by trying; `HARNESS_SANDBOX` takes another."""
+    forced = os.environ.get(FORCED)
+    if not forced:
+        return _best_sandbox()
+    if forced not in SANDBOXES:
+        message = f"{FORCED}: there is no {forced!r}; it is one of {', '.join(SANDBOXES)}."
+        raise BadInput(message)
+    return forced
+
+
+def quote(argv: tuple[str, ...]) -> str:
+    """A command as one would type it."""
+    return shlex.join(argv)
+
+
+def _start(command: Command, sandbox: str) -> Running:
+    with _gate:
+        if _stopped.is_set():
+            message = "Interrupted: no further command is started."
+            raise CouldNotTell(message)
+        running = Running(command, sandbox)
+        _live.add(running)
+    return running
+
+
+def _order(command: Command, sandbox: str) -> dict[str, Any]:
+    private = _private(command.home) if command.profile is Profile.CELL else {}
+    return {
+        "argv": command.argv,
+        "cwd": str(command.cwd.absolute()),
+        "env": {**command.env, **private},
+        "seconds": command.limits.seconds,
+        "memory_mb": command.limits.memory_mb,
+        "output_kb": command.limits.output_kb,
+        "sandbox": sandbox,
+        "home": str(command.home and command.home.absolute()),
+        "sealed": [str(folder.resolve()) for folder in command.sealed],
+        "writable": [str(folder.resolve()) for folder in command.writable],
+    }
+
+
+def _private(home: Path | None) -> dict[str, str]:
+    if home is None:
+        message = "a command of a cell needs a home"
+        raise ValueError(message)
+    folders = {
+        "TMPDIR": "tmp",
+        "XDG_CACHE_HOME": ".cache",
+        "XDG_CONFIG_HOME": ".config",
+        "XDG_DATA_HOME": ".local/share",
+        "XDG_STATE_HOME": ".local/state",
+        "XDG_RUNTIME_DIR": ".run",
+    }
+    home = home.absolute()
+    for name in ("TMPDIR", "XDG_RUNTIME_DIR"):  # the others are made by those who use them
+        (home / folders[name]).mkdir(mode=0o700, exist_ok=True)
+    return {"HOME": str(home)} | {name: str(home / folder) for name, folder in folders.items()}
+
+
+def _completed(running: Running, report: Mapping[str, Any]) -> Completed:
+    return Completed(
+        argv=running.command.argv,
+        exit_code=report.get("exit_code"),
+        signal=report.get("signal"),
+        timed_out=report.get("timed_out", False),
+        out_of_memory=report.get("out_of_memory", False),
+        killed=report.get("killed"),
+        seconds=report.get("seconds", 0.0),
+        log=running.log,
+        truncated=report.get("truncated", False),
+        written=tuple(report.get("written", ())),
+        sandbox=running.sandbox,
+        stray=report.get("stray", 0),
+    )
+
+
+@functools.cache
+def _best_sandbox() -> str:
+    return next(sandbox for sandbox in SANDBOXES if sandbox == SANDBOXES[-1] or _holds(sandbox))
+
+
+def _holds(sandbox: str) -> bool:
+    """Whether a write into a sealed folder stays out of it there, and is seen where there is an overlay."""
+    with tempfile.TemporaryDirectory(prefix="simmatrix-", ignore_cleanup_errors=True) as folder:
+        home, sealed = Path(folder), Path(folder, "sealed")
+        sealed.mkdir()
+        command = Command(
+            argv=("/bin/sh", "-c", ": > written"),
+            cwd=sealed,
+            env={},
+            limits=Limits(seconds=20),
+            log=home / "log",
+            profile=Profile.CELL,
+            home=home,
+            sealed=(sealed,),
+        )
+        with _start(command, sandbox) as running:
+            done = running.wait()
+        seen = done.written == ("written",) if sandbox.endswith("overlay") else done.exit_code not in (None, 0)
+        return seen and done.killed is None and not any(sealed.iterdir())

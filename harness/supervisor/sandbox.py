@@ -1,0 +1,134 @@
+"""Namespaces and mounts: what the command sees of this machine, and what of its writes is kept from it."""
+# pathlib and typing would double the start-up.
+# ruff: noqa: PTH
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import Any
+
+CLONE_NEWNS, CLONE_NEWUSER, CLONE_NEWPID = 0x00020000, 0x10000000, 0x20000000
+MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC, MS_REMOUNT = 1, 2, 4, 8, 32
+MS_NOATIME, MS_NODIRATIME, MS_BIND, MS_REC, MS_PRIVATE = 1024, 2048, 4096, 16384, 1 << 18
+MNT_DETACH = 2
+
+libc = ctypes.CDLL(None, use_errno=True)
+
+
+def call(name: str, *arguments: Any) -> None:
+    """Call the C library; OSError where it refuses."""
+    if getattr(libc, name)(*arguments) != 0:
+        code = ctypes.get_errno()
+        raise OSError(code, os.strerror(code), name)
+
+
+def prctl(option: int, value: int) -> None:
+    """prctl(2)."""
+    call("prctl", option, ctypes.c_ulong(value), ctypes.c_ulong(0), ctypes.c_ulong(0), ctypes.c_ulong(0))
+
+
+def mount(source: str, target: str, kind: str | None, flags: int = 0, options: str = "") -> None:
+    """mount(2)."""
+    encoded = (os.fsencode(source), os.fsencode(target), kind.encode() if kind else None)
+    call("mount", *encoded, ctypes.c_ulong(flags), os.fsencode(options))
+
+
+def enter_namespaces(sandbox: str) -> None:
+    """Leave the host's mounts and, for the children to come, its processes; in a user namespace where that needs one."""
+    flags = (CLONE_NEWPID if sandbox.startswith("pid") else 0) | (CLONE_NEWNS if sandbox != "subreaper" else 0)
+    if not flags:
+        return
+    user, group = os.geteuid(), os.getegid()
+    try:
+        call("unshare", flags)
+    except PermissionError:
+        call("unshare", flags | CLONE_NEWUSER)
+        for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+            with open(f"/proc/self/{name}", "w") as file:
+                file.write(text)
+
+
+class Layer:
+    """A throw-away layer over a sealed folder: what is written there lands in `upper`."""
+
+    def __init__(self, folder: str, scratch: str) -> None:
+        self.folder, self.scratch = folder, scratch
+        self.upper, self.work = f"{scratch}/upper", f"{scratch}/work"
+        self.lower = os.open(folder, os.O_PATH | os.O_DIRECTORY)
+        os.makedirs(scratch)
+        try:
+            self.cover()
+        except OSError:  # not every file system can hold an upper layer, a tmpfs can
+            mount("tmpfs", scratch, "tmpfs", MS_NOSUID | MS_NODEV)
+            self.cover()
+
+    def cover(self) -> None:
+        """Mount the overlay; `userxattr` is what a user namespace needs and an old kernel does not know."""
+        for path in (self.upper, self.work):
+            os.makedirs(path, exist_ok=True)
+        os.chmod(self.upper, os.stat(self.folder).st_mode & 0o7777)
+        paths = (("lowerdir", self.folder), ("upperdir", self.upper), ("workdir", self.work))
+        options = ",".join(f"{name}=" + re.sub(r"([\\:,])", r"\\\1", path) for name, path in paths)
+        try:
+            mount("overlay", self.folder, "overlay", 0, f"{options},userxattr")
+        except OSError:
+            mount("overlay", self.folder, "overlay", 0, options)
+
+    def written(self) -> Iterator[str]:
+        """What is new, changed or removed, relative to the folder; byte code apart."""
+        for parent, folders, files in os.walk(self.upper):
+            base = os.path.relpath(parent, self.upper)
+            folders[:] = sorted(set(folders) - {"__pycache__"})
+            for name in sorted(set(files) - {"__pycache__"}) + folders:
+                path = os.path.normpath(os.path.join(base, name))
+                if name in files or not self.existed(path):
+                    yield path
+
+    def existed(self, path: str) -> bool:
+        """Whether the sealed folder has it."""
+        try:
+            os.stat(path, dir_fd=self.lower, follow_symlinks=False)
+        except OSError:
+            return False
+        return True
+
+    def remove(self) -> None:
+        """Take the layer away: its work folder is closed to everyone but us."""
+        call("umount2", os.fsencode(self.folder), MNT_DETACH)
+        for parent, folders, files in os.walk(self.scratch, topdown=False):
+            for path in (os.path.join(parent, name) for name in files + folders):
+                try:
+                    (os.rmdir if os.path.isdir(path) and not os.path.islink(path) else os.unlink)(path)
+                except OSError:  # the owner of the home removes what is left
+                    continue
+
+
+def furnish(order: dict[str, Any]) -> list[Layer]:
+    """Mount what the command is to see: its own /proc and /dev/shm, and sealed folders covered."""
+    process, _, seal = order["sandbox"].partition("+")
+    if not seal:
+        return []
+    mount("none", "/", None, MS_REC | MS_PRIVATE)
+    if process == "pid":
+        mount("proc", "/proc", "proc", MS_NOSUID | MS_NODEV | MS_NOEXEC)
+    if os.path.isdir("/dev/shm"):
+        mount("tmpfs", "/dev/shm", "tmpfs", MS_NOSUID | MS_NODEV, f"mode=1777,size={order['memory_mb']}m")
+    open_folders = [(path, os.open(path, os.O_PATH)) for path in order["writable"]]
+    layers = []
+    for number, folder in enumerate(order["sealed"]):
+        if seal == "overlay":
+            layers.append(Layer(folder, f"{order['home']}/.sealed/{number}"))
+        else:
+            mount(folder, folder, None, MS_BIND | MS_REC)
+            kept = os.statvfs(folder).f_flag & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
+            mount("none", folder, None, MS_REMOUNT | MS_BIND | MS_RDONLY | kept)
+    for path, descriptor in open_folders:
+        if any(os.path.commonpath((path, folder)) == folder for folder in order["sealed"]):
+            mount(f"/proc/self/fd/{descriptor}", path, None, MS_BIND | MS_REC)
+    return layers

@@ -1,0 +1,225 @@
+"""The command from its start to its end: output, time and memory within their limits."""
+# pathlib and typing would double the start-up.
+# ruff: noqa: PTH
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import select
+import signal
+import time
+
+from harness.supervisor.tree import SupervisorError, descendants, end_all, killed_by_kernel, reap, uses_more_than
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+GRACE = 0.5  # seconds between SIGTERM and SIGKILL
+STRAY_GRACE = 0.25  # helpers such as multiprocessing's resource tracker end by themselves just after their parent
+LOOK = 0.1  # seconds between two looks at the memory
+CHUNK = 1 << 16
+
+
+def spawn(order: dict[str, Any], output: int) -> int:
+    """Start the command with everything it prints going to `output`; its pid."""
+    told, trouble = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            become(order, output)
+        except (SupervisorError, OSError, ValueError) as error:
+            os.write(trouble, str(error).encode(errors="backslashreplace"))
+        finally:
+            os._exit(127)
+    os.close(trouble)
+    with open(told, "rb") as file:
+        message = file.read().decode()
+    if message:
+        os.waitpid(pid, 0)
+        raise SupervisorError(message)
+    return pid
+
+
+def become(order: dict[str, Any], output: int) -> None:
+    """Turn this process into the command, as a login shell would start it: no signal ignored, no terminal."""
+    os.setsid()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE, signal.SIGXFSZ):
+        signal.signal(number, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())
+    os.umask(0o022)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with open("/proc/self/oom_score_adj", "w") as file:  # should the kernel need memory, then not the harness's
+        file.write("500")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    program = order["argv"][0]
+    doing = f"enter {order['cwd']}"
+    try:
+        os.chdir(order["cwd"])
+        doing = f"run {program}"
+        os.execvpe(program, order["argv"], order["env"])
+    except OSError as error:
+        message = f"cannot {doing}: {error.strerror}"
+        raise SupervisorError(message) from None
+
+
+class Log:
+    """Head and tail of endless output, within a limit of bytes."""
+
+    def __init__(self, limit: int) -> None:
+        self.head, self.room = limit // 2, limit - limit // 2
+        self.tail = bytearray()
+        self.omitted = 0
+
+    def feed(self, data: bytes) -> None:
+        """Take more output."""
+        now, later = data[: self.head], data[self.head :]
+        self.head -= len(now)
+        write_all(2, now)
+        self.tail += later
+        excess = len(self.tail) - self.room
+        if excess > 0:
+            del self.tail[:excess]
+            self.omitted += excess
+
+    def close(self) -> None:
+        """Write the tail."""
+        if self.omitted:
+            write_all(2, f"\n[... {self.omitted} bytes left out here ...]\n".encode())
+        write_all(2, bytes(self.tail))
+
+
+def write_all(descriptor: int, data: bytes) -> None:
+    """Write all of it."""
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+class Watch:
+    """The command from its start to its end."""
+
+    def __init__(self, order: dict[str, Any]) -> None:
+        self.log = Log(order["output_kb"] * 1024)
+        self.memory = order["memory_mb"] << 20
+        self.output, inlet = os.pipe()
+        os.set_blocking(self.output, False)
+        self.poller = select.poll()
+        for descriptor in (0, self.output, wakeup_on_child()):
+            self.poller.register(descriptor, select.POLLIN)
+        self.ended: dict[int, int] = {}
+        self.killed: str | None = None
+        self.timed_out = self.out_of_memory = False
+        self.kernel_kills = killed_by_kernel()
+        self.started = time.monotonic()
+        self.deadline, self.last_chance = self.started + order["seconds"], float("inf")
+        self.next_look = self.started + LOOK
+        self.pid = spawn(order, inlet)
+        os.close(inlet)
+
+    def run(self, early: bytes) -> dict[str, Any]:
+        """Watch until the end, leave nothing behind, and say what happened."""
+        if early:
+            self.obey(early)
+        while self.pid not in self.ended:
+            self.wait()
+            reap(self.ended)
+            self.look()
+        seconds = time.monotonic() - self.started
+        stray = self.clear()
+        self.drain()
+        self.log.close()
+        code = os.waitstatus_to_exitcode(self.ended[self.pid])
+        if code == -signal.SIGKILL and not self.ending() and killed_by_kernel() > self.kernel_kills:
+            self.out_of_memory, self.killed = True, "the machine ran out of memory"
+        return {
+            "exit_code": code if code >= 0 else None,
+            "signal": -code if code < 0 else None,
+            "timed_out": self.timed_out,
+            "out_of_memory": self.out_of_memory,
+            "killed": self.killed,
+            "seconds": seconds,
+            "truncated": bool(self.log.omitted),
+            "stray": stray,
+        }
+
+    def ending(self) -> bool:
+        """Whether we are the ones who end it."""
+        return self.timed_out or self.out_of_memory or self.killed is not None
+
+    def wait(self) -> None:
+        """Sleep until something happens, at most until the next look."""
+        until = min(self.next_look, self.deadline, self.last_chance)
+        for descriptor, _ in self.poller.poll(max(0.0, until - time.monotonic()) * 1000):
+            if descriptor == 0:
+                self.obey(os.read(0, CHUNK))
+            elif descriptor != self.output:
+                os.read(descriptor, CHUNK)
+            elif not self.pump():
+                self.poller.unregister(self.output)
+
+    def obey(self, order: bytes) -> None:
+        """End the command: for the reason given, or at once where the harness is gone."""
+        if order:
+            self.killed = json.loads(order.splitlines()[0])
+            self.terminate()
+        else:
+            self.killed = self.killed or "the harness is gone"
+            end_all(self.ended)
+
+    def look(self) -> None:
+        """Hold time and memory against their limits."""
+        now = time.monotonic()
+        if now >= self.last_chance:
+            end_all(self.ended)
+        elif now >= self.deadline:
+            self.timed_out = True
+            self.terminate()
+        if now >= self.next_look and not self.out_of_memory:
+            if uses_more_than(self.memory):
+                self.out_of_memory = True
+                end_all(self.ended)
+            after = time.monotonic()
+            self.next_look = after + max(LOOK, 20 * (after - now))
+
+    def terminate(self) -> None:
+        """Ask the command to end, and be ready to insist."""
+        self.deadline = float("inf")
+        self.last_chance = min(self.last_chance, time.monotonic() + GRACE)
+        if self.pid not in self.ended:
+            os.kill(self.pid, signal.SIGTERM)
+
+    def clear(self) -> int:
+        """End what the command left behind, helpers that end by themselves apart; how many."""
+        patience = time.monotonic() + STRAY_GRACE
+        while not self.ending() and descendants() and time.monotonic() < patience:
+            time.sleep(0.005)
+            self.pump()
+            reap(self.ended)
+        return end_all(self.ended)
+
+    def drain(self) -> None:
+        """Read what is there, without waiting for more."""
+        while self.pump():
+            continue
+
+    def pump(self) -> bool:
+        """Move one chunk of output to the log; False where there is none now."""
+        try:
+            data = os.read(self.output, CHUNK)
+        except BlockingIOError:
+            return False
+        self.log.feed(data)
+        return bool(data)
+
+
+def wakeup_on_child() -> int:
+    """A descriptor that can be read when a child has ended."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    return reader
