@@ -364,12 +364,17 @@ class Raised:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WorkerRecord:
-    """What became of one worker process of a vector environment: its own first exception, signal or exit code."""
+    """What became of one worker process of a vector environment: its own first exception, signal or exit code.
+
+    `reached` is the last of `start`, `constructor`, `constructed`, `reset`, `step` that it came to. `exit_code` is as
+    multiprocessing gives it (minus the signal), None for one that had not ended by itself.
+    """
 
     pid: int
     raised: Raised | None = None
     exit_code: int | None = None
     stacks: str | None = None
+    reached: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

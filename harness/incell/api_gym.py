@@ -1,0 +1,5 @@
+"""The adapter of gym."""
+
+from .cell_family import Family
+
+API = Family("gym")

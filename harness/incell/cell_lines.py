@@ -1,0 +1,50 @@
+"""Records between the two worlds: one JSON object a line, each line one write."""
+
+import json
+import os
+
+LONGEST_MESSAGE = 20000
+LONGEST_TRACEBACK = 60000
+
+
+class Lines:
+    """A file of records. Only the process that opened it writes to it: a forked child says nothing here."""
+
+    def __init__(self, path):
+        self.pid = os.getpid()
+        self.seq = 0
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+
+    def write(self, kind, **fields):
+        """Append one record as one write."""
+        if os.getpid() != self.pid:
+            return
+        record = dict(fields, kind=kind, seq=self.seq, pid=self.pid)
+        self.seq += 1
+        os.write(self._file, (json.dumps(plain(record)) + "\n").encode("ascii"))
+
+
+def plain(value):
+    """Turn what a library handed out into what JSON can hold; a number that JSON lacks becomes its text."""
+    if isinstance(value, dict):
+        return {clean(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if value is None or isinstance(value, (bool, int)):
+        return value
+    if isinstance(value, float):
+        return value if value - value == 0 else repr(value)
+    return clean(value)
+
+
+def clean(value):
+    """Text that UTF-8 can hold."""
+    return str(value).encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def bounded(text, limit):
+    """Text of at most `limit` characters: its beginning and its end, where the news is."""
+    if len(text) <= limit:
+        return text
+    half = (limit - 40) // 2
+    return "{}\n[... {} characters ...]\n{}".format(text[:half], len(text) - 2 * half, text[-half:])

@@ -1,0 +1,90 @@
+"""What an environment did, step by step, to be compared with another run."""
+
+import hashlib
+import re
+
+import numpy as np
+
+ADDRESS = re.compile(r"0x[0-9a-f]+")
+DIGITS = 12
+LONGEST = 5000
+BYTES_KEPT = 64 << 20
+PARTS = ("observation", "reward", "terminated", "truncated")
+
+
+class Trace:
+    """One entry per reset (observation) and per step (observation, reward, terminated, truncated).
+
+    Digests are kept of all entries, values only of the first 64 MiB.
+    """
+
+    def __init__(self):
+        self.digests = []
+        self._values = []
+        self._room = BYTES_KEPT
+
+    def add(self, *values):
+        """Add one entry."""
+        parts = [[np.array(leaf) for leaf in _leaves(value)] for value in values]
+        combined = hashlib.sha256()
+        for leaf in [leaf for part in parts for leaf in part]:
+            combined.update("{}{}".format(leaf.dtype.str, leaf.shape).encode("utf-8"))
+            combined.update(_bytes(leaf))
+        self.digests.append(combined.hexdigest()[:DIGITS])
+        self._room -= sum(leaf.nbytes for part in parts for leaf in part)
+        self._values.append(parts if self._room >= 0 else None)
+
+    def steps(self):
+        """Digests for a reply: at most 5000, the last one then standing for all the rest."""
+        if len(self.digests) <= LONGEST:
+            return list(self.digests)
+        rest = "".join(self.digests[LONGEST - 1 :])
+        return [*self.digests[: LONGEST - 1], hashlib.sha256(rest.encode("ascii")).hexdigest()[:DIGITS]]
+
+    def difference(self, other):
+        """Where the two part and how far: one phrase, or None where they agree."""
+        if self.digests == other.digests:
+            return None
+        pairs = enumerate(zip(self.digests, other.digests))
+        entry = next((n for n, (one, two) in pairs if one != two), min(len(self.digests), len(other.digests)))
+        return "from step {} on{}".format(entry, self._how(other, entry))
+
+    def _how(self, other, entry):
+        both = list(zip(self._values, other._values))
+        if entry >= len(both) or None in both[entry]:
+            return ""
+        gaps = [(name, _gap(one, two)) for name, one, two in zip(PARTS, *both[entry])]
+        name, gap = next(((name, gap) for name, gap in gaps if gap != 0), ("episode end", None))
+        if gap is None:
+            return " ({})".format(name)
+        most = [_gap(one[0], two[0]) for one, two in both if one is not None and two is not None]
+        most = max([gap] + [g for g in most if g is not None]) if name == PARTS[0] else gap
+        return " ({} off by {:.3g} there, at most by {:.3g} later)".format(name, gap, most)
+
+
+def _gap(one, two):
+    """The largest difference between two lists of arrays; None where they cannot be subtracted."""
+    if [leaf.shape for leaf in one] != [leaf.shape for leaf in two]:
+        return None
+    gaps = [0.0]
+    for left, right in zip(one, two):
+        if left.dtype.kind not in "biufc" or right.dtype.kind not in "biufc":
+            if _bytes(left) != _bytes(right):
+                return None
+        elif left.size:
+            gaps.append(float(np.max(np.abs(left.astype("c16") - right.astype("c16")))))
+    return max(gaps)
+
+
+def _bytes(leaf):
+    if leaf.dtype.kind == "O":
+        return ADDRESS.sub("0x", repr(leaf.tolist())).encode("utf-8", "backslashreplace")
+    return (leaf + 0.0 if leaf.dtype.kind in "fc" else leaf).tobytes()  # -0.0 is 0.0
+
+
+def _leaves(value):
+    if hasattr(value, "items"):
+        return [leaf for _, item in sorted(value.items(), key=lambda pair: str(pair[0])) for leaf in _leaves(item)]
+    if isinstance(value, (tuple, list)):
+        return [leaf for item in value for leaf in _leaves(item)]
+    return [value]

@@ -1,0 +1,77 @@
+"""What happens beside the calls: warnings, exceptions nobody can catch, stacks of a crash or a hang."""
+
+import faulthandler
+import os
+import re
+import signal
+import sys
+import warnings
+
+from .cell_errors import summary
+
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+DEPRECATIONS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)
+
+
+class Stacks:
+    """Stacks of all threads into a file: on a fatal signal, and when most of a limit is spent.
+
+    The limit is watched by an interval timer, whose signal is handled in C. faulthandler's own timer is a thread: a
+    forked child that ends normally would wait for that thread for ever, and Python 3.12 warns of every fork beside it.
+    """
+
+    def __init__(self, path):
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        faulthandler.enable(file=self._file)
+        faulthandler.register(signal.SIGALRM, file=self._file, all_threads=True, chain=False)
+
+    def arm(self, seconds):
+        """Write the stacks after this many seconds, unless disarmed."""
+        signal.setitimer(signal.ITIMER_REAL, max(seconds, 0.001))
+
+    def disarm(self):
+        """Write no stacks."""
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+class Watch:
+    """Collects texts of warnings and of exceptions that Python ignores (in `__del__`, at exit)."""
+
+    def __init__(self):
+        self._deprecations = []
+        self._warnings = []
+        self._ignored = []
+        for category in DEPRECATIONS:
+            warnings.simplefilter("default", category)
+        self._shown = warnings.showwarning
+        warnings.showwarning = self._warned
+        if hasattr(sys, "unraisablehook"):  # since Python 3.8
+            sys.unraisablehook = self._unraisable
+
+    def _warned(self, message, category, *place, **named):
+        text = COLOURS.sub("", str(message)).strip()
+        text = text[len("WARN: ") :] if text.startswith("WARN: ") else text
+        if issubclass(category, DEPRECATIONS):
+            self._deprecations.append(re.sub(r"\(pid=\d+\)", "(pid)", text))
+        else:
+            self._warnings.append(text)
+        self._shown(message, category, *place, **named)
+
+    def _unraisable(self, unraisable):
+        self._ignored.append("{}: {}".format(unraisable.err_msg or "Exception ignored", summary(unraisable.exc_value)))
+        sys.__unraisablehook__(unraisable)
+
+    def take_warnings(self):
+        """Return the warnings since the last call, deprecations apart."""
+        seen, self._warnings = self._warnings, []
+        return seen
+
+    def take_deprecations(self):
+        """Return the warnings of deprecation since the last call."""
+        seen, self._deprecations = self._deprecations, []
+        return seen
+
+    def take_ignored(self):
+        """Return the ignored exceptions since the last call."""
+        seen, self._ignored = self._ignored, []
+        return seen

@@ -1,0 +1,321 @@
+"""Host side of the cell protocol: a request goes in as JSON, a reply comes out as JSON lines, read as hostile data.
+
+The host writes `request_to_json(request)` to a file and starts `python -s .../incell/bootstrap.py FILE` with the cell's
+interpreter. In `request.folder`, which exists and is empty, the probe leaves:
+
+- `reply.jsonl`: one record a line, in one write, by the probe's own process. Each has `kind`, `seq` (0, 1, 2, ...) and
+  `pid`. Kinds: `hello` first; for each check `start`, then `finding` and `frame` as they come, then `check` (findings
+  on warnings and teardown follow it); `end` last, written when the interpreter exits. A check that was started and
+  never ended has the outcome None. Checks that can only find (`single.repeat.fresh`, `single.repeat.same`,
+  `single.check_env`) follow a passed `single.loop` in the same process without being asked for: they have `start` and
+  `check` records, too, and their exceptions are findings already; only their death or hang is left to the host.
+- `NAME.npy`: frames, named by `frame` records.
+- `stacks.txt`: faulthandler's: on a fatal signal, and when nine tenths of a check's limit are spent.
+- `worker-PID.jsonl`, `worker-PID.txt`: the same from each worker of a vector environment: stages `reached`, the first
+  exception `raised`, stacks. They outlive a parent that hangs or dies. Pass the content of these files to `read_reply`.
+
+After a failed `import.*` the probe tries nothing more. `single.repeat` only gives the trajectory, for a second process
+to be compared with the one that `single.loop` has among its facts (`trajectory`, a digest for each step). The facts
+of `render.rgb_array` hold `gl` where something was loaded that draws by OpenGL, whatever the outcome.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from harness.model import CheckReply, Finding, Level, Outcome, ProbeReply, ProbeRequest, Raised, WorkerRecord
+
+LONGEST_LINE = 1 << 20
+MOST_LINES = 20_000
+MOST_PROBLEMS = 20
+LONGEST_STACKS = 60_000
+WORKER_FILE = re.compile(r"worker-(\d{1,9})\.(jsonl|txt)")
+
+Name = Annotated[str, Meta(min_length=1, max_length=100)]
+Line = Annotated[str, Meta(max_length=4_000)]
+Text = Annotated[str, Meta(max_length=100_000)]
+
+
+def request_to_json(request: ProbeRequest) -> str:
+    """The request as the cell reads it."""
+    return json.dumps(msgspec.to_builtins(request, str_keys=True), indent=1)
+
+
+def closure(api: str, checks: Iterable[str], read: Callable[[str], str]) -> tuple[str, ...]:
+    """The in-cell files that a probe with these checks (or phases) loads, sorted; `read` gives a file's text."""
+    phases = {check.partition(".")[0] for check in checks}
+    todo = ["bootstrap.py", "cell_run.py", *(f"phase_{phase}.py" for phase in phases)]
+    if api:
+        todo.append(f"api_{api}.py")
+    found: set[str] = set()
+    while todo:
+        name = todo.pop()
+        if name not in found:
+            found.add(name)
+            todo += _relative_imports(read(name))
+    return tuple(sorted(found))
+
+
+def _relative_imports(source: str) -> Iterator[str]:
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and node.level == 1:
+            modules = [node.module] if node.module else [alias.name for alias in node.names]
+            yield from (f"{module}.py" for module in modules)
+
+
+# --- the records -----------------------------------------------------------------------------------------------
+
+
+class _Record(Struct, tag_field="kind", forbid_unknown_fields=True, frozen=True, kw_only=True):
+    seq: int
+    pid: int
+
+
+class _Raised(Struct, forbid_unknown_fields=True, frozen=True):
+    type: Annotated[str, Meta(max_length=1_000)]
+    message: Text
+    traceback: Text
+    blame: Literal["library", "harness"]
+
+    def told(self) -> Raised:
+        return Raised(type=self.type, message=self.message, traceback=self.traceback, blame=self.blame)
+
+
+class _WorkerEnd(Struct, forbid_unknown_fields=True, frozen=True):
+    pid: int
+    exit_code: int | None
+
+
+class _Hello(_Record, tag="hello", frozen=True, kw_only=True):
+    python: Name
+    implementation: Name
+    executable: Line
+
+
+class _Start(_Record, tag="start", frozen=True, kw_only=True):
+    check: Name
+
+
+class _Check(_Record, tag="check", frozen=True, kw_only=True):
+    check: Name
+    outcome: Literal["passed", "failed", "skipped"]
+    seconds: Annotated[float, Meta(ge=0)]
+    raised: _Raised | None
+    reason: Line | None
+    workers: Annotated[tuple[_WorkerEnd, ...], Meta(max_length=1_000)]
+    facts: dict[str, Any]
+
+
+class _Finding(_Record, tag="finding", frozen=True, kw_only=True):
+    check: Name
+    level: Level
+    text: Line
+
+
+class _Frame(_Record, tag="frame", frozen=True, kw_only=True):
+    check: Name
+    which: Literal["first", "last"]
+    path: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,90}\.npy$")]
+
+
+class _End(_Record, tag="end", frozen=True, kw_only=True):
+    modules: tuple[Name, ...]
+    versions: dict[Name, Name]
+
+
+class _Reached(_Record, tag="reached", frozen=True, kw_only=True):
+    check: Name
+    stage: Literal["start", "constructor", "constructed", "reset", "step"]
+
+
+class _WorkerRaised(_Record, tag="raised", frozen=True, kw_only=True):
+    check: Name
+    raised: _Raised
+
+
+_reply_records = msgspec.json.Decoder(_Hello | _Start | _Check | _Finding | _Frame | _End)
+_worker_records = msgspec.json.Decoder(_Reached | _WorkerRaised)
+
+
+# --- reading ---------------------------------------------------------------------------------------------------
+
+
+def read_reply(lines: Iterable[bytes], files: Mapping[str, bytes] = MappingProxyType({})) -> ProbeReply:
+    """Read `reply.jsonl`; `files` are the `worker-*` files beside it, by name.
+
+    What cannot be believed is left out and listed among the problems.
+    """
+    reading = _Reading()
+    sequence = _Sequence(decoder=_reply_records, name="reply")
+    sequence.read(islice(lines, MOST_LINES), reading.use)
+    workers, problems = read_workers(files)
+    problems = (*sequence.problems, *problems, *reading.add_workers(workers))
+    return ProbeReply(
+        checks=tuple(reading.checks.values()),
+        findings=tuple(reading.findings),
+        frames=tuple(reading.frames),
+        facts=reading.facts,
+        modules=reading.modules,
+        complete=reading.complete,
+        problems=problems[:MOST_PROBLEMS],
+    )
+
+
+def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRecord], ...], tuple[str, ...]]:
+    """Read the `worker-*` files: pairs of check and worker in order of pid, and problems."""
+    found: list[tuple[str, WorkerRecord]] = []
+    problems: list[str] = []
+    names = [match for name in files if (match := WORKER_FILE.fullmatch(name)) and match[2] == "jsonl"]
+    for match in sorted(names, key=lambda match: int(match[1])):
+        diary = _Diary()
+        sequence = _Sequence(decoder=_worker_records, name=match[0], pid=int(match[1]))
+        sequence.read(files[match[0]].splitlines(keepends=True), diary.use)
+        problems += sequence.problems
+        stacks = files.get(f"worker-{match[1]}.txt", b"")[:LONGEST_STACKS].decode("utf-8", "replace")
+        if diary.check:
+            worker = WorkerRecord(pid=int(match[1]), raised=diary.raised, reached=diary.reached, stacks=stacks or None)
+            found.append((diary.check, worker))
+    return tuple(found), tuple(problems[:MOST_PROBLEMS])
+
+
+@dataclass(slots=True, kw_only=True)
+class _Sequence:
+    """Records of one process, in their order: nobody else's, none twice."""
+
+    decoder: msgspec.json.Decoder[Any]
+    name: str
+    pid: int | None = None
+    next_seq: int = 0
+    problems: list[str] = field(default_factory=list)
+
+    def read(self, lines: Iterable[bytes], use: Callable[[Any], str | None]) -> None:
+        """Give every record that can be believed to `use`, which returns why it cannot, if so."""
+        for number, line in enumerate(lines, start=1):
+            where = f"{self.name} line {number}"
+            record, refusal = self._decoded(line)
+            refusal = refusal or self._out_of_place(where, record) or use(record)
+            if refusal:
+                self._problem(f"{where}: {refusal}")
+
+    def _problem(self, text: str) -> None:
+        if len(self.problems) < MOST_PROBLEMS:
+            self.problems.append(text)
+
+    def _decoded(self, line: bytes) -> tuple[Any, str | None]:
+        if len(line) > LONGEST_LINE:
+            return None, f"longer than {LONGEST_LINE} bytes"
+        if not line.endswith(b"\n"):
+            return None, "cut short"
+        try:
+            return self.decoder.decode(line), None
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            return None, f"not a record: {error}"
+
+    def _out_of_place(self, where: str, record: _Record) -> str | None:
+        self.pid = record.pid if self.pid is None else self.pid
+        if record.pid != self.pid:
+            return f"written by process {record.pid}, not by {self.pid}"
+        if record.seq < self.next_seq:
+            return f"record {record.seq} comes again, or too late"
+        if record.seq > self.next_seq:
+            self._problem(f"{where}: {record.seq - self.next_seq} record(s) before it are missing")
+        self.next_seq = record.seq + 1
+        return None
+
+
+@dataclass(slots=True)
+class _Reading:
+    """A reply while it is read."""
+
+    checks: dict[str, CheckReply] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    frames: list[tuple[str, str]] = field(default_factory=list)
+    facts: dict[str, Any] = field(default_factory=dict)
+    modules: tuple[str, ...] = ()
+    complete: bool = False
+
+    def use(self, record: Any) -> str | None:
+        """Take one record, or say why not."""
+        if self.complete:
+            return "comes after the last line"
+        if isinstance(record, _Hello) == bool(self.facts):
+            return "a second hello" if self.facts else "comes before hello"
+        match record:
+            case _Hello(python=python, implementation=implementation, executable=executable):
+                self.facts = {"python": python, "implementation": implementation, "executable": executable}
+            case _Start():
+                return self._start(record)
+            case _Check():
+                return self._check(record)
+            case _Finding():
+                self.findings.append(Finding(check=record.check, level=record.level, text=record.text))
+            case _Frame():
+                self.frames.append((record.check, record.path))
+            case _End():
+                self.modules, self.complete = record.modules, True
+                self.facts["versions"] = record.versions
+        return None
+
+    def _start(self, record: _Start) -> str | None:
+        if record.check in self.checks:
+            return f"{record.check} starts again"
+        self.checks[record.check] = CheckReply(check=record.check, outcome=None)
+        return None
+
+    def _check(self, record: _Check) -> str | None:
+        started = self.checks.get(record.check)
+        if started is None or started.outcome is not None:
+            return f"{record.check} ends without having been started"
+        self.checks[record.check] = CheckReply(
+            check=record.check,
+            outcome=Outcome(record.outcome),
+            seconds=record.seconds,
+            raised=record.raised.told() if record.raised else None,
+            reason=record.reason,
+            workers=tuple(WorkerRecord(pid=end.pid, exit_code=end.exit_code) for end in record.workers),
+            facts=record.facts,
+        )
+        return None
+
+    def add_workers(self, workers: Iterable[tuple[str, WorkerRecord]]) -> Iterator[str]:
+        """Bring what the workers wrote to what their parent saw of them; yields problems."""
+        for check, worker in workers:
+            reply = self.checks.get(check)
+            if reply is None:
+                yield f"worker {worker.pid}: tells of {check}, which was not started"
+                continue
+            seen = {end.pid: end for end in reply.workers}
+            if reply.outcome is not None and worker.pid not in seen:
+                yield f"worker {worker.pid}: its parent does not know it"
+                continue
+            exit_code = seen[worker.pid].exit_code if worker.pid in seen else None
+            seen[worker.pid] = replace(worker, exit_code=exit_code)
+            self.checks[check] = replace(reply, workers=tuple(seen.values()))
+
+
+@dataclass(slots=True)
+class _Diary:
+    """What one worker wrote, while it is read."""
+
+    check: str | None = None
+    reached: str | None = None
+    raised: Raised | None = None
+
+    def use(self, record: Any) -> None:
+        """Take one record."""
+        self.check = self.check or record.check
+        match record:
+            case _Reached():
+                self.reached = record.stage
+            case _WorkerRaised():
+                self.raised = self.raised or record.raised.told()
