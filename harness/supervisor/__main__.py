@@ -1,6 +1,4 @@
 """Guard and keeper."""
-# pathlib and typing would double the start-up.
-# ruff: noqa: PTH
 
 from __future__ import annotations
 

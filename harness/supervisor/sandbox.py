@@ -1,6 +1,4 @@
 """Namespaces and mounts: what the command sees of this machine, and what of its writes is kept from it."""
-# pathlib and typing would double the start-up.
-# ruff: noqa: PTH
 
 from __future__ import annotations
 
@@ -40,7 +38,7 @@ def mount(source: str, target: str, kind: str | None, flags: int = 0, options: s
 
 
 def enter_namespaces(sandbox: str) -> None:
-    """Leave the host's mounts and, for the children to come, its processes; in a user namespace where that needs one."""
+    """Leave the host's mounts and, for the children to come, its processes; in a user namespace where need be."""
     flags = (CLONE_NEWPID if sandbox.startswith("pid") else 0) | (CLONE_NEWNS if sandbox != "subreaper" else 0)
     if not flags:
         return

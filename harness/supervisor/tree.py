@@ -1,6 +1,4 @@
 """The processes below this one: found through /proc, measured, ended."""
-# pathlib and typing would double the start-up.
-# ruff: noqa: PTH
 
 from __future__ import annotations
 

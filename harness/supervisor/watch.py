@@ -1,6 +1,4 @@
 """The command from its start to its end: output, time and memory within their limits."""
-# pathlib and typing would double the start-up.
-# ruff: noqa: PTH
 
 from __future__ import annotations
 
