@@ -1,0 +1,160 @@
+"""Resolutions as data: uv's pylock -> `Lock`, a lock as hash-pinned requirements, wheels as a pylock to install."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import UTC
+from functools import cache
+from pathlib import PurePath
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from packaging.tags import Tag, compatible_tags, cpython_tags, platform_tags
+from packaging.utils import canonicalize_name, parse_wheel_filename
+
+from harness.errors import BadInput, CouldNotTell
+from harness.model import Artifact, Interpreter, Lock, Pin
+
+UNRANKED = 1_000_000
+"""After every tag that is known: what uv takes and packaging does not know of (another implementation's wheels)."""
+
+PINNED = re.compile(r"(?m)^(?P<name>[\w.-]+)==(?P<version>\S+)(?P<hashes>(?: \\\n +--hash=sha256:[0-9a-f]{64})+)$")
+
+
+def read(pylock: Mapping[str, Any], interpreter: Interpreter, instant: str) -> Lock:
+    """Choose, for each package of a resolution that uv made for this interpreter, the file that uv would install.
+
+    The hashes of a pin are those of all wheels that fit this interpreter here, or of the sdist where none does.
+    """
+    return assembled((_pin(package, interpreter) for package in pylock.get("packages", ())), instant)
+
+
+def assembled(pins: Iterable[Pin], instant: str) -> Lock:
+    """Make the lock of some pins; without an upload time, a file cannot have been held to the cutoff."""
+    ordered = tuple(sorted(pins, key=lambda pin: pin.name))
+    text = "".join(_requirement(pin) for pin in ordered)
+    return Lock(
+        pins=ordered,
+        requirements=text,
+        sha256=hashlib.sha256(text.encode()).hexdigest(),
+        instant=instant,
+        escaped=tuple(pin.name for pin in ordered if pin.artifact.uploaded is None),
+    )
+
+
+def pinned(requirements: str) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Read a lock's own requirements: name to version and hashes. Raises BadInput for any other text."""
+    found = {match["name"]: (match["version"], _hashes(match["hashes"])) for match in PINNED.finditer(requirements)}
+    left = PINNED.sub("", requirements).strip()
+    if left:
+        message = f"not a lock of this harness: `{left.splitlines()[0]}` is no `name==version --hash=sha256:...`"
+        raise BadInput(message)
+    return found
+
+
+def restored(pylock: Mapping[str, Any], requirements: str, interpreter: Interpreter, instant: str) -> Lock:
+    """Find the files of a lock among those that a resolution offers. Raises CouldNotTell where one is not offered."""
+    kept = pinned(requirements)
+    packages = {str(canonicalize_name(package["name"])): package for package in pylock.get("packages", ())}
+    pins = [_kept(packages.get(name), name, *kept[name], interpreter) for name in kept]
+    return assembled(pins, instant)
+
+
+def to_install(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
+    """Write a pylock from which uv installs exactly these wheels (name, version, file) without asking an index."""
+    lines = ['lock-version = "1.0"', 'created-by = "simmatrix"']
+    for name, version, artifact in wheels:
+        place = "url" if "://" in artifact.source else "path"
+        entry = (
+            f"{{name = {json.dumps(artifact.filename)}, {place} = {json.dumps(artifact.source)}, "
+            f'hashes = {{sha256 = "{artifact.sha256}"}}}}'
+        )
+        lines += [
+            "[[packages]]",
+            f"name = {json.dumps(name)}",
+            f"version = {json.dumps(version)}",
+            f"wheels = [{entry}]",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+@cache
+def tags(interpreter: Interpreter) -> Mapping[Tag, int]:
+    """Wheel tags that the interpreter takes on this platform, best first, with their rank."""
+    version = tuple(int(part) for part in interpreter.minor.split("."))
+    name, _, build = interpreter.implementation.partition("+")
+    platforms = list(platform_tags())
+    own: Iterator[Tag] = iter(())
+    if name == "cpython":
+        abi = f"cp{version[0]}{version[1]}" + ("m" if version < (3, 8) else "t" * (build == "freethreaded"))
+        own = cpython_tags(version, [abi], platforms)
+    short = f"cp{version[0]}{version[1]}" if name == "cpython" else None
+    ordered = [*own, *compatible_tags(version, short, platforms)]
+    return {tag: rank for rank, tag in reversed(list(enumerate(ordered)))}
+
+
+def rank(filename: str, interpreter: Interpreter) -> tuple[int, tuple[int, str]]:
+    """Order wheels of one version as an installer does: the best tag first, of equals the higher build number."""
+    known = tags(interpreter)
+    _, _, build, wheel_tags = parse_wheel_filename(filename)
+    number, suffix = build or (0, "")
+    return min(known.get(tag, UNRANKED) for tag in wheel_tags), (-number, suffix)
+
+
+def _pin(package: Mapping[str, Any], interpreter: Interpreter) -> Pin:
+    name, version = canonicalize_name(str(package["name"])), str(package.get("version", ""))
+    offered = list(_offered(package))
+    wheels = sorted((one for one in offered if one.is_wheel), key=lambda one: rank(one.filename, interpreter))
+    taken = wheels or offered
+    if not taken or not version:
+        message = (
+            f"{name} comes from a folder or a repository, which no hash can pin; "
+            f"build a wheel of it and require that: '{name} @ file:///...whl'"
+        )
+        raise BadInput(message)
+    return Pin(name=name, version=version, artifact=taken[0], hashes=tuple(sorted({one.sha256 for one in taken})))
+
+
+def _kept(
+    package: Mapping[str, Any] | None, name: str, version: str, hashes: tuple[str, ...], interpreter: Interpreter
+) -> Pin:
+    offered = [one for one in _offered(package or {}) if one.sha256 in hashes]
+    if not offered:
+        message = f"no index or find-links place that was asked has {name} {version} with a hash of the lock; lock anew"
+        raise CouldNotTell(message)
+    offered.sort(key=lambda one: rank(one.filename, interpreter) if one.is_wheel else (UNRANKED + 1, (0, "")))
+    return Pin(name=name, version=version, artifact=offered[0], hashes=hashes)
+
+
+def _offered(package: Mapping[str, Any]) -> Iterator[Artifact]:
+    """All files that uv lists for a package: an archive is a requirement that named its own address."""
+    entries = [*package.get("wheels", ()), *(package[kind] for kind in ("sdist", "archive") if kind in package)]
+    for entry in entries:
+        source = str(entry.get("url") or entry.get("path"))
+        filename = str(entry.get("name") or unquote(PurePath(urlsplit(source).path).name))
+        sha256 = entry.get("hashes", {}).get("sha256")
+        if sha256 is None:
+            message = f"the index gives no SHA-256 of {filename}, so that it cannot be locked; use another index"
+            raise CouldNotTell(message)
+        yield Artifact(
+            filename=filename,
+            sha256=sha256,
+            source=source,
+            size=entry.get("size"),
+            uploaded=_instant(entry.get("upload-time")),
+        )
+
+
+def _instant(moment: Any) -> str | None:
+    return None if moment is None else moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _requirement(pin: Pin) -> str:
+    return " \\\n".join((f"{pin.name}=={pin.version}", *(f"    --hash=sha256:{one}" for one in pin.hashes))) + "\n"
+
+
+def _hashes(text: str) -> tuple[str, ...]:
+    return tuple(re.findall(r"sha256:([0-9a-f]{64})", text))

@@ -1,0 +1,272 @@
+"""Resolutions: a question and an interpreter in, a lock out, or the step that says why there is none.
+
+Two things uv does not do for us. Its cache of sdist metadata knows nothing of build constraints, build variables or
+the Python that built them, so a resolution that looked into an sdist is made again in a cache of its own. And torch
+is a GPU build unless it is asked otherwise: ours is a CPU build unless the question says otherwise.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from packaging.requirements import InvalidRequirement, Requirement
+from packaging.utils import canonicalize_name, parse_wheel_filename
+from packaging.version import Version
+
+from harness import locks, sources, uvcli, uvsays
+from harness.errors import CouldNotTell
+from harness.model import Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.store import cache_folder, digest
+
+TORCH = ("torch", "torchvision", "torchaudio")
+"""Packages whose CPU builds are releases of their own, with a local version (`+cpu`)."""
+
+NO_CPU_TORCH = (
+    "no CPU build of torch {version} for Python {python} can be reached: set UV_FIND_LINKS to a folder that holds one, "
+    "or ask for a GPU build with torch_backend"
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Asking:
+    """A question on its way: where it is worked on, and what stays of it (`folder`)."""
+
+    question: Question
+    interpreter: Interpreter
+    scratch: Path
+    folder: Path
+    offline: bool
+    options: tuple[str, ...] = ()
+
+    def narrowed(self, constraints: Iterable[str], options: tuple[str, ...] = ()) -> _Asking:
+        """The same with more constraints."""
+        question = replace(self.question, constraints=(*self.question.constraints, *constraints))
+        return replace(self, question=question, options=(*self.options, *options))
+
+
+def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:
+    """Answer a question for an interpreter: all packages, pinned and hashed, with the file that it takes of each.
+
+    `folder` (below the state folder) keeps uv's log and, of a lock, the `pylock.toml`. An index, a network or a disk
+    that fails is infra, never a verdict; a build that fails is a failed install. Raises BadInput for a requirement
+    that is none.
+    """
+    started = monotonic()
+    with uvcli.scratch() as scratch:
+        asking = _Asking(question=question, interpreter=interpreter, scratch=scratch, folder=folder, offline=offline)
+        answer = _answer(asking)
+        if isinstance(answer, Lock):
+            _keep(scratch / "pylock.toml", folder)
+            answer = _without_absent(answer, asking)
+    return answer if isinstance(answer, Lock) else replace(answer, seconds=monotonic() - started)
+
+
+def restore(
+    requirements: str, question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False
+) -> Lock | Step:
+    """Find the files of a committed lock in the indexes of today: the same versions, only files with its hashes.
+
+    Of the question, the index settings, builds and torch backend count. Raises BadInput for a text that is no lock.
+    """
+    pins = locks.pinned(requirements)
+    exact = replace(
+        question,
+        requirements=tuple(f"{name}=={version}" for name, (version, _) in pins.items()),
+        constraints=(),
+        overrides=(),
+        absent=(),
+        prerelease="allow",
+        snapshot=None,
+    )
+    with uvcli.scratch() as scratch:
+        asking = _Asking(
+            question=exact,
+            interpreter=interpreter,
+            scratch=scratch,
+            folder=folder,
+            offline=offline,
+            options=("--no-deps",),
+        )
+        answer = _answer(asking)
+        if isinstance(answer, Step):
+            return answer
+        _keep(scratch / "pylock.toml", folder)
+        try:
+            return locks.restored(_pylock(scratch), requirements, interpreter, question.snapshot or "")
+        except CouldNotTell as error:
+            return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error))
+
+
+def _answer(asking: _Asking) -> Lock | Step:
+    backend = asking.question.torch_backend
+    if backend not in {"cpu", "any"}:
+        return _attempt(replace(asking, options=(*asking.options, "--torch-backend", backend)))
+    answer = _attempt(asking)
+    if backend == "cpu" and isinstance(answer, Lock) and _is_gpu(answer) and not _gpu_asked(asking.question):
+        return _cpu_build(answer, asking)
+    return answer
+
+
+def _attempt(asking: _Asking) -> Lock | Step:
+    """Ask uv once; again, in a cache that belongs to the build inputs, where an sdist was looked into."""
+    said = _compile(asking, uvcli.shared_cache())
+    answer = _read(said, asking)
+    has_source = isinstance(answer, Lock) and not all(pin.artifact.is_wheel for pin in answer.pins)
+    in_doubt = isinstance(answer, Lock) or answer.outcome is not Outcome.INFRA
+    if has_source or (in_doubt and uvsays.met_source(said.text)):
+        answer = _read(_compile(asking, _build_cache(asking)), asking)
+    return answer
+
+
+def _compile(asking: _Asking, cache: Path) -> uvcli.Said:
+    question = asking.question
+    output = asking.scratch / "pylock.toml"
+    output.unlink(missing_ok=True)
+    call = uvcli.Call(
+        index=question.index,
+        folder=asking.scratch,
+        log=asking.scratch / "uv.log",
+        cache=cache,
+        offline=asking.offline,
+        variables=question.build_variables,
+    )
+    return uvcli.compile_lock(call, asking.interpreter, (*_options(asking), "--format", "pylock.toml"), output)
+
+
+def _options(asking: _Asking) -> Iterator[str]:
+    """The command line of a question, its lists written to files."""
+    question = asking.question
+    lists = {
+        "requirements.in": ("", question.requirements),
+        "constraints.txt": ("--constraints", question.constraints),
+        "overrides.txt": ("--overrides", question.overrides),
+        "build-constraints.txt": ("--build-constraints", question.build_constraints),
+    }
+    for name, (option, lines) in lists.items():
+        path = asking.scratch / name
+        path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        if lines or not option:
+            yield from (part for part in (option, str(path)) if part)
+    yield from (part for name in question.only_binary for part in ("--only-binary", name))
+    yield from ("--resolution", question.resolution, "--prerelease", question.prerelease)
+    if question.snapshot:
+        yield from ("--exclude-newer", question.snapshot)
+    yield from asking.options
+
+
+def _read(said: uvcli.Said, asking: _Asking) -> Lock | Step:
+    kept = uvcli.keep_log(said, asking.folder / "uv.log")
+    if said.trouble:
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=said.trouble, log=kept)
+    if not said.ok:
+        return replace(uvsays.failure(said.text, Phase.RESOLVE), log=kept)
+    try:
+        return locks.read(_pylock(asking.scratch), asking.interpreter, asking.question.snapshot or "")
+    except CouldNotTell as error:
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error), log=kept)
+
+
+def _pylock(folder: Path) -> dict[str, Any]:
+    return tomllib.loads((folder / "pylock.toml").read_text(encoding="utf-8"))
+
+
+def _keep(pylock: Path, folder: Path) -> None:
+    """Put uv's own file, with addresses, where users look for it; git ignores it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(pylock, folder / "pylock.toml")
+
+
+def _build_cache(asking: _Asking) -> Path:
+    """A cache for the metadata of sdists, one for each thing that they may depend on."""
+    question = asking.question
+    inputs = (question.build_constraints, question.build_variables, question.index, question.snapshot)
+    return cache_folder() / "uv-builds" / digest("metadata", asking.interpreter.identity, *inputs)
+
+
+# --- torch -----------------------------------------------------------------------------------------------------
+
+
+def _is_gpu(lock: Lock) -> bool:
+    version = lock.versions.get("torch")
+    return version is not None and not (Version(version).local or "").startswith("cpu")
+
+
+def _gpu_asked(question: Question) -> bool:
+    """Whether a requirement itself names a local version that is no CPU build (`torch==2.6.0+cu126`)."""
+    lines = (*question.requirements, *question.constraints, *question.overrides)
+    return any(re.match(r"torch\b[^#;]*==[^#;]*\+(?!cpu)\w", line) for line in lines)
+
+
+def _cpu_build(gpu: Lock, asking: _Asking) -> Lock | Step:
+    """Resolve anew with a CPU build: from a find-links folder, else from uv's backend, which is another index."""
+    for version in _found_builds(asking):
+        answer = _attempt(asking.narrowed([f"torch=={version}"]))
+        if isinstance(answer, Lock) or answer.outcome is not Outcome.FAILED:
+            return answer
+    chosen = {name: version for name, version in gpu.versions.items() if name in TORCH}
+    undated = (part for name in chosen for part in ("--exclude-newer-package", f"{name}=false"))
+    same = [f"{name}=={Version(version).public}" for name, version in chosen.items()]
+    answer = _attempt(asking.narrowed(same, ("--torch-backend", "cpu", *undated)))
+    if isinstance(answer, Lock) and not _is_gpu(answer):
+        return answer
+    decisive = NO_CPU_TORCH.format(version=Version(chosen["torch"]).public, python=asking.interpreter.minor)
+    return Step(phase=Phase.RESOLVE, outcome=Outcome.UNAVAILABLE, decisive=decisive)
+
+
+def _found_builds(asking: _Asking) -> list[Version]:
+    """CPU builds of torch that lie in find-links folders and fit the interpreter, newest first."""
+    known = locks.tags(asking.interpreter)
+    found = set()
+    for folder in map(Path, sources.combined(asking.question.index).find_links):
+        for path in folder.glob("torch-*+cpu*.whl"):
+            _, version, _, tags = parse_wheel_filename(path.name)
+            if any(tag in known for tag in tags):
+                found.add(version)
+    return sorted(found, reverse=True)
+
+
+# --- packages that are to be absent ----------------------------------------------------------------------------
+
+
+def _without_absent(lock: Lock, asking: _Asking) -> Lock | Step:
+    present = [name for name in map(canonicalize_name, asking.question.absent) if name in lock.versions]
+    if not present:
+        return lock
+    name = present[0]
+    askers = _askers(name, asking)
+    decisive = f"{name} is to be absent, but {askers} it"
+    return Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=decisive)
+
+
+def _askers(name: str, asking: _Asking) -> str:
+    """Say who requires a package, from the notes that uv writes behind the lines of a requirements file."""
+    if any(_name(line) == name for line in asking.question.requirements):
+        return "the requirements name"
+    output = asking.scratch / "requirements.txt"
+    call = uvcli.Call(
+        index=asking.question.index,
+        folder=asking.scratch,
+        log=asking.scratch / "askers.log",
+        cache=uvcli.shared_cache(),
+        offline=asking.offline,
+        variables=asking.question.build_variables,
+    )
+    uvcli.compile_lock(call, asking.interpreter, (*_options(asking), "--annotation-style", "line"), output)
+    text = output.read_text(encoding="utf-8") if output.exists() else ""
+    note = re.search(rf"(?m)^{re.escape(name)}==\S+\s+# via (.+)$", text)
+    by = [part.strip() for part in note[1].split(",")] if note else ["another package"]
+    return f"{' and '.join(by)} require{'s' if len(by) == 1 else ''}"
+
+
+def _name(line: str) -> str | None:
+    try:
+        return canonicalize_name(Requirement(line).name)
+    except InvalidRequirement:
+        return None

@@ -1,0 +1,154 @@
+"""The one place that knows how uv is called: its binary, its variables, its caches, its commands.
+
+uv sees the index settings of the user and of the matrix and nothing else of the user's: `UV_RESOLUTION`, a `uv.toml`
+or a `pyproject.toml` of the working folder would change what is resolved.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from harness import normalise, process, sources
+from harness.model import IndexSettings, Interpreter
+from harness.store import cache_folder, state_folder, write_atomic
+
+DEADLINE = 600.0
+"""Seconds for one call of uv; downloads of several GB included."""
+
+PASSED_ON = re.compile(
+    r"HOME|PATH|USER|LOGNAME|LANG|LC_\w+|TMPDIR|TZ|XDG_(?:CONFIG_HOME|CONFIG_DIRS|DATA_HOME|RUNTIME_DIR)|NETRC"
+    r"|(?:HTTPS?|ALL|NO)_PROXY|(?:https?|all|no)_proxy|SSL_(?:CERT_FILE|CERT_DIR|CLIENT_CERT)|DBUS_SESSION_BUS_ADDRESS"
+    r"|UV_(?:KEYRING_PROVIDER|INSECURE_HOST|NATIVE_TLS|SYSTEM_CERTS|HTTP_\w+|REQUEST_TIMEOUT|NO_NETRC|CREDENTIALS_DIR"
+    r"|CONCURRENT_\w+)"
+)
+"""The host's variables that uv keeps: places, logins, proxies, certificates. Everything else could change what a
+build that uv starts makes of a package."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Call:
+    """What surrounds a command of uv: where packages come from, which cache, which folder to work and log in."""
+
+    index: IndexSettings
+    folder: Path
+    log: Path
+    cache: Path
+    offline: bool = False
+    variables: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Said:
+    """How uv ended and what it printed. `trouble` is why it did not end by itself, if so."""
+
+    ok: bool
+    text: str
+    trouble: str | None = None
+
+
+def shared_cache() -> Path:
+    """uv's cache for everything that does not depend on a build."""
+    return cache_folder() / "uv"
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """An empty folder on the cache's own disk: uv reads settings from the folder it works in."""
+    parent = cache_folder() / "tmp"
+    parent.mkdir(exist_ok=True)
+    with TemporaryDirectory(dir=parent, ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
+
+
+def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
+    """Resolve for an interpreter; uv logs to its output when it looks into an sdist."""
+    no_index = ("--no-index",) if sources.combined(call.index).no_index else ()
+    options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
+    return _run(call, ("pip", "compile", *arguments, *options), {"RUST_LOG": "uv_distribution=debug"})
+
+
+def create(call: Call, path: Path, interpreter: Interpreter) -> Said:
+    """Make a virtual environment with nothing in it."""
+    return _run(call, ("venv", "--python", interpreter.path, "--no-project", str(path)))
+
+
+def install(call: Call, python: Path, pylock: Path, link_mode: str) -> Said:
+    """Install exactly the wheels of a pylock into an environment; no index is asked, nothing is built."""
+    options = ("--no-deps", "--no-build", "--no-index", "--preview-features", "pylock", "--link-mode", link_mode)
+    return _run(call, ("pip", "install", "--python", str(python), "-r", str(pylock), *options))
+
+
+def keep_log(said: Said, log: Path) -> str:
+    """Write what uv said without this machine's paths; returns the log's path below the state folder."""
+    write_atomic(log, normalise.normalise(said.text, places()).encode())
+    state = state_folder()
+    return log.relative_to(state).as_posix() if log.is_relative_to(state) else log.name
+
+
+def places() -> dict[str, str]:
+    """Folders of this machine and what evidence calls them."""
+    return {str(cache_folder()): "$CACHE", str(state_folder()): "$STATE", str(Path.home()): "$HOME"}
+
+
+def _run(call: Call, arguments: Iterable[str], more: Mapping[str, str] | None = None) -> Said:
+    common = ("--no-config", "--no-progress", "--color", "never", *(["--offline"] if call.offline else []))
+    completed = process.run(
+        process.Command(
+            argv=(_binary(), *arguments, *common),
+            cwd=call.folder,
+            env={**_environment(call), **(more or {})},
+            limits=process.Limits(seconds=DEADLINE),
+            log=call.log,
+            profile=process.Profile.HOST,
+        )
+    )
+    text = call.log.read_text(encoding="utf-8", errors="replace")
+    return Said(ok=completed.exit_code == 0, text=text, trouble=_trouble(completed))
+
+
+def _trouble(completed: process.Completed) -> str | None:
+    """uv itself ends with 0, 1 or 2."""
+    if completed.timed_out:
+        return f"uv did not end within {DEADLINE:g} s; the network may be slow: try again"
+    if completed.out_of_memory:
+        return "uv ran out of memory"
+    if completed.killed:
+        return f"uv was ended: {completed.killed}"
+    if completed.exit_code not in {0, 1, 2}:
+        return f"uv died (exit code {completed.exit_code}, signal {completed.signal})"
+    return None
+
+
+def _environment(call: Call) -> dict[str, str]:
+    asked = sources.combined(call.index)
+    variables = {name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}
+    given = {
+        "UV_DEFAULT_INDEX": asked.default,
+        "UV_INDEX": " ".join(asked.extra),
+        "UV_FIND_LINKS": ",".join(_existing(asked.find_links, call.index)),
+        "UV_INDEX_STRATEGY": asked.strategy,
+        "SSL_CERT_FILE": asked.certificates,
+        "ALL_PROXY": variables.get("ALL_PROXY") or asked.proxy,
+    }
+    variables |= {name: value for name, value in given.items() if value}
+    fixed = {"UV_CACHE_DIR": str(call.cache), "UV_PYTHON_DOWNLOADS": "never"}
+    return {**variables, **call.variables, **fixed}
+
+
+def _existing(links: Iterable[str], index: IndexSettings) -> Iterator[str]:
+    """uv stops at a folder that is absent, pip goes on: the user's own settings are read as pip reads them."""
+    return (link for link in links if "://" in link or link in index.find_links or Path(link).is_dir())
+
+
+@cache
+def _binary() -> str:
+    from uv import find_uv_bin  # noqa: PLC0415  (not needed by most commands)
+
+    return str(find_uv_bin())

@@ -1,0 +1,139 @@
+"""What a failure of uv means: the packages', this machine's or the user's. Written from messages that uv printed.
+
+Only uv's own words decide (its headline, causes and hints); what a build backend printed is quoted, and never taken
+for a trouble of the index.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from harness import normalise
+from harness.errors import BadInput
+from harness.model import Outcome, Phase, Step
+from harness.outcomes import MACHINE_TROUBLE
+
+TROUBLE = re.compile(
+    r"Failed to fetch|Request failed after|error sending request|dns error|operation timed out"
+    r"|lack of valid authentication|returned a 40[13]|network was disabled|Network connectivity is disabled"
+    r"|Hash mismatch|Failed to extract archive"
+    r"|No space left|Disk quota exceeded|Read-only file system|Permission denied|Too many open files"
+    r"|Cannot allocate memory|Could not acquire lock|Failed to inspect Python interpreter"
+)
+"""The index, the network, the disk or the cache: no verdict about packages. A file that is no archive, or not the one
+that was locked, is what a broken mirror or a login page serves."""
+
+BAD_INPUT = re.compile(
+    r"Couldn't parse requirement|Distribution not found at|Failed to read `--find-links`|Unsupported requirement"
+    r"|^(?:error: )?invalid value|Failed to parse: |does not appear to be a Python project"
+)
+BUILD = re.compile(
+    r"Failed to (?:download and )?build `?([^`\s]+)`?|build backend returned an error|Call to `.*` failed"
+)
+BUILD_OUTPUT = re.compile(r"^\[(?:stdout|stderr)\]$")
+METADATA = re.compile(r"has invalid metadata|could not be parsed|Failed to parse metadata")
+SOURCE_BUILD = re.compile(
+    r"source distribution|(?:Prepared|Preparing|cached) metadata for|static `PKG-INFO`", re.IGNORECASE
+)
+LEAD = re.compile(r"^\W*(?:error:|cause:)?\s*")
+DEBUG = re.compile(r"^(?:DEBUG|TRACE|INFO) ")
+WARNING = re.compile(r"^warning: ")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Words:
+    """A message of uv taken apart: its own words, and what the build backend that it called printed."""
+
+    own: tuple[str, ...]
+    backend: str
+
+    def __str__(self) -> str:
+        return "\n".join(self.own)
+
+
+def met_source(text: str) -> bool:
+    """Whether uv looked into an sdist (its log is on for `uv_distribution`), be it in the end chosen or not."""
+    return any(DEBUG.match(line) and SOURCE_BUILD.search(line) for line in text.splitlines())
+
+
+def failure(text: str, phase: Phase) -> Step:
+    """Tell whose failure it is; `phase` is what uv was asked to do. Raises BadInput for a requirement that is none.
+
+    Whatever is not known to be about packages is infra: it could not be told.
+    """
+    words = _words(text)
+    own = str(words)
+    if BAD_INPUT.search(own):
+        message = f"uv cannot use what it was given: {_plain(words)}; correct the requirement or setting"
+        raise BadInput(message)
+    if TROUBLE.search(own):
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=_trouble(words))
+    if BUILD.search(own):
+        return _build(words)
+    if METADATA.search(own):
+        return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=_metadata(words))
+    if "No solution found" in own:
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=normalise.decisive_line(own))
+    if phase is Phase.INSTALL and re.search(r"Failed to install|malformed|has no binary distribution", own):
+        return Step(phase=phase, outcome=Outcome.FAILED, decisive=_plain(words))
+    return Step(phase=phase, outcome=Outcome.INFRA, decisive=f"uv failed in a way that is not known: {_plain(words)}")
+
+
+def _words(text: str) -> _Words:
+    own: list[str] = []
+    backend: list[str] = []
+    printed_by_backend = False
+    for line in normalise.strip_ansi(text).splitlines():
+        bare = line.strip()
+        if DEBUG.match(line) or WARNING.match(line):
+            continue
+        if BUILD_OUTPUT.match(bare):
+            printed_by_backend = True
+        elif bare.startswith("hint: ") or line.startswith("error: "):
+            printed_by_backend = False
+        (backend if printed_by_backend else own).append(line)
+    return _Words(own=tuple(line for line in own if line.strip()), backend="\n".join(backend))
+
+
+def _build(words: _Words) -> Step:
+    """An sdist whose metadata could not be made, or whose build requirements have no solution."""
+    if "No solution found" in str(words):
+        package = BUILD.search(str(words))
+        named = f"{package[1]}: " if package and package[1] else ""
+        line: str | None = f"{named}no solution for its build requirements: {_last_cause(words)}"
+    else:
+        line = normalise.decisive_line(words.backend) if words.backend.strip() else _plain(words)
+    trouble = MACHINE_TROUBLE.search(f"{line}\n{words.backend}")
+    return Step(
+        phase=Phase.INSTALL,
+        outcome=Outcome.INFRA if trouble else Outcome.FAILED,
+        decisive=normalise.bounded(line or _plain(words)),
+    )
+
+
+def _metadata(words: _Words) -> str:
+    """uv puts the offending line into a hint of several lines."""
+    start = next((n for n, line in enumerate(words.own) if "could not be parsed" in line), 0)
+    lines = [re.sub(r"^hint: ", "", line.strip()) for line in words.own[start:]]
+    return normalise.bounded("\n".join(line for line in lines if line.strip("^ ~")))
+
+
+def _trouble(words: _Words) -> str:
+    """The last cause is the system's own word; a hint tells what the index answered."""
+    hints = [line for line in words.own if line.startswith("hint: ") and TROUBLE.search(line)]
+    if hints:
+        return normalise.bounded(hints[0].removeprefix("hint: "))
+    lines = [stripped for line in words.own if (stripped := LEAD.sub("", line).strip())]
+    return normalise.bounded(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
+
+
+def _last_cause(words: _Words) -> str:
+    causes = [LEAD.sub("", line).strip() for line in words.own if "Because" in line]
+    return causes[-1] if causes else _plain(words)
+
+
+def _plain(words: _Words) -> str:
+    """All of uv's own words but hints, in one line."""
+    lines = [LEAD.sub("", line).strip() for line in words.own if not line.startswith("hint: ")]
+    return normalise.bounded(": ".join(line.rstrip(":") for line in lines if line.strip("^ ~")) or "no word")
