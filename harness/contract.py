@@ -5,6 +5,7 @@ The document's keys are a contract: some may be added, none renamed. Paths are r
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -24,6 +25,27 @@ SEVERITY = (
     Verdict.WORKS,
 )
 """Worst first: what says something against the packages (the earlier it stops, the worse), then what says nothing."""
+
+UNTOLD = frozenset({Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE, Verdict.NOT_RUN})
+"""Verdicts that say nothing about the packages; nothing can be expected or unexpected about them."""
+
+SYMBOLS: Mapping[Verdict, str] = {
+    Verdict.WORKS: "✔",
+    Verdict.PARTIAL: "◐",
+    Verdict.BROKEN: "✘",
+    Verdict.IMPORT_FAILS: "⊗",
+    Verdict.UNINSTALLABLE: "⊘",
+    Verdict.UNRESOLVABLE: "∅",
+    Verdict.UNAVAILABLE: "◌",
+    Verdict.INCONCLUSIVE: "?",
+    Verdict.NOT_RUN: "-",
+}
+"""One column wide and distinct without colour."""
+
+
+def word(verdict: Verdict) -> str:
+    """A verdict as people read it: `import fails`."""
+    return verdict.replace("_", " ")
 
 
 class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -140,38 +162,39 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
-    """One cell on one machine as the list shows it; `versions` stand in the order of the sheet's columns."""
+    """One cell on one machine as the list shows it.
+
+    `versions` stand in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working
+    cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one.
+    """
 
     id: str
     label: str
     verdict: Verdict
-    symbol: str
-    word: str
     as_expected: bool | None
     phase: str
-    decisive: str
+    why: str
+    hidden_by: tuple[str, ...]
+    expected: str
     versions: tuple[str, ...]
-    unverified: tuple[str, ...]
     findings: int
     seconds: float
     machine: str
-    reused: bool
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Square:
-    """Where two axis values meet on one machine: the worst verdict, and how many of its cells have it."""
+    """Where two axis values meet on one machine: the worst verdict, and how many of the cells there have it."""
 
     machine: str
     verdict: Verdict
-    symbol: str
     count: int
     total: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pivot:
-    """The cells of a matrix over two of its axes. A square holds one entry per machine, none where no cell is."""
+    """The cells of a matrix over two of its axes; a square holds one entry per machine, none where no cell is."""
 
     down: str
     across: str
@@ -181,28 +204,40 @@ class Pivot:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Remark:
-    """The same finding in one or more cells."""
+class Explanation:
+    """Why cells are not green: those with the same reason together."""
 
-    check: str
-    level: str
+    verdict: Verdict
+    phase: str
+    decisive: str
+    hidden_by: tuple[str, ...]
+    expected: str
+    link: str
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Remark:
+    """The same text about one or more cells: a finding, or the reason why combinations were left out."""
+
+    about: str
     text: str
     cells: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sheet:
-    """Everything about one matrix: counts of verdicts, the pivot, the list, what needs explaining."""
+    """Everything about one matrix."""
 
     matrix: str
-    counts: tuple[tuple[Verdict, str, str, int], ...]
+    counts: tuple[tuple[Verdict, int], ...]
     pivot: Pivot | None
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
-    explained: tuple[CellEntry, ...]
-    remarks: tuple[Remark, ...]
-    dropped: tuple[DroppedEntry, ...]
-    locks: tuple[tuple[str, tuple[str, ...]], ...]
+    explanations: tuple[Explanation, ...]
+    findings: tuple[Remark, ...]
+    dropped: tuple[Remark, ...]
+    locks: tuple[Remark, ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -212,5 +247,4 @@ class Report:
     generated: str
     sheets: tuple[Sheet, ...]
     machines: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
-    legend: tuple[tuple[str, str], ...]
     stale: tuple[str, ...]

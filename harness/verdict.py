@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from harness.contract import SEVERITY
+from harness.contract import SEVERITY, UNTOLD
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -26,9 +26,6 @@ from harness.model import (
     Step,
     Verdict,
 )
-
-UNTOLD = frozenset({Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE, Verdict.NOT_RUN})
-"""Verdicts that say nothing about the packages; nothing can be expected or unexpected about them."""
 
 ONLY_IMPORT = "only the import was tried"
 

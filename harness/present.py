@@ -1,0 +1,185 @@
+"""A report as Markdown and on a terminal. Nothing is computed here: what is shown was grouped by `tables`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from harness.contract import SYMBOLS, UNTOLD, Pivot, Remark, Report, Row, Sheet, Square, word
+from harness.model import Verdict
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+    from rich.text import Text
+
+TEMPLATE = "report.md.j2"
+
+PIPED_WIDTH = 100
+"""Columns where the output is no terminal."""
+
+GREEN, YELLOW, RED, GREY = "green", "yellow", "red", "bright_black"
+INDENT = 2
+
+
+def markdown(report: Report, template: str) -> str:
+    """Fill the template (the text of `templates/report.md.j2`)."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
+
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
+    environment.filters |= {
+        "cell": _table_cell,
+        "codes": lambda labels: ", ".join(f"`{label}`" for label in labels),
+        "counts": _counts,
+        "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
+        "number": _number,
+        "rule": lambda columns, mark: " | ".join(mark for _ in columns),
+        "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
+        "square": _square,
+    }
+    return environment.from_string(template).render(report=report)
+
+
+def _counts(sheet: Sheet) -> str:
+    """`✔ 6 works, ✘ 2 broken; 3 combinations left out.`"""
+    counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
+    gone = sum(len(remark.cells) for remark in sheet.dropped)
+    return counts + (f"; {_number(gone, 'combination')} left out." if gone else ".")
+
+
+def _table_cell(text: str) -> str:
+    """Text that stays in one cell of a Markdown table."""
+    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+
+
+def _square(square: Sequence[Square]) -> str:
+    """`✘ 2/3`: the worst verdict per machine, and how many of how many cells have it where not all do."""
+    return "  ".join(
+        SYMBOLS[one.verdict] + (f" {one.count}/{one.total}" if one.count != one.total else "") for one in square
+    )
+
+
+# --- the terminal ----------------------------------------------------------------------------------------------
+
+
+def print_terminal(report: Report, console: Console | None = None) -> None:
+    """Print the whole report on the terminal (stdout unless another console is given), at its width."""
+    target = console or _console()
+    for sheet in report.sheets:
+        for part in _sheet(sheet, several=len(report.machines) > 1):
+            target.print(part)
+    for sentence in report.stale:
+        target.print(_styled((f"out of date: {sentence}", YELLOW)))
+    for machine, facts in report.machines:
+        told = ", ".join(f"{name} {fact}" for name, fact in facts)
+        target.print(_styled((f"measured on {machine}" + (f": {told}" if told else ""), GREY)))
+
+
+def _console() -> Console:
+    import sys  # noqa: PLC0415 - start-up
+
+    from rich.console import Console  # noqa: PLC0415 - start-up
+
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+
+
+def _sheet(sheet: Sheet, *, several: bool) -> Iterable[RenderableType]:
+    yield _heading(sheet)
+    yield ""
+    if sheet.pivot:
+        yield _pivot_table(sheet.pivot)
+        yield ""
+    yield _list(sheet, several=several)
+    yield ""
+    if sheet.findings:
+        yield from _remarks("findings, which stop no user's loop", sheet.findings)
+    if sheet.dropped:
+        yield from _remarks("left out", sheet.dropped)
+
+
+def _heading(sheet: Sheet) -> Text:
+    parts: list[tuple[str, str]] = [(sheet.matrix, "bold"), (f"  {_number(len(sheet.rows), 'cell')}", "")]
+    for verdict, count in sheet.counts:
+        parts += [("   ", ""), (f"{SYMBOLS[verdict]} {count} {word(verdict)}", _colour(verdict))]
+    return _styled(*parts)
+
+
+def _pivot_table(pivot: Pivot) -> RenderableType:
+    from rich import box  # noqa: PLC0415 - start-up
+    from rich.padding import Padding  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold")
+    table.add_column(f"{pivot.down} \\ {pivot.across}", no_wrap=True)
+    for column in pivot.columns:
+        table.add_column(column, justify="center")
+    for name, squares in zip(pivot.rows, pivot.squares, strict=True):
+        table.add_row(_styled((name, "bold")), *map(_square_text, squares))
+    return Padding(table, (0, 0, 0, INDENT))
+
+
+def _square_text(square: Sequence[Square]) -> Text:
+    parts = [(_square([one]), _colour(one.verdict)) for one in square]
+    return _styled(*(piece for part in parts for piece in (part, ("  ", ""))))
+
+
+def _list(sheet: Sheet, *, several: bool) -> RenderableType:
+    """Every cell: its verdict, its name, what was installed, and the line that says why."""
+    from rich.table import Table  # noqa: PLC0415 - start-up
+
+    table = Table.grid(padding=(0, 2), expand=True)
+    table.add_column(no_wrap=True)
+    table.add_column(ratio=1, overflow="fold")
+    table.add_column(justify="right", no_wrap=True)
+    for row in sheet.rows:
+        table.add_row(_verdict(row), _details(sheet, row, several), _measured(row))
+    return table
+
+
+def _verdict(row: Row) -> Text:
+    phase = f"\n  in {row.phase}" if row.phase else ""
+    return _styled((f"{SYMBOLS[row.verdict]} {word(row.verdict)}", f"bold {_colour(row.verdict)}"), (phase, GREY))
+
+
+def _details(sheet: Sheet, row: Row, several: bool) -> Text:
+    versions = ", ".join(f"{name} {version}" for name, version in zip(sheet.columns, row.versions, strict=True))
+    parts = [(row.label, ""), (f"\n{versions}" + (f", on {row.machine}" if several else ""), GREY)]
+    if row.why:
+        parts.append((f"\n{row.why}", "" if row.verdict is Verdict.WORKS else _colour(row.verdict)))
+    parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]
+    if row.expected:
+        parts.append((f"\n{row.expected}", "bold" if row.as_expected is False else GREY))
+    return _styled(*parts)
+
+
+def _measured(row: Row) -> Text:
+    findings = f"\n{_number(row.findings, 'finding')}" if row.findings else ""
+    return _styled((f"{row.seconds:.1f} s" if row.verdict is not Verdict.NOT_RUN else "", ""), (findings, GREY))
+
+
+def _remarks(title: str, remarks: Iterable[Remark]) -> Iterable[RenderableType]:
+    from rich.padding import Padding  # noqa: PLC0415 - start-up
+
+    yield _styled((title, "bold"))
+    for remark in remarks:
+        about = f" ({remark.about})" if remark.about else ""
+        where = remark.cells[0] if len(remark.cells) == 1 else _number(len(remark.cells), "cell")
+        yield Padding(_styled((remark.text, ""), (f"{about}: {where}", GREY)), (0, 0, 0, INDENT))
+    yield ""
+
+
+def _styled(*parts: tuple[str, str]) -> Text:
+    from rich.text import Text  # noqa: PLC0415 - start-up
+
+    return Text.assemble(*parts, overflow="fold")
+
+
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _colour(verdict: Verdict) -> str:
+    if verdict is Verdict.WORKS:
+        return GREEN
+    if verdict in UNTOLD:
+        return GREY
+    return YELLOW if verdict is Verdict.PARTIAL else RED

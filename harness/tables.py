@@ -1,0 +1,218 @@
+"""Regroups the report document into tables: plain data, ready to be presented in any form."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from harness.contract import (
+    SEVERITY,
+    CellEntry,
+    Document,
+    Explanation,
+    MatrixEntry,
+    Pivot,
+    Remark,
+    Report,
+    Row,
+    Sheet,
+    Square,
+    word,
+)
+from harness.errors import BadInput
+from harness.model import Verdict
+
+NOTHING = "-"
+
+
+def report(document: Document, pivot: tuple[str, str] | None = None) -> Report:
+    """Everything that a presentation shows; `pivot` names the axes of the small table, down and across."""
+    matrices = {name: document.matrices.get(name) or _guessed(document.cells, name) for name in _names(document)}
+    if pivot and not any(set(pivot) <= set(matrix.axes) for matrix in matrices.values()):
+        known = sorted({axis for matrix in matrices.values() for axis in matrix.axes})
+        message = f"--pivot {' '.join(pivot)}: takes two axes of one matrix; known here: {', '.join(known) or 'none'}"
+        raise BadInput(message)
+    return Report(
+        generated=document.generated,
+        sheets=tuple(_sheet(document, name, matrix, pivot) for name, matrix in matrices.items()),
+        machines=tuple((name, _facts(facts)) for name, facts in sorted(document.machines.items())),
+        stale=document.stale,
+    )
+
+
+def _names(document: Document) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*document.matrices, *(cell.matrix for cell in document.cells))))
+
+
+def _guessed(cells: Iterable[CellEntry], name: str) -> MatrixEntry:
+    """The axes of a matrix that the document does not describe: those of its cells."""
+    return MatrixEntry(axes=tuple(dict.fromkeys(axis for cell in cells if cell.matrix == name for axis in cell.axes)))
+
+
+def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str, str] | None) -> Sheet:
+    cells = [cell for cell in document.cells if cell.matrix == name]
+    columns = tuple(dict.fromkeys((*matrix.axes, *matrix.shown)))
+    counts = Counter(cell.verdict for cell in cells)
+    chosen = pivot if pivot and set(pivot) <= set(matrix.axes) else _default_axes(matrix.axes, cells)
+    dropped = [(gone.reason, "", gone.id) for gone in document.dropped if gone.id.partition("/")[0] == name]
+    found = [
+        (finding.text, f"{finding.check}, {finding.level}", cell.id) for cell in cells for finding in cell.findings
+    ]
+    locks = [(cell.lock, "", cell.id) for cell in cells if cell.lock]
+    return Sheet(
+        matrix=name,
+        counts=tuple((verdict, counts[verdict]) for verdict in reversed(SEVERITY) if counts[verdict]),
+        pivot=_pivot(cells, chosen) if chosen else None,
+        columns=columns,
+        rows=tuple(_row(cell, columns) for cell in cells),
+        explanations=_explanations(cells),
+        findings=_grouped(found),
+        dropped=_grouped(dropped),
+        locks=_grouped(locks),
+    )
+
+
+def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
+    return Row(
+        id=cell.id,
+        label=_label(cell.id),
+        verdict=cell.verdict,
+        as_expected=cell.as_expected,
+        phase=_phase(cell),
+        why=_why(cell),
+        hidden_by=_hidden_by(cell),
+        expected="" if _plain(cell) else _expected(cell),
+        versions=tuple(_version(cell, column) for column in columns),
+        findings=len(cell.findings),
+        seconds=cell.seconds,
+        machine=cell.machine or NOTHING,
+    )
+
+
+def _label(cell_id: str) -> str:
+    return cell_id.partition("/")[2] or cell_id
+
+
+def _version(cell: CellEntry, column: str) -> str:
+    """What is installed, else what was asked for."""
+    if column == "python":
+        return cell.python or cell.requested_python
+    asked = cell.axes.get(column, cell.environment.get(column, NOTHING))
+    return (cell.installed or {}).get(column, asked)
+
+
+def _phase(cell: CellEntry) -> str:
+    """Where it failed; what is not to be had here failed nowhere."""
+    return "" if cell.verdict is Verdict.UNAVAILABLE else cell.phase or ""
+
+
+def _why(cell: CellEntry) -> str:
+    """The decisive line, with the environment it came from where there are others; or what could not be shown."""
+    if cell.unverified:
+        reasons = dict.fromkeys(case.decisive for case in cell.cases if case.decisive)
+        return f"not verified: {', '.join(cell.unverified)}" + (f" ({'; '.join(reasons)})" if reasons else "")
+    hit = [case for case in cell.cases if case.decisive and case.decisive == cell.decisive]
+    if hit and len(hit) < len(cell.cases):
+        return f"{', '.join(case.env or case.case for case in hit)}: {cell.decisive}"
+    return cell.decisive or ""
+
+
+# --- the pivot -------------------------------------------------------------------------------------------------
+
+
+def _default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, str] | None:
+    """The first two axes that vary, else one that does and any other; None where there is nothing to compare."""
+    varying = [axis for axis in axes if len({cell.axes.get(axis) for cell in cells}) > 1]
+    if len(axes) < 2 or not varying:
+        return None
+    down = varying[0]
+    return down, (varying[1:] or [axis for axis in axes if axis != down])[0]
+
+
+def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str]) -> Pivot:
+    down, across = axes
+    rows = tuple(dict.fromkeys(cell.axes.get(down, NOTHING) for cell in cells))
+    columns = tuple(dict.fromkeys(cell.axes.get(across, NOTHING) for cell in cells))
+    met: dict[tuple[str, str], list[CellEntry]] = {}
+    for cell in cells:
+        met.setdefault((cell.axes.get(down, NOTHING), cell.axes.get(across, NOTHING)), []).append(cell)
+    squares = tuple(tuple(_square(met.get((row, column), ())) for column in columns) for row in rows)
+    return Pivot(down=down, across=across, rows=rows, columns=columns, squares=squares)
+
+
+def _square(cells: Sequence[CellEntry]) -> tuple[Square, ...]:
+    by_machine: dict[str, list[Verdict]] = {}
+    for cell in cells:
+        by_machine.setdefault(cell.machine or NOTHING, []).append(cell.verdict)
+    return tuple(_worst(machine, verdicts) for machine, verdicts in sorted(by_machine.items()))
+
+
+def _worst(machine: str, verdicts: Sequence[Verdict]) -> Square:
+    worst = min(verdicts, key=SEVERITY.index)
+    return Square(machine=machine, verdict=worst, count=verdicts.count(worst), total=len(verdicts))
+
+
+# --- what needs words ------------------------------------------------------------------------------------------
+
+
+def _plain(cell: CellEntry) -> bool:
+    """Whether a cell needs no explanation: it is green or was not run, and nobody expected otherwise."""
+    return cell.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and cell.as_expected is not False
+
+
+def _explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
+    """One per reason, for every cell that needs one."""
+    groups: dict[tuple[Any, ...], list[str]] = {}
+    for cell in cells:
+        if not _plain(cell):
+            link = cell.expectation.link or "" if cell.expectation else ""
+            why = _phase(cell), cell.decisive or "", _hidden_by(cell), _expected(cell), link
+            groups.setdefault((cell.verdict, *why), []).append(_label(cell.id))
+    return tuple(
+        Explanation(
+            verdict=verdict,
+            phase=phase,
+            decisive=decisive,
+            hidden_by=hidden,
+            expected=expected,
+            link=link,
+            cells=tuple(labels),
+        )
+        for (verdict, phase, decisive, hidden, expected, link), labels in groups.items()
+    )
+
+
+def _hidden_by(cell: CellEntry) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(f"{mask} ({check})" for case in cell.cases for check, mask in case.masked.items()))
+
+
+def _expected(cell: CellEntry) -> str:
+    """The expectation in a sentence, with its reason."""
+    expect = cell.expectation
+    if cell.as_expected is None:
+        return ""
+    if expect is None:
+        return "as expected" if cell.as_expected else "not expected"
+    if cell.as_expected:
+        return f"as expected: {expect.reason}"
+    where = f" in {expect.phase}" if expect.phase else ""
+    match = f" with a line like {expect.match!r}" if expect.match else ""
+    return f"not as expected, which was {word(expect.verdict)}{where}{match}: {expect.reason}"
+
+
+def _grouped(said: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
+    """(text, what it is about, cell id), equal ones together, those of most cells first."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for text, about, cell_id in said:
+        groups.setdefault((about, text), []).append(_label(cell_id))
+    remarks = [Remark(about=about, text=text, cells=tuple(dict.fromkeys(ids))) for (about, text), ids in groups.items()]
+    return tuple(sorted(remarks, key=lambda remark: -len(remark.cells)))
+
+
+def _facts(facts: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Facts of a machine as words; what it does not have is left out."""
+    told = {
+        name: ", ".join(map(str, fact)) if isinstance(fact, (list, tuple)) else fact for name, fact in facts.items()
+    }
+    return tuple((name.replace("_", " "), str(fact)) for name, fact in sorted(told.items()) if fact not in (None, ""))
