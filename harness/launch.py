@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,8 +14,8 @@ from time import monotonic
 
 import msgspec
 
-from harness import process, wire
-from harness.model import Case, ProbeReply, ProbeRequest, WorkerRecord
+from harness import outcomes, process, wire
+from harness.model import Case, Phase, ProbeReply, ProbeRequest
 
 INCELL = Path(__file__).parent / "incell"
 POLL_SECONDS = 0.05
@@ -38,22 +39,41 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeRun:
-    """What came of one probe process. `overran` is the check whose limit ended it; files lie below `scratch`."""
+    """What came of one probe process. `overran` is the check whose limit ended it, `replies` the folder it wrote to."""
 
     reply: ProbeReply
     completed: process.Completed
-    workers: tuple[WorkerRecord, ...]
     overran: str | None
     stacks: str
-    scratch: Path
+    replies: Path
+    memory_mb: int
+
+    def ending(self, limits: Mapping[str, float]) -> outcomes.Ending:
+        """What the end of the process says about the check that was running then."""
+        done = self.completed
+        overran = limits.get(self.overran or "", STARTUP_SECONDS) if self.overran or done.timed_out else None
+        trouble = f"needs more than the {self.memory_mb} MB of memory that a probe may use here"
+        return outcomes.Ending(
+            exit_code=done.exit_code,
+            signal=done.signal,
+            overran=overran,
+            trouble=trouble if done.out_of_memory else None if overran is not None else done.killed,
+            stacks=self.stacks,
+        )
+
+    def last_words(self) -> str:
+        """The last line that the process printed, or how it ended."""
+        lines = _text(self.completed.log).strip().splitlines()
+        return lines[-1] if lines else f"exit code {self.completed.exit_code}, signal {self.completed.signal}"
 
 
 @contextmanager
-def probe(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> Iterator[ProbeRun]:
+def probe(site: Site, case: Case, limits: Mapping[str, float]) -> Iterator[ProbeRun]:
     """Run the checks named in `limits` (in their order, each with its seconds) in one process of the cell.
 
-    The scratch folder holds HOME and the reply and is removed at the end.
+    HOME and the reply are below a folder that goes with the block; its path is short, as sockets below it need.
     """
+    scratch = Path(tempfile.mkdtemp(prefix="simmatrix-"))
     try:
         yield _run(site, case, limits, scratch)
     finally:
@@ -79,22 +99,21 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         profile=process.Profile.CELL,
         home=home,
         sealed=(site.folder,),
-        writable=(site.pycache,),
     )
     completed, overran = _watch(command, replies / "reply.jsonl", limits)
     return ProbeRun(
-        reply=wire.read_reply(_lines(replies / "reply.jsonl")),
+        reply=wire.read_reply(
+            _lines(replies / "reply.jsonl"), {path.name: path.read_bytes() for path in sorted(replies.glob("worker-*"))}
+        ),
         completed=completed,
-        workers=wire.read_workers({path.name: path.read_bytes() for path in sorted(replies.glob("worker-*"))}),
         overran=overran,
         stacks=_text(replies / "stacks.txt"),
-        scratch=scratch,
+        replies=replies,
+        memory_mb=site.memory_mb,
     )
 
 
-def _watch(
-    command: process.Command, reply: Path, limits: Mapping[str, float]
-) -> tuple[process.Completed, str | None]:
+def _watch(command: process.Command, reply: Path, limits: Mapping[str, float]) -> tuple[process.Completed, str | None]:
     """Wait for the end, ending the probe when one check takes longer than its own limit."""
     follower = _Follower(reply)
     with process.start(command) as running:
@@ -158,9 +177,9 @@ def _text(path: Path, limit: int = 200_000) -> str:
 
 
 @cache
-def probe_hash(api: str, phases: tuple[str, ...]) -> str:
-    """A hash of exactly the in-cell files that a probe of these phases loads: part of a result's key."""
-    names = wire.closure(api, phases, lambda name: (INCELL / name).read_text())
+def probe_hash(api: str, phase: Phase) -> str:
+    """A hash of exactly the in-cell files that a probe of this phase loads: part of a result's key."""
+    names = wire.closure(api, (phase,), lambda name: (INCELL / name).read_text())
     combined = hashlib.sha256()
     for name in names:
         combined.update(name.encode() + b"\0" + (INCELL / name).read_bytes() + b"\0")

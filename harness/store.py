@@ -1,7 +1,8 @@
 """Where results, locks and evidence live: plain JSON files, written atomically, found again by content.
 
-`results/` holds one phase of one case on one machine per file, `locks/` one answer per question, `steps/` failed
-resolutions and installs, `cells/` the last record of each cell on each machine, `evidence/` logs and frames.
+`results/` holds one phase of one case on one machine per file, `locks/` and `steps/` the answer to each question,
+`installed/` what became of each lock's install, `cells/` the last record of each cell on each machine, `evidence/`
+logs and frames.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -42,6 +44,11 @@ def ignored_by_git(folder: Path) -> Path:
     return folder
 
 
+def now() -> str:
+    """This instant, as records write it."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
 def write_atomic(path: Path, content: bytes) -> None:
     """Write the whole file or nothing."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -66,6 +73,16 @@ def question_key(question: Question, interpreter: Interpreter) -> str:
     return digest("lock", question, interpreter.implementation, interpreter.version, os.uname().machine)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Installed:
+    """What an install came to: the environment's key and the versions found inside, or the step that failed."""
+
+    key: str | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    failed: Step | None = None
+
+
 @dataclass(frozen=True)
 class Store:
     """All that was measured, below one folder."""
@@ -79,7 +96,7 @@ class Store:
     def save_lock(self, key: str, answer: Lock | Step) -> None:
         """Keep a lock or a failed resolution; its pinned form lies beside it for people."""
         if isinstance(answer, Step):
-            self.save_step(key, answer)
+            self._save("steps", key, answer)
             return
         self._save("locks", key, answer)
         write_atomic(self.lock_file(answer), answer.requirements.encode())
@@ -88,13 +105,20 @@ class Store:
         """The hash-pinned requirements of a lock; identical resolutions are one file."""
         return self.folder / "locks" / f"{lock.sha256[:16]}.txt"
 
-    def load_step(self, key: str) -> Step | None:
-        """A failed resolution or install."""
-        return self._load("steps", key, Step)
+    def load_installed(self, key: str) -> Installed | None:
+        """What the install of a lock came to."""
+        return self._load("installed", key, Installed)
 
-    def save_step(self, key: str, step: Step) -> None:
-        """Keep a failed resolution or install, so that it is not tried again."""
-        self._save("steps", key, step)
+    def save_installed(self, key: str, installed: Installed) -> None:
+        """Keep what an install came to, good or bad."""
+        self._save("installed", key, installed)
+
+    def instant(self, name: str, renew: bool = False) -> str:
+        """The cutoff of a matrix without a snapshot: the instant of its first lock, kept until renewed."""
+        path = self.folder / "instants" / name
+        if renew or not path.exists():
+            write_atomic(path, now().encode())
+        return path.read_text()
 
     def load_phase(self, key: str) -> PhaseRecord | None:
         """One phase of one case, if it was measured here under the same key."""
@@ -132,12 +156,6 @@ class Store:
     def relative(self, path: Path) -> str:
         """A path as records name it: below the state folder, never a machine's own."""
         return path.relative_to(self.folder).as_posix()
-
-    def scratch(self) -> Path:
-        """A new empty folder for one probe, removed by its owner."""
-        parent = self.folder / "tmp"
-        parent.mkdir(exist_ok=True)
-        return Path(tempfile.mkdtemp(dir=parent))
 
     def _path(self, kind: str, key: str) -> Path:
         return self.folder / kind / key[:2] / f"{key[2:]}.json"

@@ -1,0 +1,96 @@
+"""From the name of a matrix to its plan: the file, its expansion, the instant that its locks are made as of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+
+from harness import expansion, index, interpreters, matrixfile, plan
+from harness.errors import BadInput, CouldNotTell
+from harness.matrix import Expansion, Matrix
+from harness.model import Plan, Question
+from harness.store import Store, now, write_atomic
+
+PACKAGE = Path(__file__).parent
+
+
+def built_in() -> dict[str, Path]:
+    """The matrices that come with the harness: beside the package in a checkout, inside it in a wheel."""
+    folders = (PACKAGE / "matrices", PACKAGE.parent / "matrices")
+    folder = next((folder for folder in folders if folder.is_dir()), folders[0])
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load(name: str, store: Store, say: Callable[[str], None], *, offline: bool = False, renew: bool = False) -> Plan:
+    """Plan a matrix; a range that was never expanded (or is to be renewed) is expanded from the index and kept."""
+    path = _locate(name)
+    matrix = matrixfile.read(_text(path), str(path))
+    expanded = _expansion(matrix, path, say, offline=offline, renew=renew) if matrix.ranges else None
+    sources = {source: _text(path.parent / source) for source in matrixfile.sources(matrix)}
+    planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources)
+    if all(cell.question.snapshot for cell in planned.cells):
+        return planned
+    return _dated(planned, store.instant(matrix.name, renew=renew))
+
+
+def _locate(name: str) -> Path:
+    path = Path(name)
+    if path.suffix == ".toml":
+        return path
+    known = built_in()
+    if name in known:
+        return known[name]
+    near = get_close_matches(name, known, n=1)
+    hint = f'did you mean "{near[0]}"?' if near else f"the built-in ones are: {', '.join(known) or 'none'}"
+    message = f"{name}: not a matrix file (NAME.toml) and not a built-in matrix; {hint}"
+    raise BadInput(message)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        message = f"{path}: cannot be read: {error.strerror}"
+        raise BadInput(message) from None
+    except UnicodeDecodeError:
+        message = f"{path}: is not UTF-8 text"
+        raise BadInput(message) from None
+
+
+def _expansion(matrix: Matrix, path: Path, say: Callable[[str], None], *, offline: bool, renew: bool) -> Expansion:
+    file = path.with_suffix(".expanded.json")
+    if file.exists() and not renew:
+        return expansion.read(_text(file), str(file))
+    if offline:
+        message = (
+            f"{path}: its ranges were never expanded and the index is not to be asked; run `simmatrix lock {path}`"
+        )
+        raise CouldNotTell(message)
+    instant = str(matrix.snapshot or now())
+    settings = plan.index_settings(matrix)
+    releases = {
+        name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
+        for name in matrix.ranges
+    }
+    made = expansion.expand(matrix, releases, instant)
+    write_atomic(file, expansion.text_of(made).encode())
+    say(f"expanded {', '.join(matrix.ranges)} as of {instant} into {file}; commit it beside the matrix")
+    return made
+
+
+def _host() -> str:
+    found = interpreters.find("host")
+    if found is None:
+        message = "the Python that runs this cannot be found on disk"
+        raise CouldNotTell(message)
+    return found.version
+
+
+def _dated(planned: Plan, instant: str) -> Plan:
+    """The plan with the instant in every question; equal questions stay one object."""
+    dated: dict[int, Question] = {}
+    for cell in planned.cells:
+        dated.setdefault(id(cell.question), replace(cell.question, snapshot=instant))
+    return replace(planned, cells=tuple(replace(cell, question=dated[id(cell.question)]) for cell in planned.cells))

@@ -1,0 +1,265 @@
+"""One cell through its probes, given an environment: whoever owns the environment, the cell runs the same way.
+
+One process serves a case's phases; after a death the rest goes on in a fresh one. Phases measured before under the
+same key are not run again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from harness import frames, launch, outcomes
+from harness.model import (
+    CASE_PHASES,
+    FAILING,
+    Case,
+    CaseRecord,
+    CheckRecord,
+    CheckReply,
+    Finding,
+    Level,
+    Outcome,
+    Phase,
+    PhaseRecord,
+)
+from harness.store import Store, digest, now, write_atomic
+from harness.verdict import worst
+
+DEFAULT_SECONDS = 120.0
+MEASURED_AGAIN = frozenset({Outcome.INFRA, Outcome.UNAVAILABLE, Outcome.TIMED_OUT, Outcome.NOT_REACHED})
+"""Outcomes that another run may change: never reused."""
+
+RUNS_TO_CONFIRM = 3
+LOOP, REPEAT, ACROSS = "single.loop", "single.repeat", "single.repeat.process"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Context:
+    """What the cases of one cell share.
+
+    `site` makes the environment when a probe really has to run. `identity` is all that a result's key holds besides
+    case, phase and probe: environment key, variables, sandbox mode, machine. `clean` takes this machine's paths out
+    of evidence.
+    """
+
+    store: Store
+    site: Callable[[], launch.Site]
+    identity: tuple[object, ...]
+    capabilities: frozenset[str]
+    clean: Callable[[str], str]
+    until: Phase = Phase.RENDER
+    fresh: bool = False
+    verify: bool = False
+    notify: Callable[[str], None] = lambda _: None
+
+
+def run_case(context: Context, case: Case) -> CaseRecord:
+    """Bring every phase of a case to an outcome, from stored results where they exist."""
+    wanted = _wanted(case, context.until)
+    known = {} if context.fresh else _stored(context, case, wanted)
+    seen = {phase: record.outcome for phase, record in known.items()}
+    missing = {phase: wanted[phase] for phase in wanted if phase not in known and outcomes.reachable(phase, seen)}
+    if missing:
+        measured = _Measurement(context, case).phases(missing)
+        for phase, record in measured.items():
+            if record.outcome not in MEASURED_AGAIN:
+                context.store.save_phase(_key(context, case, phase, wanted[phase]), record)
+        known |= measured
+    return _record(case, [known.get(phase) or _absent(phase, phase in wanted) for phase in CASE_PHASES])
+
+
+def not_reached(case: Case) -> CaseRecord:
+    """The record of a case whose environment never came to be."""
+    return _record(case, [_absent(phase, phase in _wanted(case, Phase.RENDER)) for phase in CASE_PHASES])
+
+
+def _record(case: Case, phases: Iterable[PhaseRecord]) -> CaseRecord:
+    return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=tuple(phases))
+
+
+def _wanted(case: Case, until: Phase) -> dict[Phase, tuple[str, ...]]:
+    order = list(Phase)
+    phases = [phase for phase in CASE_PHASES if order.index(phase) <= order.index(until)]
+    checks = {phase: tuple(check for check in case.checks if outcomes.phase_of(check) is phase) for phase in phases}
+    return {phase: names for phase, names in checks.items() if names}
+
+
+def _absent(phase: Phase, asked: bool) -> PhaseRecord:
+    return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
+
+
+def _key(context: Context, case: Case, phase: Phase, checks: tuple[str, ...]) -> str:
+    limits = {check: _limit(case, check) for check in checks}
+    asked = (case.env, case.api, case.kwargs, case.imports, case.steps, case.seed, limits)
+    return digest("phase", context.identity, asked, phase, launch.probe_hash(case.api, phase))
+
+
+def _stored(context: Context, case: Case, wanted: Mapping[Phase, tuple[str, ...]]) -> dict[Phase, PhaseRecord]:
+    found = {phase: context.store.load_phase(_key(context, case, phase, checks)) for phase, checks in wanted.items()}
+    return {phase: replace(record, reused=True) for phase, record in found.items() if record}
+
+
+def _limit(case: Case, check: str) -> float:
+    return case.timeouts.get(outcomes.phase_of(check), DEFAULT_SECONDS)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Ended:
+    """One check that ended, in whatever way, and what the run that showed it left behind."""
+
+    record: CheckRecord
+    attempts: int
+    frames: tuple[str, ...] = ()
+    evidence: str
+
+
+@dataclass(slots=True)
+class _Measurement:
+    """The checks of one case while they are being run."""
+
+    context: Context
+    case: Case
+    ended: dict[str, _Ended] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    overran: set[str] = field(default_factory=set)
+    runs: int = 0
+
+    def phases(self, wanted: Mapping[Phase, tuple[str, ...]]) -> dict[Phase, PhaseRecord]:
+        """Run the checks of these phases and return what each phase came to."""
+        checks = [check for names in wanted.values() for check in names]
+        while pending := self._pending(checks):
+            batch = pending[:1] if self.context.verify else pending
+            self.ended |= self._run({check: self._seconds(check) for check in batch})
+        if self.context.verify:
+            self._confirm()
+        if LOOP in self.ended and self.ended[LOOP].record.outcome is Outcome.PASSED:
+            self._compare_processes(self.ended[LOOP].record)
+        return {phase: self._phase(phase, names) for phase, names in wanted.items() if names[0] in self.ended}
+
+    def _pending(self, checks: Iterable[str]) -> list[str]:
+        known: dict[Phase, Outcome] = {}
+        for check, ended in self.ended.items():
+            phase = outcomes.phase_of(check)
+            known[phase] = worst((ended.record.outcome, known.get(phase, Outcome.PASSED)))
+        return [c for c in checks if c not in self.ended and outcomes.reachable(outcomes.phase_of(c), known)]
+
+    def _seconds(self, check: str) -> float:
+        return _limit(self.case, check) * (2 if check in self.overran else 1)
+
+    def _run(self, limits: Mapping[str, float]) -> dict[str, _Ended]:
+        """Run checks in one process; those that were not started, or get a second try, are not in the answer."""
+        for check in limits:
+            self.context.notify(check)
+        self.runs += 1
+        name = digest(self.context.identity, self.case.id, sorted(limits))[:16] + f"-{self.runs}"
+        with launch.probe(self.context.site(), self.case, limits) as run:
+            evidence = self._keep(run, name)
+            replies = [reply for reply in run.reply.checks if reply.check in limits]
+            self.findings += self._found(run, limits)
+            if not replies:
+                return {next(iter(limits)): self._never_started(run, next(iter(limits)), evidence)}
+            judged = [self._judged(run, reply, limits, evidence) for reply in replies]
+        return {ended.record.check: ended for ended in judged if ended}
+
+    def _judged(
+        self, run: launch.ProbeRun, reply: CheckReply, limits: Mapping[str, float], evidence: str
+    ) -> _Ended | None:
+        record = outcomes.check_record(reply, run.ending(limits), self.context.capabilities)
+        if record.outcome is Outcome.TIMED_OUT and reply.check not in self.overran:
+            self.overran.add(reply.check)
+            return None
+        pictures = tuple(
+            self.context.store.relative(picture)
+            for array, picture in self._pictures(run, reply.check, evidence)
+            if frames.keep(array, picture)
+        )
+        attempts = 2 if reply.check in self.overran else 1
+        if record.decisive:
+            record = replace(record, decisive=self.context.clean(record.decisive))
+        return _Ended(record=record, attempts=attempts, frames=pictures, evidence=evidence)
+
+    def _never_started(self, run: launch.ProbeRun, check: str, evidence: str) -> _Ended:
+        """The probe ended before its first check: whatever it was, no package was tried."""
+        told = run.completed.killed or "; ".join(run.reply.problems) or run.last_words()
+        record = CheckRecord(check=check, outcome=Outcome.INFRA, decisive=f"the probe did not start: {told}")
+        return _Ended(record=record, attempts=1, evidence=evidence)
+
+    def _pictures(self, run: launch.ProbeRun, check: str, evidence: str) -> Iterable[tuple[Path, Path]]:
+        for shown, name in run.reply.frames:
+            array = run.replies / name
+            if shown == check and array.parent == run.replies:
+                yield array, self.context.store.folder / evidence / f"{array.stem}.png"
+
+    def _found(self, run: launch.ProbeRun, limits: Mapping[str, float]) -> list[Finding]:
+        phase = outcomes.phase_of(next(iter(limits)))
+        found = list(run.reply.findings)
+        if run.completed.written:
+            files = ", ".join(run.completed.written[:5])
+            text = f"wrote into its own environment (kept from other runs): {files}"
+            found.append(Finding(check=f"{phase}.written", level=Level.WARNING, text=text))
+        if run.completed.stray:
+            text = f"left {run.completed.stray} process(es) behind at its end"
+            found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
+        return found
+
+    def _keep(self, run: launch.ProbeRun, name: str) -> str:
+        """Keep the texts of a run, without this machine's paths."""
+        folder = self.context.store.evidence(name)
+        for path in (run.completed.log, *sorted(run.replies.glob("*.jsonl")), *sorted(run.replies.glob("*.txt"))):
+            if path.is_file() and path.stat().st_size:
+                text = path.read_bytes()[: 4 << 20].decode("utf-8", "replace")
+                write_atomic(folder / path.name, self.context.clean(text).encode())
+        return self.context.store.relative(folder)
+
+    def _confirm(self) -> None:
+        """Run each failed check again: one that also passes is flaky."""
+        for check, ended in list(self.ended.items()):
+            if ended.record.outcome not in FAILING:
+                continue
+            again = [self._run({check: 2 * self._seconds(check)}).get(check, ended) for _ in range(RUNS_TO_CONFIRM - 1)]
+            passed = sum(e.record.outcome is Outcome.PASSED for e in again)
+            if passed:
+                told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {ended.record.decisive}"
+                record = replace(ended.record, outcome=Outcome.FLAKY, decisive=told)
+                self.ended[check] = replace(ended, record=record, attempts=RUNS_TO_CONFIRM)
+
+    def _compare_processes(self, loop: CheckRecord) -> None:
+        """The same seed in a second process: another trajectory is a finding."""
+        ended = self._run({REPEAT: 2 * _limit(self.case, LOOP)}).get(REPEAT)
+        if ended is None:
+            return
+        first, second = loop.facts.get("trajectory"), ended.record.facts.get("trajectory")
+        if ended.record.outcome in FAILING:
+            text = f"the same loop in a second process: {ended.record.decisive}"
+        elif ended.record.outcome is Outcome.PASSED and first != second:
+            text = f"the same seed gives another trajectory in another process{_first_difference(first, second)}"
+        else:
+            return
+        self.findings.append(Finding(check=ACROSS, level=Level.WARNING, text=text))
+
+    def _phase(self, phase: Phase, names: tuple[str, ...]) -> PhaseRecord:
+        ended = [self.ended[name] for name in names if name in self.ended]
+        outcome = worst(e.record.outcome for e in ended)
+        decisive = next(e for e in ended if e.record.outcome is outcome)
+        findings = {(f.check, f.text): f for f in self.findings if f.check.partition(".")[0] == phase}
+        return PhaseRecord(
+            phase=phase,
+            outcome=outcome,
+            seconds=round(sum(e.record.seconds for e in ended), 3),
+            decisive=decisive.record.decisive,
+            checks=tuple(e.record for e in ended),
+            findings=tuple(replace(f, text=self.context.clean(f.text)) for f in findings.values()),
+            frames=tuple(picture for e in ended for picture in e.frames),
+            evidence=decisive.evidence,
+            attempts=max(e.attempts for e in ended),
+            measured=now(),
+        )
+
+
+def _first_difference(first: object, second: object) -> str:
+    if not isinstance(first, list) or not isinstance(second, list):
+        return ""
+    steps = [n for n, (one, other) in enumerate(zip(first, second, strict=False)) if one != other]
+    return f", from step {steps[0]} on" if steps else ""

@@ -1,0 +1,87 @@
+"""Live progress on stderr: a board on a terminal, one line per finished cell elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from time import monotonic
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from harness.model import Cell, CellRecord
+
+if TYPE_CHECKING:
+    from rich.live import Live
+    from rich.table import Table
+
+
+class Progress:
+    """Counts cells done, running and left, and estimates the time to go from the cells done so far."""
+
+    def __init__(self, total: int, jobs: int, describe: Callable[[CellRecord], str]) -> None:
+        self.total, self.jobs, self.describe = total, jobs, describe
+        self.done_count = 0
+        self._running: dict[str, str] = {}
+        self._began = monotonic()
+        self._lock = threading.Lock()
+        self._live: Live | None = None
+
+    def __enter__(self) -> Self:
+        if sys.stderr.isatty():
+            from rich.console import Console  # noqa: PLC0415 - start-up
+            from rich.live import Live  # noqa: PLC0415 - start-up
+
+            self._live = Live(console=Console(stderr=True), get_renderable=self._board, refresh_per_second=8)
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live:
+            self._live.stop()
+
+    def started(self, cell: Cell) -> None:
+        """A cell is being worked on."""
+        with self._lock:
+            self._running[cell.id] = "start"
+
+    def step(self, cell: Cell, text: str) -> None:
+        """What it is doing now."""
+        with self._lock:
+            self._running[cell.id] = text
+
+    def done(self, record: CellRecord) -> None:
+        """A cell is finished."""
+        with self._lock:
+            self._running.pop(record.cell.id, None)
+            self.done_count += 1
+            line = f"[{self.done_count}/{self.total}] {record.cell.id}: {self.describe(record)}"
+            self.say(line if self._live or self.done_count == self.total else f"{line} ({self._summary()})")
+
+    def say(self, text: str) -> None:
+        """Something to tell the user once."""
+        if self._live:
+            self._live.console.print(text, markup=False, highlight=False)
+        else:
+            print(text, file=sys.stderr, flush=True)
+
+    def _summary(self) -> str:
+        running = len(self._running)
+        left = self.total - self.done_count - running
+        spent = monotonic() - self._began
+        if not self.done_count:
+            return f"{running} running, {left} left"
+        to_go = spent / self.done_count * (running + left)
+        return f"{running} running, {left} left, about {to_go:.0f} s to go"
+
+    def _board(self) -> Table:
+        from rich.table import Table  # noqa: PLC0415 - start-up
+
+        board = Table.grid(padding=(0, 2))
+        with self._lock:
+            board.add_row(f"{self.done_count} of {self.total} done", self._summary())
+            for name, step in sorted(self._running.items()):
+                board.add_row(f"  {step}", name)
+        return board

@@ -1,0 +1,97 @@
+"""How a check ended: what the cell said of it, and what the end of its process adds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from harness import normalise
+from harness.model import CheckRecord, CheckReply, Outcome, Phase
+
+NEEDS = {Phase.SINGLE: Phase.IMPORT, Phase.VECTOR: Phase.SINGLE, Phase.RENDER: Phase.SINGLE}
+"""The phase without which another says nothing new."""
+
+MACHINE_TROUBLE = re.compile(
+    r"No space left on device|Disk quota exceeded|Cannot allocate memory|Too many open files"
+    r"|Temporary failure in name resolution|Name or service not known|Network is unreachable"
+)
+"""What the operating system says when this machine or its network is short of something, whatever the package."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ending:
+    """How a probe's process ended, as far as it matters to the check that was running then.
+
+    `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason.
+    """
+
+    exit_code: int | None = None
+    signal: int | None = None
+    overran: float | None = None
+    trouble: str | None = None
+    stacks: str = ""
+
+
+def phase_of(check: str) -> Phase:
+    """The phase that a check belongs to: the part of its name before the dot."""
+    return Phase(check.partition(".")[0])
+
+
+def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
+    """Whether no phase that this one needs is known to have ended otherwise than well."""
+    needed = NEEDS.get(phase)
+    while needed:
+        if known.get(needed, Outcome.PASSED) is not Outcome.PASSED:
+            return False
+        needed = NEEDS.get(needed)
+    return True
+
+
+def check_record(reply: CheckReply, ending: Ending, capabilities: frozenset[str]) -> CheckRecord:
+    """The record of one check; `capabilities` are this machine's (`egl`, `osmesa`, ...)."""
+    outcome, decisive, mask = _outcome(reply, ending, capabilities)
+    return CheckRecord(
+        check=reply.check,
+        outcome=outcome,
+        seconds=reply.seconds,
+        decisive=decisive,
+        masked_by=mask,
+        facts=reply.facts,
+    )
+
+
+def _outcome(reply: CheckReply, ending: Ending, capabilities: frozenset[str]) -> tuple[Outcome, str | None, str | None]:
+    match reply.outcome:
+        case Outcome.PASSED:
+            return Outcome.PASSED, None, None
+        case None:
+            return _died(reply, ending)
+        case Outcome.FAILED:
+            return _failed(reply, capabilities)
+        case other:
+            return other, reply.reason, None
+
+
+def _failed(reply: CheckReply, capabilities: frozenset[str]) -> tuple[Outcome, str | None, str | None]:
+    decisive, mask = normalise.decisive_of_check(reply)
+    told = decisive or ""
+    if reply.raised and reply.raised.blame == "harness":
+        return Outcome.INFRA, f"a fault of the harness, not of the packages: {told}", mask
+    if MACHINE_TROUBLE.search(told):
+        return Outcome.INFRA, told, mask
+    if phase_of(reply.check) is Phase.RENDER and reply.facts.get("gl") and not capabilities & {"egl", "osmesa"}:
+        return Outcome.UNAVAILABLE, f"no EGL and no OSMesa here: {told}", mask
+    return Outcome.FAILED, decisive, mask
+
+
+def _died(reply: CheckReply, ending: Ending) -> tuple[Outcome, str | None, str | None]:
+    """A check that was started and never ended: its process died, or was ended."""
+    child, mask = normalise.decisive_of_check(reply)
+    if ending.trouble:
+        return Outcome.INFRA, ending.trouble, None
+    if ending.overran is not None:
+        where = normalise.innermost_frame(ending.stacks)
+        told = child or f"no end within {ending.overran:g} s" + (f", in {where}" if where else "")
+        return Outcome.TIMED_OUT, told, mask
+    return Outcome.CRASHED, child or normalise.death(ending.exit_code, ending.signal, ending.stacks), mask

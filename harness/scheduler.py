@@ -1,0 +1,277 @@
+"""Many cells: each question resolved once, each environment made once, results reused, several cells at a time."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from time import monotonic
+from typing import Protocol
+
+from harness import cellrun, environments, interpreters, launch, machine, normalise, process, store, uv
+from harness.model import Cell, CellRecord, Interpreter, Lock, Outcome, Phase, PhaseRecord, Question, Step
+from harness.store import Installed, Store, cache_folder, digest, now, question_key
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Settings:
+    """How a run is to be done; `until` is the last phase wanted."""
+
+    jobs: int = 1
+    until: Phase = Phase.RENDER
+    fresh: bool = False
+    offline: bool = False
+    verify: bool = False
+
+
+class Observer(Protocol):
+    """Is told what goes on, from several threads at once."""
+
+    def started(self, cell: Cell) -> None:
+        """A cell is being worked on."""
+
+    def step(self, cell: Cell, text: str) -> None:
+        """What it is doing now (`resolve`, `install`, a check's name)."""
+
+    def done(self, record: CellRecord) -> None:
+        """A cell is finished and stored."""
+
+    def say(self, text: str) -> None:
+        """Something to tell the user once."""
+
+
+def default_jobs() -> int:
+    """One cell per core that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
+    """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
+    runner = _Runner(store, settings, observer)
+    results: dict[str, CellRecord] = {}
+    with _pool(settings.jobs) as submit:
+        pending: set[Future[CellRecord]] = {submit(runner.cell, cell) for cell in cells}
+        while pending:
+            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+            for future in finished:
+                record = future.result()
+                results[record.cell.id] = record
+    return tuple(results[cell.id] for cell in cells)
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[Callable[..., Future[CellRecord]]]:
+    """Threads that end, with every process they started, when the block is left by an exception."""
+    pool = ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="cell")
+    try:
+        yield pool.submit
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        process.stop()
+        raise
+    finally:
+        pool.shutdown(wait=True)
+
+
+class _Once:
+    """Does the work of a key once, however many threads ask for it."""
+
+    def __init__(self) -> None:
+        self._locks: dict[Hashable, threading.Lock] = {}
+        self._guard = threading.Lock()
+
+    @contextmanager
+    def turn(self, key: Hashable) -> Iterator[None]:
+        """Hold the key; the first holder does the work, the next find it done."""
+        with self._guard:
+            lock = self._locks.setdefault(key, threading.Lock())
+        with lock:
+            yield
+
+
+@dataclass
+class _Runner:
+    store: Store
+    settings: Settings
+    observer: Observer
+    once: _Once = field(default_factory=_Once)
+    resolved: dict[str, tuple[Lock | None, Step]] = field(default_factory=dict)
+
+    def cell(self, cell: Cell) -> CellRecord:
+        """Take one cell through its phases and keep its record."""
+        self.observer.started(cell)
+        record = self._run(cell)
+        measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
+        record = replace(record, measured=measured, seconds=_seconds(record), reused=_reused(record))
+        self.store.save_cell(record)
+        self.observer.done(record)
+        return record
+
+    def _run(self, cell: Cell) -> CellRecord:
+        record = CellRecord(cell=cell, machine=machine.facts().id, supplied=machine.supplied(cell.environment))
+        interpreter = interpreters.obtain(cell.python, offline=self.settings.offline)
+        if interpreter is None:
+            return replace(record, unavailable=interpreters.hint(cell.python))
+        if missing := machine.missing_for(cell.needs):
+            return replace(record, unavailable=missing)
+        record = replace(record, python=interpreter.version)
+        self.observer.step(cell, Phase.RESOLVE)
+        lock, step = self.lock(cell.question, interpreter)
+        record = replace(record, resolve=step)
+        if lock is None:
+            return _stopped(record, step)
+        file = self.store.relative(self.store.lock_file(lock))
+        record = replace(record, lock=file, lock_sha256=lock.sha256)
+        return record if self.settings.until is Phase.RESOLVE else self._probe(record, lock, interpreter)
+
+    def lock(self, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
+        """The lock of a question and how it came: kept from before, or resolved now, once for all that ask it."""
+        key = question_key(question, interpreter)
+        with self.once.turn(key):
+            if key not in self.resolved:
+                self.resolved[key] = self._lock(key, question, interpreter)
+        return self.resolved[key]
+
+    def _lock(self, key: str, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
+        kept = None if self.settings.fresh else self.store.load_lock(key)
+        start = monotonic()
+        answer = kept or uv.resolve(
+            question, interpreter, self.store.evidence(f"lock-{key[:16]}"), offline=self.settings.offline
+        )
+        if isinstance(answer, Step):
+            if not kept and answer.outcome is Outcome.FAILED:
+                self.store.save_lock(key, answer)
+            return None, replace(answer, reused=bool(kept))
+        if not kept:
+            self.store.save_lock(key, answer)
+        seconds = 0.0 if kept else monotonic() - start
+        return answer, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, seconds=round(seconds, 3), reused=bool(kept))
+
+    def _probe(self, record: CellRecord, lock: Lock, interpreter: Interpreter) -> CellRecord:
+        """Install, unless every result is known already, and run the cases."""
+        pool = _Pool(self, record.cell, lock, interpreter)
+        known = pool.installed()
+        if known.failed:
+            return _stopped(record, known.failed)
+        record = replace(
+            record,
+            key=known.key,
+            installed=known.versions,
+            install=Step(phase=Phase.INSTALL, outcome=Outcome.PASSED, seconds=known.seconds, reused=pool.known),
+        )
+        if self.settings.until is Phase.INSTALL:
+            return record
+        try:
+            cases = tuple(cellrun.run_case(self._context(record, pool), case) for case in record.cell.cases)
+        except _NoEnvironment as failure:
+            return _stopped(record, failure.step)
+        return replace(record, cases=cases)
+
+    def _context(self, record: CellRecord, pool: _Pool) -> cellrun.Context:
+        cell = record.cell
+        given = {**record.supplied, **cell.environment}
+        variables = {name: value for name, value in {**machine.base_environment(), **given}.items() if value != ""}
+        files = {name: content.encode() for name, content in cell.files.items()}
+        facts = machine.facts()
+
+        def site() -> launch.Site:
+            environment = pool.environment()
+            return launch.Site(
+                folder=environment.path,
+                python=environment.python,
+                pycache=cache_folder() / "pycache" / environment.key,
+                variables=variables,
+                files=files,
+            )
+
+        return cellrun.Context(
+            store=self.store,
+            site=site,
+            identity=(record.key, sorted(given.items()), sorted(cell.files.items()), process.sandbox_mode(), facts.id),
+            capabilities=facts.capabilities,
+            clean=pool.clean,
+            until=self.settings.until,
+            fresh=self.settings.fresh,
+            verify=self.settings.verify,
+            notify=lambda text: self.observer.step(cell, text),
+        )
+
+
+class _NoEnvironment(Exception):
+    """The environment of a lock that was installed before cannot be made again now."""
+
+    def __init__(self, step: Step) -> None:
+        super().__init__(step.decisive)
+        self.step = step
+
+
+class _Pool:
+    """The environment of one cell, made only when a probe has to run."""
+
+    def __init__(self, runner: _Runner, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
+        self.runner, self.cell, self.lock, self.interpreter = runner, cell, lock, interpreter
+        question = cell.question
+        self.key = digest(
+            "install", lock.sha256, interpreter.identity, question.build_constraints, question.build_variables
+        )
+        self.known = False
+
+    def installed(self) -> Installed:
+        """What the install came to, now or before; an environment is made if it is not known."""
+        kept = None if self.runner.settings.fresh else self.runner.store.load_installed(self.key)
+        if kept:
+            self.known = True
+            return replace(kept, failed=replace(kept.failed, reused=True) if kept.failed else None)
+        try:
+            made = self.environment()
+        except _NoEnvironment as failure:
+            if failure.step.outcome is Outcome.FAILED:
+                self.runner.store.save_installed(self.key, Installed(failed=failure.step))
+            return Installed(failed=failure.step)
+        known = Installed(key=made.key, versions=made.installed, seconds=made.seconds)
+        self.runner.store.save_installed(self.key, known)
+        return known
+
+    def environment(self) -> environments.Environment:
+        """The environment itself, from the pool or made now."""
+        self.runner.observer.step(self.cell, Phase.INSTALL)
+        with self.runner.once.turn(("environment", self.key)):
+            made = environments.ensure(
+                self.lock, self.interpreter, self.cell.question, offline=self.runner.settings.offline
+            )
+        if isinstance(made, Step):
+            raise _NoEnvironment(made)
+        return made
+
+    def clean(self, text: str) -> str:
+        """Evidence without this machine's paths."""
+        return normalise.clean(text, store.places())
+
+
+def _stopped(record: CellRecord, step: Step) -> CellRecord:
+    """A record whose resolve or install did not succeed: the cases are not reached."""
+    if step.outcome is Outcome.UNAVAILABLE:
+        return replace(record, unavailable=step.decisive)
+    cases = tuple(cellrun.not_reached(case) for case in record.cell.cases)
+    if step.phase is Phase.INSTALL:
+        resolve = record.resolve if record.lock else Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
+        return replace(record, resolve=resolve, install=step, cases=cases)
+    return replace(record, resolve=step, cases=cases)
+
+
+def _phases(record: CellRecord) -> Iterator[PhaseRecord]:
+    return (phase for case in record.cases for phase in case.phases if phase.measured)
+
+
+def _seconds(record: CellRecord) -> float:
+    steps = sum(step.seconds for step in (record.resolve, record.install) if step)
+    return round(steps + sum(phase.seconds for phase in _phases(record)), 3)
+
+
+def _reused(record: CellRecord) -> bool:
+    """Whether nothing of it was measured in this run."""
+    steps = [step.reused for step in (record.resolve, record.install) if step]
+    return bool(steps) and all(steps) and all(phase.reused for phase in _phases(record))

@@ -1,0 +1,32 @@
+"""What a contributor runs: `nox` lints and tests, `nox -s endurance` runs the full counts."""
+
+from __future__ import annotations
+
+import nox
+
+nox.options.default_venv_backend = "uv"
+nox.options.sessions = ["lint", "tests"]
+nox.options.error_on_missing_interpreters = True
+
+
+@nox.session(python="3.11")
+def lint(session: nox.Session) -> None:
+    """Ruff with size rules, mypy strict."""
+    session.install("-e", ".[dev]")
+    session.run("ruff", "check")
+    session.run("ruff", "format", "--check")
+    session.run("mypy")
+
+
+@nox.session(python="3.11")
+def tests(session: nox.Session) -> None:
+    """The whole test suite, samples of the long counts."""
+    session.install("-e", ".[dev]")
+    session.run("pytest", *(session.posargs or ["-n", "2"]))
+
+
+@nox.session(python="3.11")
+def endurance(session: nox.Session) -> None:
+    """Every combination measured by hand against the harness; writes the table of agreement."""
+    session.install("-e", ".[dev]")
+    session.run("python", "-m", "tests.real.agreement", *session.posargs)
