@@ -1,0 +1,68 @@
+"""Plan a matrix of 10,000 cells: seconds from text to plan, and peak memory of the whole process.
+
+Run as `python benchmarks/plan_10k.py`. The aim is under 2 s and 300 MB.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+
+from harness import matrixfile, plan
+from harness.model import Plan
+
+
+def matrix_text() -> str:
+    """A matrix of 5 x 20 x 25 x 2 x 2 = 10,000 combinations, with conditions of every sort."""
+    gymnasium = ", ".join(f'"1.{minor}.{patch}"' for minor in range(5) for patch in range(4))
+    mujoco = ", ".join(f'"3.{minor}.0"' for minor in range(25))
+    return f"""
+requirements = ["gymnasium[mujoco]"]
+constraints = ["scipy<2", {{ require = "numpy<2", when = {{ gymnasium = "<1.1" }} }}]
+environment = {{ PYTHONWARNINGS = "default" }}
+[axes]
+python = ["3.9", "3.10", "3.11", "3.12", "3.13"]
+gymnasium = [{gymnasium}]
+mujoco = [{mujoco}]
+MUJOCO_GL = {{ variable = ["egl", "osmesa"] }}
+api = {{ plain = {{}}, numpy1 = {{ constraints = ["numpy<2"] }} }}
+[[cases]]
+env = "CartPole-v1"
+api = "gymnasium"
+[[cases]]
+env = "Ant-v5"
+api = "gymnasium"
+when = {{ mujoco = ">=3.2" }}
+[[exclude]]
+when = {{ python = "3.9", gymnasium = "1.4.3", mujoco = "3.24.0" }}
+reason = "an exclusion"
+[[expect]]
+cells = "py3.9-*-osmesa-*"
+verdict = "partial"
+phase = "render"
+match = "OSMesa"
+reason = "an expectation"
+[[expect]]
+when = {{ mujoco = "<3.3", python = ">=3.12" }}
+verdict = "broken"
+reason = "another"
+"""
+
+
+def planned(text: str) -> Plan:
+    """The plan of the matrix."""
+    return plan.expand(matrixfile.read(text, "large.toml"), host_python="3.11.7")
+
+
+def main() -> None:
+    """Print what one plan costs."""
+    text = matrix_text()
+    started = time.perf_counter()
+    found = planned(text)
+    seconds = time.perf_counter() - started
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"{len(found.cells)} cells, {len(found.dropped)} dropped: {seconds:.2f} s, peak {peak:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,286 @@
+"""A matrix, as its file says it: the typed shape of `matrices/NAME.toml`, checked while it is read.
+
+The classes named `...Table` are tables of the file and, with their docstrings and descriptions, its JSON Schema.
+`matrixfile.read` makes a `Matrix`, `plan.expand` multiplies it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from msgspec import Meta, Struct
+
+from harness.model import Phase, Verdict
+from harness.words import (
+    Api,
+    Capability,
+    CheckName,
+    FindingName,
+    InnerPath,
+    Instant,
+    Kind,
+    Label,
+    ModuleName,
+    PackageName,
+    PackageSelector,
+    Pattern,
+    Requirement,
+    Rule,
+    TorchBackend,
+    Variables,
+    When,
+)
+
+
+class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of the file; keys that it does not have are refused."""
+
+
+class IndexTable(Table, frozen=True, kw_only=True):
+    """Where packages come from; without it, the user's own uv and pip settings hold."""
+
+    default: str | None = None
+    extra: tuple[str, ...] = ()
+    find_links: tuple[str, ...] = ()
+    no_index: bool = False
+
+
+class SourceTable(Table, frozen=True, kw_only=True):
+    """A file whose text is read from beside the matrix file."""
+
+    source: Annotated[InnerPath, Meta(description="path, relative to the folder of the matrix file")]
+
+
+class Files(dict[str, str | SourceTable]):
+    """Path inside the cell's HOME to the text of the file, or to where that text is."""
+
+    reads: ClassVar[tuple[Any, ...]] = (dict[str, str | SourceTable],)
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Callable[[Any, Any], Any]) -> Self:
+        """Return the files, or raise a ValueError about the first path that leaves HOME."""
+        read = convert(plain, dict[str, str | SourceTable])
+        return cls({InnerPath.canonical(path): content for path, content in read.items()})
+
+
+class ConditionalTable(Table, frozen=True, kw_only=True):
+    """A requirement that holds for some values of the axes only."""
+
+    require: Requirement
+    when: When = {}
+    reason: str | None = None
+
+
+class Constraint:
+    """A requirement, or a table that adds `when`."""
+
+    __slots__ = ("require", "when")
+    reads: ClassVar[tuple[Any, ...]] = (Requirement, ConditionalTable)
+
+    def __init__(self, require: str, when: When) -> None:
+        self.require = str(require)
+        self.when = when
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Callable[[Any, Any], Any]) -> Self:
+        """Return the constraint that either form stands for."""
+        if isinstance(plain, dict):
+            table = convert(plain, ConditionalTable)
+            return cls(table.require, table.when)
+        return cls(convert(plain, Requirement), {})
+
+
+class Changes(Table, frozen=True, kw_only=True):
+    """What the matrix adds to every cell, or one value of an axis to its cells."""
+
+    requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides the package axes")] = ()
+    constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on whatever is installed")] = ()
+    overrides: Annotated[tuple[Constraint, ...], Meta(description="replace what packages themselves require")] = ()
+    build_constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on what builds use")] = ()
+    build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = Variables()
+    only_binary: Annotated[
+        tuple[PackageSelector, ...], Meta(description="packages never built from source, `:all:` for every one")
+    ] = ()
+    environment: Annotated[Variables, Meta(description="environment variables of the cell")] = Variables()
+    needs: Annotated[tuple[Capability, ...], Meta(description="what the machine must have")] = ()
+    files: Annotated[Files, Meta(description="files placed into the cell's HOME")] = Files()
+
+
+class CaseTable(Table, frozen=True, kw_only=True):
+    """One environment tried in a cell."""
+
+    api: Api | None = None
+    env: Annotated[str | None, Meta(description="environment id; `gym:` or `gymnasium:` before it names the API")] = (
+        None
+    )
+    id: Annotated[Label | None, Meta(description="by default made from the environment id")] = None
+    kwargs: Annotated[dict[str, Any], Meta(description="arguments of make")] = {}
+    checks: Annotated[tuple[CheckName, ...], Meta(description="checks, or phases for all of theirs; default: all")] = ()
+    required: Annotated[tuple[FindingName, ...], Meta(description="warnings that turn the case red")] = ()
+    imports: Annotated[tuple[ModuleName, ...], Meta(description="modules imported first")] = ()
+    when: When = {}
+    timeouts: Annotated[
+        dict[Literal["import", "single", "vector", "render"], Annotated[float, Meta(gt=0)]],
+        Meta(description="phase to seconds for each of its checks"),
+    ] = {}
+    steps: Annotated[int, Meta(ge=1)] = 100
+    seed: Annotated[int, Meta(ge=0)] = 7
+
+
+class VersionTable(Changes, frozen=True, kw_only=True):
+    """A version of Python or of a package that brings changes with it."""
+
+    version: str
+    reason: str | None = None
+
+
+class BundleTable(Changes, frozen=True, kw_only=True):
+    """A named value of a bundle axis: several changes, and cases that exist only with it."""
+
+    cases: tuple[CaseTable, ...] = ()
+    reason: str | None = None
+
+
+class RangeTable(Table, frozen=True, kw_only=True):
+    """Releases of a package, expanded from the index once; the expansion is committed beside the matrix."""
+
+    range: Annotated[str, Meta(description="a specifier, such as `>=2.3,<4`")]
+    rule: Annotated[Rule, Meta(description="latest-patch: newest of each X.Y; latest-minor: newest of each X")] = (
+        Rule.LATEST_PATCH
+    )
+    prereleases: bool = False
+    yanked: bool = False
+
+
+class VariableTable(Table, frozen=True, kw_only=True):
+    """Values of an environment variable; such an axis never changes the lock."""
+
+    variable: Annotated[tuple[str, ...], Meta(min_length=1, description="values; the empty string stays unset")]
+
+
+NO_CHANGES = Changes()
+
+
+class Value(Struct, frozen=True, kw_only=True):
+    """One value of an axis, however it was written. `text` is a version, a label, or a variable's value."""
+
+    text: str
+    changes: Changes = NO_CHANGES
+    cases: tuple[CaseTable, ...] = ()
+
+
+class Axis:
+    """A dimension: a list of versions, a range, the values of a variable, or a bundle of named values."""
+
+    __slots__ = ("kind", "range", "values")
+    reads: ClassVar[tuple[Any, ...]] = (
+        Annotated[tuple[str | VersionTable, ...], Meta(min_length=1)],
+        RangeTable,
+        VariableTable,
+        Annotated[dict[str, BundleTable], Meta(min_length=1)],
+    )
+
+    def __init__(self, kind: Kind, values: tuple[Value, ...], wanted: RangeTable | None = None) -> None:
+        self.kind = kind
+        self.values = values
+        self.range = wanted
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Callable[[Any, Any], Any]) -> Self:
+        """Return the axis that any of the four forms stands for; python is told from packages by its name, later."""
+        versions, _, _, bundles = cls.reads
+        if not isinstance(plain, dict):
+            return cls(Kind.PACKAGE, tuple(map(_version_value, convert(plain, versions))))
+        if all(isinstance(value, dict) for value in plain.values()):
+            named = convert(plain, bundles).items()
+            return cls(
+                Kind.BUNDLE, tuple(Value(text=label, changes=table, cases=table.cases) for label, table in named)
+            )
+        if "variable" in plain:
+            values = convert(plain, VariableTable).variable
+            return cls(Kind.VARIABLE, tuple(Value(text=text) for text in values))
+        return cls(Kind.PACKAGE, (), convert(plain, RangeTable))
+
+
+def _version_value(written: str | VersionTable) -> Value:
+    if isinstance(written, str):
+        return Value(text=written)
+    return Value(text=written.version, changes=written)
+
+
+class ExcludeTable(Table, frozen=True, kw_only=True):
+    """Combinations that are not run."""
+
+    when: Annotated[When, Meta(min_length=1)]
+    reason: Annotated[str, Meta(min_length=1)]
+
+
+class IncludeTable(Table, frozen=True, kw_only=True):
+    """One combination more; it gives every axis a value, which the axis itself need not list."""
+
+    axes: dict[str, str]
+    reason: Annotated[str, Meta(min_length=1)]
+
+
+class ExpectTable(Table, frozen=True, kw_only=True):
+    """What some cells are expected to be; the first one that fits a cell holds."""
+
+    verdict: Verdict
+    reason: Annotated[str, Meta(min_length=1)]
+    cells: Annotated[str | None, Meta(description="glob on the cell's id or on its label")] = None
+    when: When = {}
+    phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
+    match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
+    signature: str | None = None
+    link: str | None = None
+    until: Instant | None = None
+
+
+class MatrixTable(Changes, frozen=True, kw_only=True):
+    """A compatibility matrix: axes, what is installed, cases, and what is left out, added or expected, with reasons."""
+
+    axes: Annotated[dict[str, Axis], Meta(description="name to values; `python` must be one of them")]
+    description: str = ""
+    snapshot: Annotated[Instant | None, Meta(description="nothing uploaded later is installed")] = None
+    strategy: Annotated[Literal["full"], Meta(description="which combinations are planned: all of them")] = "full"
+    resolution: Literal["highest", "lowest-direct"] = "highest"
+    prerelease: Literal["disallow", "allow", "if-necessary", "explicit", "if-necessary-or-explicit"] = (
+        "if-necessary-or-explicit"
+    )
+    torch_backend: Annotated[TorchBackend | None, Meta(description="uv's; a CPU build by default")] = None
+    index: IndexTable = IndexTable()
+    shown: Annotated[tuple[PackageName, ...], Meta(description="packages whose version tables show")] = ()
+    cases: tuple[CaseTable, ...] = ()
+    exclude: tuple[ExcludeTable, ...] = ()
+    include: tuple[IncludeTable, ...] = ()
+    expect: tuple[ExpectTable, ...] = ()
+
+
+class Matrix(MatrixTable, frozen=True, kw_only=True):
+    """A matrix file that was read: its table, its `name` (the file's stem), and `path` as messages give it."""
+
+    name: str
+    path: str
+
+    @property
+    def ranges(self) -> dict[str, RangeTable]:
+        """The axes (packages) that are ranges; without any, the matrix needs no expansion."""
+        return {name: axis.range for name, axis in self.axes.items() if axis.range is not None}
+
+
+class Expansion(Table, frozen=True, kw_only=True):
+    """What the ranges of a matrix came to at one instant: `NAME.expanded.json`."""
+
+    schema: Literal[1] = 1
+    matrix: str
+    instant: Instant
+    ranges: Annotated[dict[str, RangeTable], Meta(description="the ranges as they were, to tell when one changes")]
+    axes: dict[str, tuple[str, ...]]
+
+    def fits(self, matrix: Matrix) -> bool:
+        """Whether it was made from the ranges and the snapshot that the matrix has now."""
+        current = (
+            self.matrix == matrix.name and self.ranges == matrix.ranges and self.axes.keys() == matrix.ranges.keys()
+        )
+        return current and matrix.snapshot in {None, self.instant}

@@ -1,0 +1,265 @@
+"""Matrix files: TOML text to a `Matrix`.
+
+What the types cannot say is checked here: names that must exist elsewhere in the file, versions in their normalised
+form, keys that exclude one another. Everything is pure; `sources` names the files that the caller has to read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import PurePosixPath
+from typing import Any
+
+import msgspec
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.utils import canonicalize_name
+
+from harness.errors import BadInput
+from harness.matrix import (
+    Axis,
+    CaseTable,
+    Changes,
+    ExpectTable,
+    IncludeTable,
+    Matrix,
+    MatrixTable,
+    SourceTable,
+    Value,
+)
+from harness.model import CELL_PHASES, Verdict
+from harness.schema import load_toml, located, suggestion
+from harness.words import (
+    ABSENT,
+    HOST,
+    IMPORT_CHECK,
+    Kind,
+    Label,
+    When,
+    alternatives,
+    api_of,
+    case_id,
+    check_variable,
+    checks_of,
+    matcher,
+    parsed_requirement,
+    version_text,
+)
+
+EXPECTABLE = frozenset(Verdict) - {Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE}
+"""Verdicts about packages; the others are about this machine, and no cell can be expected to be them."""
+
+Keys = tuple[str | int, ...]
+
+
+def read(text: str, path: str) -> Matrix:
+    """Read a matrix file; `path` gives the matrix its name and stands in messages."""
+    table = load_toml(text, MatrixTable, path)
+    name = PurePosixPath(path).stem
+    with located(path):
+        Label.canonical(name)
+    axes = {axis: _named(path, axis, written) for axis, written in table.axes.items()}
+    fields = {field: getattr(table, field) for field in table.__struct_fields__}
+    matrix = Matrix(**{**fields, "axes": axes, "name": name, "path": path})
+    _check(matrix)
+    included = tuple(_included(matrix, index, table) for index, table in enumerate(matrix.include))
+    return msgspec.structs.replace(matrix, include=included)
+
+
+def sources(matrix: Matrix) -> tuple[str, ...]:
+    """Paths, relative to the folder of the matrix file, of the texts that `files` takes from there."""
+    contents = chain.from_iterable(changes.files.values() for _, changes in _changes(matrix))
+    return tuple(dict.fromkeys(str(content.source) for content in contents if isinstance(content, SourceTable)))
+
+
+# --- axes ------------------------------------------------------------------------------------------------------
+
+
+def _named(file: str, name: str, axis: Axis) -> Axis:
+    """The axis with what its name says: python is told from packages, versions are normalised."""
+    kind = Kind.PYTHON if name == Kind.PYTHON else axis.kind
+    with located(file, "axes", name):
+        _check_name(name, axis)
+    values: dict[str, Value] = {}
+    for index, value in enumerate(axis.values):
+        segment = (value.text,) if kind is Kind.BUNDLE else ("variable", index) if kind is Kind.VARIABLE else (index,)
+        with located(file, "axes", name, *segment):
+            text = value_text(kind, value.text)
+            if text in values:
+                message = f'"{text}" is listed twice'
+                raise ValueError(message)
+        values[text] = msgspec.structs.replace(value, text=text)
+    return Axis(kind, tuple(values.values()), axis.range)
+
+
+def _check_name(name: str, axis: Axis) -> None:
+    message = None
+    if name == Kind.PYTHON and (axis.kind is not Kind.PACKAGE or axis.range):
+        message = 'Python is a list of versions, such as ["3.10", "3.11"]'
+    elif axis.kind is Kind.PACKAGE and name != canonicalize_name(name):
+        message = f'write the package by its normalised name, "{canonicalize_name(name)}"'
+    if message:
+        raise ValueError(message)
+    if axis.kind is Kind.VARIABLE:
+        check_variable(name)
+    elif axis.kind is Kind.BUNDLE:
+        Label.canonical(name)
+    if axis.range:
+        try:
+            SpecifierSet(axis.range.range)
+        except InvalidSpecifier:
+            message = f'"{axis.range.range}" is not a specifier such as ">=2.3,<4"'
+            raise ValueError(message) from None
+
+
+def value_text(kind: Kind, text: str) -> str:
+    """A value of an axis as cells name it; a ValueError says why it cannot be one."""
+    match kind:
+        case Kind.PYTHON:
+            return text if text == HOST else version_text(text)
+        case Kind.PACKAGE:
+            if text == "latest":
+                message = '"latest" is not a version; write { range = ">=0", rule = "newest" }'
+                raise ValueError(message)
+            return text if text == ABSENT else version_text(text)
+        case Kind.BUNDLE:
+            return Label.canonical(text)
+        case Kind.VARIABLE:
+            return Label.canonical(text) if text else text
+
+
+# --- checks across the file ------------------------------------------------------------------------------------
+
+
+def _check(matrix: Matrix) -> None:
+    if Kind.PYTHON not in matrix.axes:
+        message = f'{matrix.path}: axes: there is no Python; write for instance python = ["3.11"]'
+        raise BadInput(message)
+    for path, changes in _changes(matrix):
+        _check_changes(matrix, path, changes)
+    cases = list(_cases(matrix))
+    if not cases:
+        message = f"{matrix.path}: there is no case; write for instance [[cases]] with env and api"
+        raise BadInput(message)
+    for path, case in cases:
+        _check_case(matrix.path, path, case)
+    for path, when in _conditions(matrix):
+        _check_when(matrix, path, when)
+    for index, expected in enumerate(matrix.expect):
+        with located(matrix.path, "expect", index):
+            _check_expect(expected)
+
+
+def _changes(matrix: Matrix) -> Iterator[tuple[Keys, Changes]]:
+    """Every place of the file that adds to cells."""
+    yield (), matrix
+    for name, axis in matrix.axes.items():
+        for index, value in enumerate(axis.values):
+            yield ("axes", name, value.text if axis.kind is Kind.BUNDLE else index), value.changes
+
+
+def _cases(matrix: Matrix) -> Iterator[tuple[Keys, CaseTable]]:
+    yield from ((("cases", index), case) for index, case in enumerate(matrix.cases))
+    for name, axis in matrix.axes.items():
+        for value in axis.values:
+            yield from ((("axes", name, value.text, "cases", index), case) for index, case in enumerate(value.cases))
+
+
+def _conditions(matrix: Matrix) -> Iterator[tuple[Keys, When]]:
+    """Every `when`, those of constraints apart."""
+    yield from ((path, case.when) for path, case in _cases(matrix))
+    yield from ((("exclude", index), table.when) for index, table in enumerate(matrix.exclude))
+    yield from ((("expect", index), table.when) for index, table in enumerate(matrix.expect))
+
+
+def _check_when(matrix: Matrix, path: Keys, when: When, *, locks: bool = False) -> None:
+    for name, patterns in when.items():
+        with located(matrix.path, *path, "when", name):
+            kind = _axis(matrix, name).kind
+            if locks and kind is Kind.VARIABLE:
+                message = "an environment variable never changes what is installed; use a bundle axis"
+                raise ValueError(message)
+            for pattern in alternatives(patterns):
+                matcher(kind, pattern)
+
+
+def _axis(matrix: Matrix, name: str) -> Axis:
+    if name in matrix.axes:
+        return matrix.axes[name]
+    message = f"there is no such axis{suggestion(name, matrix.axes)}"
+    raise ValueError(message)
+
+
+def _check_changes(matrix: Matrix, path: Keys, changes: Changes) -> None:
+    for key in ("constraints", "overrides", "build_constraints"):
+        for index, constraint in enumerate(getattr(changes, key)):
+            where = (*path, key, index)
+            _check_when(matrix, where, constraint.when, locks=True)
+            with located(matrix.path, *where):
+                if parsed_requirement(constraint.require).extras and key != "overrides":
+                    message = f'"{constraint.require}" has extras, which a constraint cannot have'
+                    raise ValueError(message)
+
+
+def _check_case(file: str, path: Keys, case: CaseTable) -> None:
+    with located(file, *path):
+        if case.env is None and not case.imports:
+            message = 'a case needs an "env", or "imports" alone'
+            raise ValueError(message)
+        if case.env is not None and api_of(case.env, case.api) is None:
+            message = 'the key "api" is missing'
+            raise ValueError(message)
+        case_id(case.env, case.imports)
+    checks = checks_of(case.checks) if case.env else (IMPORT_CHECK,)
+    with located(file, *path, "checks"):
+        if not case.env and (case.checks and checks_of(case.checks) != checks):
+            message = 'without an "env" there is nothing to check but "import"'
+            raise ValueError(message)
+    phases = {check.partition(".")[0] for check in checks}
+    for index, name in enumerate(case.required):
+        with located(file, *path, "required", index):
+            if name.partition(".")[0] not in phases:
+                message = f'"{name}" is never looked at, since "checks" leaves its phase out'
+                raise ValueError(message)
+    with located(file, *path, "kwargs"):
+        _check_finite(case.kwargs)
+
+
+def _check_finite(plain: Any) -> None:
+    """JSON, in which a cell is told its arguments, has no infinities."""
+    if isinstance(plain, float) and not math.isfinite(plain):
+        message = f"{plain} cannot be handed to a cell"
+        raise ValueError(message)
+    for inner in plain.values() if isinstance(plain, dict) else plain if isinstance(plain, list) else ():
+        _check_finite(inner)
+
+
+def _check_expect(expected: ExpectTable) -> None:
+    message = None
+    if expected.cells is None and not expected.when:
+        message = 'say which cells: a glob as "cells", or a "when"'
+    elif expected.verdict not in EXPECTABLE:
+        message = f'"{expected.verdict}" says nothing about packages and cannot be expected'
+    elif expected.phase is not None and expected.phase not in CELL_PHASES:
+        message = f'no cell goes through the phase "{expected.phase}" yet'
+    if message:
+        raise ValueError(message)
+
+
+def _included(matrix: Matrix, index: int, table: IncludeTable) -> IncludeTable:
+    """The combination with its values in their normalised form."""
+    values = {}
+    for name, text in table.axes.items():
+        with located(matrix.path, "include", index, "axes", name):
+            axis = _axis(matrix, name)
+            values[name] = value_text(axis.kind, text)
+            labels = [value.text for value in axis.values]
+            if axis.kind is Kind.BUNDLE and text not in labels:
+                message = f'unknown value "{text}"{suggestion(text, labels)}'
+                raise ValueError(message)
+    with located(matrix.path, "include", index, "axes"):
+        if missing := [name for name in matrix.axes if name not in values]:
+            message = f'the key "{missing[0]}" is missing'
+            raise ValueError(message)
+    return msgspec.structs.replace(table, axes=values)

@@ -1,0 +1,10 @@
+"""A matrix multiplied into cells; and the one cell that `try` asks for.
+
+Cells share what they have in common (questions, cases, variables), so that ten thousand of them are planned within a
+second or two.
+"""
+
+from harness.plan.product import expand
+from harness.plan.trial import Asked, cases_for, single
+
+__all__ = ["Asked", "cases_for", "expand", "single"]

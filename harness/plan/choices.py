@@ -1,0 +1,98 @@
+"""The values of the axes as cells name them, and the conditions on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from harness.matrix import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
+from harness.schema import located
+from harness.words import ABSENT, HOST, UNSET, Kind, Label, When, alternatives, matcher
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Choice:
+    """One value of one axis. `asked` is how the file writes it, `text` how cells name it, `label` its part of ids."""
+
+    axis: str
+    kind: Kind
+    asked: str
+    text: str
+    label: str
+    changes: Changes = NO_CHANGES
+    cases: tuple[CaseTable, ...] = ()
+
+
+Combination = tuple[Choice, ...]
+
+
+def _values(matrix: Matrix, name: str, axis: Axis, expansion: Expansion | None) -> tuple[Value, ...]:
+    if axis.range is None:
+        return axis.values
+    with located(matrix.path, "axes", name):
+        if expansion is None or not expansion.fits(matrix):
+            state = "not expanded yet" if expansion is None else "not what was expanded"
+            message = f'the range is {state}; run "simmatrix lock {matrix.name}"'
+            raise ValueError(message)
+    return tuple(Value(text=version) for version in expansion.axes[name])
+
+
+def choices(matrix: Matrix, expansion: Expansion | None, host: str) -> dict[str, tuple[Choice, ...]]:
+    """Every axis with its values in order; `host` is the version that the Python `host` stands for."""
+    values = {name: _values(matrix, name, axis, expansion) for name, axis in matrix.axes.items()}
+    return {name: _distinct_choices(matrix, name, each, host) for name, each in values.items()}
+
+
+def _distinct_choices(matrix: Matrix, name: str, values: Iterable[Value], host: str) -> tuple[Choice, ...]:
+    with located(matrix.path, "axes", name):
+        found = tuple(choice_of(name, matrix.axes[name].kind, value, host) for value in values)
+        known: dict[str, Choice] = {}
+        for choice in found:
+            twin = known.setdefault(as_folder(choice.label), choice)
+            if twin is not choice:
+                message = f'"{twin.asked}" and "{choice.asked}" cannot be told apart: both are "{choice.label}"'
+                raise ValueError(message)
+    return found
+
+
+def choice_of(name: str, kind: Kind, value: Value, host: str) -> Choice:
+    """One value of one axis; a ValueError where ids cannot name it."""
+    asked = value.text
+    match kind:
+        case Kind.PYTHON:
+            text = host if asked == HOST else asked
+            label = f"py{text}"
+        case Kind.PACKAGE:
+            text = asked
+            label = f"{name}-{ABSENT}" if asked == ABSENT else f"{name}{asked}"
+        case Kind.BUNDLE | Kind.VARIABLE:
+            text = label = asked or UNSET
+    Label.canonical(label)
+    return Choice(axis=name, kind=kind, asked=asked, text=text, label=label, changes=value.changes, cases=value.cases)
+
+
+def as_folder(label: str) -> str:
+    """The name as a folder that cares neither for case nor for the signs that nox flattens."""
+    return label.casefold().replace("/", "-").replace(".", "-")
+
+
+class Condition(NamedTuple):
+    """A `when`: for each axis that it names, the position in a combination and the tests of which one must hold."""
+
+    tests: tuple[tuple[int, tuple[Callable[[str], bool], ...]], ...]
+
+    def holds(self, combination: Combination) -> bool:
+        """Whether every axis agrees."""
+        return all(any(test(combination[at].text) for test in tests) for at, tests in self.tests)
+
+
+def condition(matrix: Matrix, when: When) -> Condition:
+    """A `when` of the file, compiled."""
+    positions = {name: position for position, name in enumerate(matrix.axes)}
+    return Condition(
+        tuple(
+            (positions[name], tuple(matcher(matrix.axes[name].kind, each) for each in alternatives(patterns)))
+            for name, patterns in when.items()
+        )
+    )

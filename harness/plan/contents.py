@@ -1,0 +1,176 @@
+"""What cells are made of: questions, cases and surroundings, made once for all cells that share them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple, TypeVar
+
+import msgspec
+
+from harness.errors import BadInput
+from harness.matrix import NO_CHANGES, CaseTable, Changes, Constraint, Matrix, SourceTable
+from harness.model import Case, IndexSettings, Phase, Question
+from harness.plan.choices import Choice, Combination, Condition, condition
+from harness.schema import key_path
+from harness.words import ABSENT, IMPORT_CHECK, Kind, api_of, case_id, checks_of, required_name
+
+T = TypeVar("T")
+
+Rules = tuple[tuple[str, Condition], ...]
+CasesWhen = tuple[tuple[Case, Condition], ...]
+
+
+class _Part(NamedTuple):
+    """What the matrix, or one value of an axis, adds to cells: strings are plain, conditions compiled."""
+
+    changes: Changes
+    requirements: tuple[str, ...]
+    constraints: Rules
+    overrides: Rules
+    build_constraints: Rules
+    cases: CasesWhen
+
+
+class Surroundings(NamedTuple):
+    """What a cell needs around its packages."""
+
+    environment: Mapping[str, str]
+    needs: tuple[str, ...]
+    files: Mapping[str, str]
+
+
+class Contents:
+    """Makes questions, cases and surroundings of combinations; equal ones are made once and shared."""
+
+    def __init__(self, matrix: Matrix, sources: Mapping[str, str], snapshot: str | None) -> None:
+        self.matrix = matrix
+        self.sources = sources
+        self.snapshot = str(snapshot) if snapshot else None
+        self.index = IndexSettings(**msgspec.structs.asdict(matrix.index))
+        self.base = self._part(matrix, matrix.cases)
+        self.parts: dict[Choice, _Part] = {}
+        self.questions: dict[Combination, Question] = {}
+        self.surrounded: dict[Combination, Surroundings] = {}
+        self.known_cases: dict[tuple[int, ...], tuple[Case, ...]] = {}
+
+    def question(self, combination: Combination) -> Question:
+        """What is to be resolved; environment variables have no say in it."""
+        key = tuple(choice for choice in combination if choice.kind is not Kind.VARIABLE)
+        if key not in self.questions:
+            self.questions[key] = self._question(combination)
+        return self.questions[key]
+
+    def surroundings(self, combination: Combination) -> Surroundings:
+        """Variables, capabilities and files: the matrix's, then those of values, then the variable axes."""
+        key = tuple(c for c in combination if c.kind is Kind.VARIABLE or c.changes is not NO_CHANGES)
+        if key not in self.surrounded:
+            self.surrounded[key] = self._surroundings(combination)
+        return self.surrounded[key]
+
+    def cases(self, combination: Combination) -> tuple[Case, ...]:
+        """The cases that exist in a combination, none perhaps."""
+        parts = self._parts(combination)
+        found = tuple(case for part in parts for case, when in part.cases if when.holds(combination))
+        key = tuple(map(id, found))
+        if key not in self.known_cases:
+            self._check_distinct(found)
+            self.known_cases[key] = found
+        return self.known_cases[key]
+
+    def places(self, choices: Iterable[Choice]) -> Iterator[tuple[Case, str]]:
+        """Every case with its place in the file."""
+        yield from ((case, f"cases[{index}]") for index, (case, _) in enumerate(self.base.cases))
+        for choice in choices:
+            for index, (case, _) in enumerate(self._parts((choice,))[-1].cases if choice.cases else ()):
+                yield case, f"{key_path('axes', choice.axis, choice.asked, 'cases', index)}"
+
+    def _check_distinct(self, cases: Iterable[Case]) -> None:
+        known: dict[str, Case] = {}
+        for case in cases:
+            if known.setdefault(case.id.casefold(), case) is not case:
+                message = f'{self.matrix.path}: cases: two cases of one cell have the id "{case.id}"; give one an "id"'
+                raise BadInput(message)
+
+    def _question(self, combination: Combination) -> Question:
+        parts = self._parts(combination)
+        packages = [choice for choice in combination if choice.kind is Kind.PACKAGE]
+        absent = tuple(choice.axis for choice in packages if choice.text == ABSENT)
+        asked = [text for part in parts for text in part.requirements if required_name(text) not in absent]
+        pins = [f"{choice.axis}=={choice.text}" for choice in packages if choice.text != ABSENT]
+
+        def holding(rules: Iterable[Rules]) -> tuple[str, ...]:
+            return _distinct(text for each in rules for text, when in each if when.holds(combination))
+
+        return Question(
+            requirements=_distinct([*asked, *pins]),
+            constraints=holding(part.constraints for part in parts),
+            overrides=holding(part.overrides for part in parts),
+            build_constraints=holding(part.build_constraints for part in parts),
+            build_variables=_merged(part.changes.build_variables for part in parts),
+            only_binary=_distinct(str(name) for part in parts for name in part.changes.only_binary),
+            absent=absent,
+            resolution=self.matrix.resolution,
+            prerelease=self.matrix.prerelease,
+            index=self.index,
+            torch_backend=str(self.matrix.torch_backend or "cpu"),
+            snapshot=self.snapshot,
+        )
+
+    def _surroundings(self, combination: Combination) -> Surroundings:
+        changes = [part.changes for part in self._parts(combination)]
+        variables = {choice.axis: choice.asked for choice in combination if choice.kind is Kind.VARIABLE}
+        files = _merged(change.files for change in changes)
+        return Surroundings(
+            environment={**_merged(change.environment for change in changes), **variables},
+            needs=_distinct(need.value for change in changes for need in change.needs),
+            files={
+                path: self.sources[content.source] if isinstance(content, SourceTable) else content
+                for path, content in files.items()
+            },
+        )
+
+    def _parts(self, combination: Combination) -> list[_Part]:
+        found = [self.base]
+        for choice in combination:
+            if choice.changes is not NO_CHANGES:
+                if choice not in self.parts:
+                    self.parts[choice] = self._part(choice.changes, choice.cases)
+                found.append(self.parts[choice])
+        return found
+
+    def _part(self, changes: Changes, cases: Iterable[CaseTable]) -> _Part:
+        return _Part(
+            changes=changes,
+            requirements=tuple(map(str, changes.requirements)),
+            constraints=self._rules(changes.constraints),
+            overrides=self._rules(changes.overrides),
+            build_constraints=self._rules(changes.build_constraints),
+            cases=tuple((_case(table), condition(self.matrix, table.when)) for table in cases),
+        )
+
+    def _rules(self, constraints: Iterable[Constraint]) -> Rules:
+        return tuple((each.require, condition(self.matrix, each.when)) for each in constraints)
+
+
+def _case(table: CaseTable) -> Case:
+    api = api_of(table.env, table.api)
+    return Case(
+        id=str(table.id or case_id(table.env, table.imports)),
+        env=table.env,
+        api=api.value if api and table.env else "",
+        kwargs=table.kwargs,
+        checks=checks_of(table.checks) if table.env else (IMPORT_CHECK,),
+        required=table.required,
+        imports=tuple(map(str, table.imports)),
+        timeouts={Phase(phase): seconds for phase, seconds in table.timeouts.items()},
+        steps=table.steps,
+        seed=table.seed,
+    )
+
+
+def _distinct(items: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(items))
+
+
+def _merged(mappings: Iterable[Mapping[str, T]]) -> dict[str, T]:
+    return {name: value for mapping in mappings for name, value in mapping.items()}

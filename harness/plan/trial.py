@@ -1,0 +1,203 @@
+"""The one cell that `try` asks for, without a matrix file."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
+
+from harness.errors import BadInput
+from harness.model import Case, Cell, Plan, Question
+from harness.schema import located, suggestion
+from harness.words import (
+    CHECKS,
+    IMPORT_CHECK,
+    LONGEST_LABEL,
+    Api,
+    Instant,
+    ModuleName,
+    PackageSelector,
+    Requirement,
+    Word,
+    api_of,
+    case_id,
+    check_variable,
+    parsed_requirement,
+    required_name,
+)
+
+NAME = "try"
+MODULES = {
+    "opencv-python": "cv2",
+    "opencv-python-headless": "cv2",
+    "pillow": "PIL",
+    "pyopengl": "OpenGL",
+    "pyyaml": "yaml",
+    "scikit-image": "skimage",
+    "scikit-learn": "sklearn",
+}
+"""Top-level modules that are not named like their distribution."""
+
+SIMPLE = "CartPole-v1"
+MUJOCO_EXTRAS = frozenset({"mujoco", "all"})
+GYMNASIUM_1_UPLOADED = "2024-10-08"
+"""Ant-v5 came with gymnasium 1.0, for Python 3.8 and later; the releases before it have Ant-v4."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Asked:
+    """What a command line asks for, as given; `python` is a version or `host`."""
+
+    requirements: tuple[str, ...]
+    python: str
+    envs: tuple[str, ...] = ()
+    api: str | None = None
+    imports: tuple[str, ...] = ()
+    environment: Mapping[str, str] = field(default_factory=dict)
+    constraints: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+    build_constraints: tuple[str, ...] = ()
+    only_binary: tuple[str, ...] = ()
+    as_of: str | None = None
+    torch_backend: str = "cpu"
+
+
+def single(asked: Asked) -> Plan:
+    """Plan the one cell that is asked for; its axes are Python and the packages that are pinned."""
+    question = _question(asked)
+    for name in asked.environment:
+        with located("--set"):
+            check_variable(name)
+    axes = {"python": asked.python, **_pins(question.requirements)}
+    cell = Cell(
+        id=f"{NAME}/{_label(asked.python, question.requirements)}",
+        matrix=NAME,
+        axes=axes,
+        python=asked.python,
+        question=question,
+        environment=asked.environment,
+        cases=cases_for(asked),
+    )
+    return Plan(matrix=NAME, cells=(cell,), axes=tuple(axes))
+
+
+def _question(asked: Asked) -> Question:
+    if not asked.requirements:
+        message = "try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'"
+        raise BadInput(message)
+    return Question(
+        requirements=_words(Requirement, asked.requirements, "try"),
+        constraints=_words(Requirement, asked.constraints, "--constraint"),
+        overrides=_words(Requirement, asked.overrides, "--override"),
+        build_constraints=_words(Requirement, asked.build_constraints, "--build-constraint"),
+        only_binary=_words(PackageSelector, asked.only_binary, "--only-binary"),
+        torch_backend=asked.torch_backend,
+        snapshot=_words(Instant, [asked.as_of], "--as-of")[0] if asked.as_of else None,
+    )
+
+
+def _words(kind: type[Word], texts: Iterable[str], option: str) -> tuple[str, ...]:
+    with located(option):
+        return tuple(dict.fromkeys(kind.canonical(text) for text in texts))
+
+
+def _pins(requirements: Iterable[str]) -> dict[str, str]:
+    """The exact version of each package that is asked for by one."""
+    found = {}
+    for text in requirements:
+        specifiers = list(parsed_requirement(text).specifier)
+        if len(specifiers) == 1 and specifiers[0].operator == "==" and not specifiers[0].version.endswith(".*"):
+            found[required_name(text)] = str(Version(specifiers[0].version))
+    return found
+
+
+def _label(python: str, requirements: Iterable[str]) -> str:
+    pins = _pins(requirements)
+    names = dict.fromkeys(required_name(text) for text in requirements)
+    parts = [f"py{python}", *(name + pins.get(name, "") for name in names)]
+    label = re.sub(r"[^A-Za-z0-9._+-]+", "-", "-".join(parts))
+    if len(label) <= LONGEST_LABEL:
+        return label
+    digest = hashlib.sha256(label.encode()).hexdigest()[:8]
+    return f"{label[: LONGEST_LABEL - len(digest) - 1]}-{digest}"
+
+
+# --- cases -----------------------------------------------------------------------------------------------------
+
+
+def cases_for(asked: Asked) -> tuple[Case, ...]:
+    """The cases of a trial: the environments asked for, else those that the requirements suggest.
+
+    gym and gymnasium bring CartPole, with MuJoCo Ant too; a package without an API that is known here is imported.
+    """
+    imports = _words(ModuleName, asked.imports, "--import")
+    api = _api(asked)
+    envs = tuple(dict.fromkeys(asked.envs)) or (_suggested(asked, api) if api else ())
+    if not envs:
+        modules = [imports] if imports else [(_module(name),) for name in map(required_name, asked.requirements)]
+        return tuple(
+            Case(id=case_id(None, names), env=None, api="", imports=names, checks=(IMPORT_CHECK,))
+            for names in dict.fromkeys(modules)
+        )
+    cases: dict[str, Case] = {}
+    for env in envs:
+        with located("--env"):
+            name = _free(case_id(env, ()), cases)
+            spoken = api_of(env, asked.api) or api or Api.GYMNASIUM
+        cases[name] = Case(id=name, env=env, api=spoken.value, imports=imports, checks=CHECKS)
+    return tuple(cases.values())
+
+
+def _api(asked: Asked) -> Api | None:
+    """The API asked for, else that of the first requirement that is one."""
+    if asked.api is not None:
+        if asked.api not in set(Api):
+            message = f'--api: unknown API "{asked.api}"{suggestion(asked.api, Api)}'
+            raise BadInput(message)
+        return Api(asked.api)
+    return next((Api(name) for name in map(required_name, asked.requirements) if name in set(Api)), None)
+
+
+def _suggested(asked: Asked, api: Api) -> tuple[str, ...]:
+    wanted = [parsed_requirement(text) for text in asked.requirements]
+    extras = {extra for each in wanted if required_name(each.name) == api.value for extra in each.extras}
+    mujoco = bool(extras & MUJOCO_EXTRAS) or "mujoco" in map(required_name, asked.requirements)
+    if not mujoco or (api is Api.GYM and not _allows(asked, api, ">=0.26")):
+        return (SIMPLE,)
+    return (SIMPLE, "Ant-v5" if api is Api.GYMNASIUM and _has_ant_v5(asked) else "Ant-v4")
+
+
+def _has_ant_v5(asked: Asked) -> bool:
+    version = re.fullmatch(r"3\.(\d+)(\..*)?", asked.python)
+    if version and int(version[1]) < 8:
+        return False
+    if asked.as_of and _words(Instant, [asked.as_of], "--as-of")[0] < GYMNASIUM_1_UPLOADED:
+        return False
+    return _allows(asked, Api.GYMNASIUM, ">=1.0")
+
+
+def _allows(asked: Asked, package: str, versions: str) -> bool:
+    """Whether what is asked for leaves one of these versions of a package."""
+    texts = [text for text in (*asked.requirements, *asked.constraints) if required_name(text) == package]
+    specifiers = SpecifierSet(versions)
+    for text in texts:
+        specifiers &= parsed_requirement(text).specifier
+    return not specifiers.is_unsatisfiable()
+
+
+def _module(package: str) -> str:
+    return MODULES.get(package, package.replace("-", "_"))
+
+
+def _free(name: str, taken: Iterable[str]) -> str:
+    """The name, or the first of name-2, name-3, ... that is not taken."""
+    known = {each.casefold() for each in taken}
+    number, free = 1, name
+    while free.casefold() in known:
+        number += 1
+        free = f"{name}-{number}"
+    return free

@@ -1,0 +1,332 @@
+"""The vocabulary of a matrix: names that are known, and strings with rules of their own.
+
+A string with rules is a class that reads itself (`schema.SelfReading`), so that a bad one is refused at its place in
+the file and its rule is part of the JSON Schema. `matcher` gives a `when` its meaning.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from datetime import UTC, date, datetime
+from enum import StrEnum
+from functools import cache
+from pathlib import PurePosixPath
+from typing import Any, ClassVar, Literal, Self, get_args
+
+from packaging.requirements import InvalidRequirement
+from packaging.requirements import Requirement as ParsedRequirement
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.utils import canonicalize_name
+from packaging.version import InvalidVersion, Version
+
+
+class Api(StrEnum):
+    """The adapters: how an environment is made and stepped."""
+
+    GYM = "gym"
+    GYMNASIUM = "gymnasium"
+
+
+class Capability(StrEnum):
+    """What a cell may need of the machine."""
+
+    EGL = "egl"
+    OSMESA = "osmesa"
+    DISPLAY = "display"
+    GPU = "gpu"
+
+
+class Kind(StrEnum):
+    """What an axis ranges over."""
+
+    PYTHON = "python"
+    PACKAGE = "package"
+    BUNDLE = "bundle"
+    VARIABLE = "variable"
+
+
+class Rule(StrEnum):
+    """Which releases of a range become values of the axis."""
+
+    ALL = "all"
+    LATEST_PATCH = "latest-patch"
+    LATEST_MINOR = "latest-minor"
+    NEWEST = "newest"
+    OLDEST_AND_NEWEST = "oldest-and-newest"
+
+
+CheckName = Literal[
+    "import", "single", "vector", "render",
+    "import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array",
+]  # fmt: skip
+"""A check that a case runs, or a phase for all of its checks."""
+
+FindingName = Literal[
+    "single.repeat.fresh", "single.repeat.same", "single.repeat.first", "single.repeat.process",
+    "single.space", "single.check_env", "single.teardown",
+]  # fmt: skip
+"""A finding of level warning, which a case can require not to be there."""
+
+CHECKS: tuple[str, ...] = tuple(name for name in get_args(CheckName) if "." in name)
+IMPORT_CHECK = CHECKS[0]
+HOST = "host"
+ABSENT = "absent"
+UNSET = "unset"
+LONGEST_LABEL = 150
+ALL_PACKAGES = ":all:"
+
+
+# --- strings with rules of their own ---------------------------------------------------------------------------
+
+
+class Word(str):
+    """A string that was checked when it was read."""
+
+    __slots__ = ()
+    reads: ClassVar[tuple[Any, ...]] = (str,)
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Callable[[Any, type[str]], str]) -> Self:
+        """Return the string as it is kept, or raise a ValueError saying what is wrong with it."""
+        return cls(cls.canonical(convert(plain, str)))
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the form that is kept."""
+        raise NotImplementedError
+
+
+class Requirement(Word):
+    """A requirement as PEP 508 writes it, such as `gymnasium[mujoco]>=1.0`."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself, once it parses."""
+        parsed_requirement(text)
+        return text
+
+
+class PackageName(Word):
+    """The name of a package."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the normalised name."""
+        if not re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?", text):
+            message = f'"{text}" is not the name of a package'
+            raise ValueError(message)
+        return canonicalize_name(text)
+
+
+class PackageSelector(PackageName):
+    """The name of a package, or `:all:` for every one."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the normalised name, or `:all:`."""
+        return text if text == ALL_PACKAGES else super().canonical(text)
+
+
+class ModuleName(Word):
+    """The name of a Python module, such as `dm_control.suite`."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself."""
+        if not all(part.isidentifier() for part in text.split(".")):
+            message = f'"{text}" is not the name of a Python module'
+            raise ValueError(message)
+        return text
+
+
+class Label(Word):
+    """A name that can be a folder: letters, digits and `._+-`."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself."""
+        if not re.fullmatch(r"[A-Za-z0-9._+-]+", text) or set(text) <= {"."}:
+            message = f'"{text}" cannot be a label: use letters, digits and "._+-" only'
+            raise ValueError(message)
+        return text
+
+
+class Pattern(Word):
+    """A regular expression (Python's), searched in the decisive line."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself, once it compiles."""
+        try:
+            re.compile(text)
+        except re.error as error:
+            message = f'"{text}" is not a regular expression: {error}'
+            raise ValueError(message) from None
+        return text
+
+
+class TorchBackend(Word):
+    """uv's name for a build of torch: `cpu`, `auto`, `cu126`, `rocm6.3`, `xpu`."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself."""
+        if not re.fullmatch(r"cpu|auto|xpu|cu\d{2,3}|rocm\d+(\.\d+)*", text):
+            message = f'"{text}" is not a torch backend such as "cpu", "cu126", "rocm6.3", "xpu" or "auto"'
+            raise ValueError(message)
+        return text
+
+
+class Instant(Word):
+    """A moment in UTC, such as `2026-11-20T12:00:00Z`; a bare date stands for the end of that day, UTC."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the moment as `2026-11-20T23:59:59Z`."""
+        try:
+            if len(text) == len("2026-11-20"):
+                return f"{date.fromisoformat(text).isoformat()}T23:59:59Z"
+            moment = datetime.fromisoformat(text)
+        except ValueError:
+            message = f'"{text}" is not a date such as 2026-11-20 nor a moment such as 2026-11-20T12:00:00Z'
+            raise ValueError(message) from None
+        moment = moment.replace(tzinfo=moment.tzinfo or UTC).astimezone(UTC)
+        return moment.replace(microsecond=0, tzinfo=None).isoformat() + "Z"
+
+
+class InnerPath(Word):
+    """A relative path that stays inside its folder, with `/` between its parts."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the path without redundant parts."""
+        path = PurePosixPath(text)
+        if not path.name or path.is_absolute() or ".." in path.parts or "\\" in text or "\0" in text:
+            message = f'"{text}" is not a relative path inside the folder'
+            raise ValueError(message)
+        return str(path)
+
+
+class Variables(dict[str, str]):
+    """Environment variables; one set to the empty string stays unset in the cell."""
+
+    reads: ClassVar[tuple[Any, ...]] = (dict[str, str],)
+    reserved: ClassVar[frozenset[str]] = frozenset({"HOME", "TMPDIR"})
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Callable[[Any, type[dict[str, str]]], dict[str, str]]) -> Self:
+        """Return the variables, or raise a ValueError about the first name that cannot be one."""
+        read = cls(convert(plain, dict[str, str]))
+        for name, value in read.items():
+            check_variable(name)
+            if "\0" in value:
+                message = f'the value of "{name}" holds a null character'
+                raise ValueError(message)
+        return read
+
+
+def check_variable(name: str) -> None:
+    """Raise a ValueError unless a cell may have an environment variable of this name."""
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+        message = f'"{name}" is not the name of an environment variable'
+        raise ValueError(message)
+    if name in Variables.reserved:
+        message = f'"{name}" cannot be set: every cell gets its own'
+        raise ValueError(message)
+
+
+@cache
+def parsed_requirement(text: str) -> ParsedRequirement:
+    """Return the requirement, parsed once; a ValueError says why it is none."""
+    try:
+        return ParsedRequirement(text)
+    except InvalidRequirement as error:
+        message = f'"{text}" is not a requirement: {str(error).splitlines()[0]}'
+        raise ValueError(message) from None
+
+
+@cache
+def required_name(text: str) -> str:
+    """Return the normalised name of the package that a requirement asks for."""
+    return canonicalize_name(parsed_requirement(text).name)
+
+
+def version_text(text: str) -> str:
+    """Return a version in its normalised form; a ValueError says what to write where it is none."""
+    try:
+        return str(Version(text))
+    except InvalidVersion:
+        message = f'"{text}" is not a version; ids name resolved versions only'
+        raise ValueError(message) from None
+
+
+def api_of(env: str | None, api: str | None) -> Api | None:
+    """Return the API of a case: the one asked for, else the one whose prefix the environment id has."""
+    prefix = (env or "").partition(":")[0] if ":" in (env or "") else None
+    named = Api(prefix) if prefix in set(Api) else None
+    if named and api and named != api:
+        message = f'"{env}" names the API "{named}", but "{api}" is asked for'
+        raise ValueError(message)
+    return named or (Api(api) if api else None)
+
+
+def case_id(env: str | None, imports: Sequence[str]) -> str:
+    """Return the id of a case that was given none: `ALE-Pong-v5` of `ALE/Pong-v5`, `import-mujoco` without an id."""
+    if env is None:
+        return f"import-{imports[0]}"
+    found = re.sub(r"[^A-Za-z0-9._+-]+", "-", env).strip("-.")
+    if not found:
+        message = f'"{env}" is not the id of an environment'
+        raise ValueError(message)
+    return found
+
+
+def checks_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the checks that checks and phases name, in their order, all for none; every check needs the import."""
+    return tuple(
+        check
+        for check in CHECKS
+        if not names or check in names or check.partition(".")[0] in names or check == IMPORT_CHECK
+    )
+
+
+# --- when ------------------------------------------------------------------------------------------------------
+
+
+When = dict[str, str | tuple[str, ...]]
+"""Axis name to a pattern, or to alternatives of which one must hold; all axes named must agree.
+
+For python and packages a pattern is a version, a specifier such as `>=1.0,<2`, or `absent`; for bundles and variables
+it is a value, in which `*` and `?` stand for any text (`unset` for a variable that stays unset).
+"""
+
+
+def alternatives(patterns: str | tuple[str, ...]) -> tuple[str, ...]:
+    """Return the patterns of one axis of a `when`."""
+    return (patterns,) if isinstance(patterns, str) else patterns
+
+
+@cache
+def matcher(kind: Kind, pattern: str) -> Callable[[str], bool]:
+    """Return the test of an axis value that a pattern of a `when` stands for; ValueError where it stands for none."""
+    if kind in {Kind.BUNDLE, Kind.VARIABLE}:
+        glob = re.escape(pattern or UNSET).replace(r"\*", ".*").replace(r"\?", ".")
+        return cache(lambda value: re.fullmatch(glob, value) is not None)
+    if pattern == ABSENT and kind is Kind.PACKAGE:
+        return lambda value: value == ABSENT
+    specifiers = _specifiers(kind, pattern)
+    return cache(lambda value: value != ABSENT and specifiers.contains(value, prereleases=True))
+
+
+def _specifiers(kind: Kind, pattern: str) -> SpecifierSet:
+    exact = re.fullmatch(r"\d[^,\s]*", pattern)
+    minor = kind is Kind.PYTHON and re.fullmatch(r"\d+\.\d+", pattern)
+    try:
+        found = SpecifierSet(f"=={pattern}{'.*' if minor else ''}" if exact else pattern)
+    except InvalidSpecifier:
+        found = SpecifierSet()
+    if not found:
+        message = f'"{pattern}" is neither a version nor a specifier such as ">=1.0,<2"'
+        raise ValueError(message)
+    return found
