@@ -1,0 +1,107 @@
+"""Requirement files as a question: `-r FILE`, in each of the formats that people have.
+
+The format follows from the file's name, of another TOML file from its content. `-r pyproject.toml --extra mujoco
+--group dev` takes extras and dependency groups.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from packaging.pylock import is_valid_pylock_path
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+from harness import inputfiles, schema
+from harness.errors import BadInput
+from harness.inputfiles import Include, Inputs, Parsed, Source
+
+FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "uv.lock", "conda-lock.yml"}
+"""Formats that people have and that are not read."""
+
+
+def read(paths: Sequence[Path], extras: Sequence[str] = (), groups: Sequence[str] = ()) -> Inputs:
+    """What several files ask for together, with the files that they include.
+
+    Raises BadInput for a file that is missing or wrong (file and line), and for an extra or a group of no file.
+    """
+    found, known_extras, known_groups = Inputs(), set[str](), set[str]()
+    for path in paths:
+        parsed = _parse(path, extras, groups)
+        known_extras |= set(parsed.extras)
+        known_groups |= set(parsed.groups)
+        found += parsed.inputs + _included(parsed.includes, path, seen={path.resolve()})
+    _check("extra", extras, known_extras)
+    _check("group", groups, known_groups)
+    return found
+
+
+def newest_python(requires: SpecifierSet | None, candidates: Iterable[str]) -> str | None:
+    """The newest of these versions that a requirement allows, a final release before any pre-release."""
+    allowed = [Version(one) for one in candidates if requires is None or requires.contains(one, prereleases=True)]
+    newest = max(allowed, key=lambda version: (not version.is_prerelease, version), default=None)
+    return None if newest is None else str(newest)
+
+
+def _parse(path: Path, extras: Sequence[str] = (), groups: Sequence[str] = ()) -> Parsed:
+    text = _text(path)
+    source = Source(name=str(path), folder=path.absolute().parent, variables=os.environ)
+    if path.suffix == ".toml":
+        is_lock = is_valid_pylock_path(path) or (
+            path.name != "pyproject.toml" and re.search(r"(?m)^lock-version", text)
+        )
+        return (inputfiles.pylock if is_lock else inputfiles.pyproject)(text, source, extras, groups)
+    if path.suffix in {".yml", ".yaml"}:
+        return inputfiles.environment_yml(text, source)
+    return inputfiles.requirements_txt(text, source)
+
+
+def _text(path: Path) -> str:
+    if path.name in FOREIGN:
+        message = (
+            f"{path}: this format is not read; give requirements.txt, pyproject.toml, pylock.toml or environment.yml"
+        )
+        raise BadInput(message)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        message = f"{path}: this is no text file in UTF-8"
+        raise BadInput(message) from None
+    except OSError as error:
+        message = f"{path}: the file cannot be read: {error.strerror}"
+        raise BadInput(message) from None
+
+
+def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Inputs:
+    """The files that a file names with -r and -c, each once; all that a -c file requires are constraints."""
+    found = Inputs()
+    for include in includes:
+        if "://" in include.path:
+            found += Inputs(not_modelled=(f"{include.where}: {include.path}: a file on the network is not modelled",))
+            continue
+        target = path.parent / include.path
+        if not target.is_file():
+            message = f"{include.where}: there is no file {target}"
+            raise BadInput(message)
+        if target.resolve() not in seen:
+            seen.add(target.resolve())
+            parsed = _parse(target)
+            inner = parsed.inputs + _included(parsed.includes, target, seen)
+            found += _as_constraints(inner) if include.constraint else inner
+    return found
+
+
+def _as_constraints(inputs: Inputs) -> Inputs:
+    return replace(inputs, requirements=(), constraints=inputs.requirements + inputs.constraints)
+
+
+def _check(kind: str, asked: Iterable[str], known: set[str]) -> None:
+    for name in asked:
+        if canonicalize_name(name) not in {canonicalize_name(one) for one in known}:
+            message = f"--{kind} {name}: no file that was given has this {kind}{schema.suggestion(name, known)}"
+            raise BadInput(message)
