@@ -47,6 +47,7 @@ def guard(order: dict[str, Any], early: bytes) -> dict[str, Any]:
     enter_namespaces(order["sandbox"])
     keeper = os.fork()
     if keeper == 0:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the end of the report's pipe is the end of the guard
         try:
             write_all(report, json.dumps(keep(order, early)).encode())
         except BaseException:

@@ -37,6 +37,11 @@ def mount(source: str, target: str, kind: str | None, flags: int = 0, options: s
     call("mount", *encoded, ctypes.c_ulong(flags), os.fsencode(options))
 
 
+def umount(target: str) -> None:
+    """umount2(2), though something below may still be open."""
+    call("umount2", os.fsencode(target), MNT_DETACH)
+
+
 def enter_namespaces(sandbox: str) -> None:
     """Leave the host's mounts and, for the children to come, its processes; in a user namespace where need be."""
     flags = (CLONE_NEWPID if sandbox.startswith("pid") else 0) | (CLONE_NEWNS if sandbox != "subreaper" else 0)
@@ -60,9 +65,11 @@ class Layer:
         self.upper, self.work = f"{scratch}/upper", f"{scratch}/work"
         self.lower = os.open(folder, os.O_PATH | os.O_DIRECTORY)
         os.makedirs(scratch)
+        self.in_memory = False
         try:
             self.cover()
         except OSError:  # not every file system can hold an upper layer, a tmpfs can
+            self.in_memory = True
             mount("tmpfs", scratch, "tmpfs", MS_NOSUID | MS_NODEV)
             self.cover()
 
@@ -98,9 +105,11 @@ class Layer:
 
     def remove(self) -> None:
         """Take the layer away: its work folder is closed to everyone but us."""
-        call("umount2", os.fsencode(self.folder), MNT_DETACH)
+        umount(self.folder)
+        if self.in_memory:
+            umount(self.scratch)
         for parent, folders, files in os.walk(self.scratch, topdown=False):
-            for path in (os.path.join(parent, name) for name in files + folders):
+            for path in (*(os.path.join(parent, name) for name in files + folders), parent):
                 try:
                     (os.rmdir if os.path.isdir(path) and not os.path.islink(path) else os.unlink)(path)
                 except OSError:  # the owner of the home removes what is left

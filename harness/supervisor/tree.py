@@ -40,17 +40,22 @@ def proportional(pid: int, resident: int) -> int:
     try:
         with open(f"/proc/{pid}/smaps_rollup", "rb") as file:
             lines = [line.split() for line in file]
-    except OSError:
+    except PermissionError:
         return resident
+    except OSError:  # it has ended
+        return 0
     return sum(int(words[1]) * 1024 for words in lines if words[0] in (b"Pss:", b"SwapPss:"))
 
 
 def uses_more_than(limit: int) -> bool:
-    """Whether all processes together hold more than `limit` bytes; exact only where the cheap sum says so."""
+    """Whether all processes together hold more than `limit` bytes; exact only where the cheap sum says so.
+
+    The exact sum is taken twice: while processes start or end, their shares of a page do not add up to one.
+    """
     tree = descendants()
     if sum(tree.values()) <= limit:
         return False
-    return sum(proportional(pid, resident) for pid, resident in tree.items()) > limit
+    return all(sum(proportional(*process) for process in descendants().items()) > limit for _ in range(2))
 
 
 def reap(ended: dict[int, int]) -> None:
