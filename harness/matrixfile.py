@@ -7,7 +7,7 @@ form, keys that exclude one another. Everything is pure; `sources` names the fil
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import PurePosixPath
 from typing import Any
@@ -34,6 +34,7 @@ from harness.words import (
     ABSENT,
     HOST,
     IMPORT_CHECK,
+    UNSET,
     Kind,
     Label,
     When,
@@ -181,7 +182,21 @@ def _check_when(matrix: Matrix, path: Keys, when: When, *, locks: bool = False) 
                 message = "an environment variable never changes what is installed; use a bundle axis"
                 raise ValueError(message)
             for pattern in alternatives(patterns):
-                matcher(kind, pattern)
+                holds = matcher(kind, pattern)
+                if kind in {Kind.BUNDLE, Kind.VARIABLE}:
+                    _check_named(pattern, holds, _labels(matrix, name))
+
+
+def _check_named(pattern: str, holds: Callable[[str], bool], labels: Sequence[str]) -> None:
+    """A name, unlike a version, that no value has is a mistake."""
+    if not any(map(holds, labels)):
+        message = f'no value of this axis is "{pattern}"{suggestion(pattern, labels)}'
+        raise ValueError(message)
+
+
+def _labels(matrix: Matrix, name: str) -> list[str]:
+    listed = [value.text for value in matrix.axes[name].values]
+    return [text or UNSET for text in (*listed, *(table.axes.get(name, "") for table in matrix.include))]
 
 
 def _axis(matrix: Matrix, name: str) -> Axis:

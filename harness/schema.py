@@ -37,6 +37,7 @@ _WRONG_TYPE = re.compile(r"Expected `([^`]*)`, got `([^`]*)`")
 _OUT_OF_RANGE = re.compile(r"Expected `(\w+)` (.*)")
 _NOT_ONE_OF = re.compile(r"Invalid enum value '?(.*?)'?", re.DOTALL)
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_NOT_EMPTY = {"of length >= 1": "that is not empty"}
 _WORDS = {
     "str": "a string",
     "int": "an integer",
@@ -194,7 +195,7 @@ def _sentence(error: str, plain: Any, kind: Any, literals: Callable[[], Any]) ->
     elif wrong := _WRONG_TYPE.fullmatch(what):
         what = f"expected {_expected(wrong[1])}, got {_got(wrong[2])}{_quote_it(wrong, segments, literals)}"
     elif outside := _OUT_OF_RANGE.fullmatch(what):
-        what = f"expected {_WORDS.get(outside[1], outside[1])} {outside[2]}"
+        what = f"expected {_WORDS.get(outside[1], outside[1])} {_NOT_EMPTY.get(outside[2], outside[2])}"
     elif refused := _NOT_ONE_OF.fullmatch(what):
         valid = (name for node in _nodes(kind, segments) for name in _names(node))
         what = f'unknown value "{refused[1]}"{suggestion(refused[1], valid)}'

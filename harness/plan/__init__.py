@@ -4,7 +4,8 @@ Cells share what they have in common (questions, cases, variables), so that ten 
 second or two.
 """
 
+from harness.plan.contents import index_settings
 from harness.plan.product import expand
 from harness.plan.trial import Asked, cases_for, single
 
-__all__ = ["Asked", "cases_for", "expand", "single"]
+__all__ = ["Asked", "cases_for", "expand", "index_settings", "single"]

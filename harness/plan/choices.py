@@ -31,9 +31,11 @@ def _values(matrix: Matrix, name: str, axis: Axis, expansion: Expansion | None) 
     if axis.range is None:
         return axis.values
     with located(matrix.path, "axes", name):
-        if expansion is None or not expansion.fits(matrix):
-            state = "not expanded yet" if expansion is None else "not what was expanded"
-            message = f'the range is {state}; run "simmatrix lock {matrix.name}"'
+        if expansion is None:
+            message = f'the range is not expanded yet; run "simmatrix lock {matrix.name}"'
+            raise ValueError(message)
+        if not expansion.fits(matrix):
+            message = f'the range has changed since it was expanded; run "simmatrix lock {matrix.name} --upgrade"'
             raise ValueError(message)
     return tuple(Value(text=version) for version in expansion.axes[name])
 

@@ -46,7 +46,7 @@ class Contents:
         self.matrix = matrix
         self.sources = sources
         self.snapshot = str(snapshot) if snapshot else None
-        self.index = IndexSettings(**msgspec.structs.asdict(matrix.index))
+        self.index = index_settings(matrix)
         self.base = self._part(matrix, matrix.cases)
         self.parts: dict[Choice, _Part] = {}
         self.questions: dict[Combination, Question] = {}
@@ -150,6 +150,11 @@ class Contents:
 
     def _rules(self, constraints: Iterable[Constraint]) -> Rules:
         return tuple((each.require, condition(self.matrix, each.when)) for each in constraints)
+
+
+def index_settings(matrix: Matrix) -> IndexSettings:
+    """Where the packages of a matrix come from; relative find-links stay relative."""
+    return IndexSettings(**msgspec.structs.asdict(matrix.index))
 
 
 def _case(table: CaseTable) -> Case:
