@@ -517,13 +517,13 @@ command = Command(argv=(sys.executable, "-I", "-S", "-c", {daemon!r} + "time.sle
 STOPPER = """
 import threading, time
 from harness import process
-ends = []
+ends = [sandbox_mode()]
 thread = threading.Thread(target=lambda: ends.append(run(command)))
 thread.start()
 while not process._live: time.sleep(0.01)
 stop()
 thread.join()
-print(ends[0].killed)
+print(ends[-1].killed)
 try:
     run(command)
 except Exception as error:
