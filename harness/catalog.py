@@ -7,10 +7,12 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
+import msgspec
+
 from harness import expansion, index, interpreters, matrixfile, plan
 from harness.errors import BadInput, CouldNotTell
 from harness.matrix import Expansion, Matrix
-from harness.model import Plan, Question
+from harness.model import IndexSettings, Plan, Question
 from harness.store import Store, now, write_atomic
 
 PACKAGE = Path(__file__).parent
@@ -69,7 +71,7 @@ def _expansion(matrix: Matrix, path: Path, say: Callable[[str], None], *, offlin
         )
         raise CouldNotTell(message)
     instant = str(matrix.snapshot or now())
-    settings = plan.index_settings(matrix)
+    settings = IndexSettings(**msgspec.structs.asdict(matrix.index))
     releases = {
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
         for name in matrix.ranges

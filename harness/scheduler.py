@@ -50,7 +50,7 @@ def default_jobs() -> int:
 
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
     """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
-    runner = _Runner(store, settings, observer)
+    runner = Runner(store, settings, observer)
     results: dict[str, CellRecord] = {}
     with _pool(settings.jobs) as submit:
         pending: set[Future[CellRecord]] = {submit(runner.cell, cell) for cell in cells}
@@ -93,7 +93,9 @@ class _Once:
 
 
 @dataclass
-class _Runner:
+class Runner:
+    """Takes cells through their phases; what several of them need is done once."""
+
     store: Store
     settings: Settings
     observer: Observer
@@ -211,7 +213,7 @@ class _NoEnvironment(Exception):
 class _Pool:
     """The environment of one cell, made only when a probe has to run."""
 
-    def __init__(self, runner: _Runner, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
+    def __init__(self, runner: Runner, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
         self.runner, self.cell, self.lock, self.interpreter = runner, cell, lock, interpreter
         question = cell.question
         self.key = digest(

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from time import time
 from typing import Any, TypeVar
 
 import msgspec
@@ -113,10 +114,10 @@ class Store:
         """Keep what an install came to, good or bad."""
         self._save("installed", key, installed)
 
-    def instant(self, name: str, renew: bool = False) -> str:
-        """The cutoff of a matrix without a snapshot: the instant of its first lock, kept until renewed."""
+    def instant(self, name: str, *, renew: bool = False, hours: float = float("inf")) -> str:
+        """The cutoff of a matrix without a snapshot: the instant of its first lock, kept so long or until renewed."""
         path = self.folder / "instants" / name
-        if renew or not path.exists():
+        if renew or not path.exists() or time() - path.stat().st_mtime > hours * 3600:
             write_atomic(path, now().encode())
         return path.read_text()
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness import document, machine, present, store, tables, verdict
-from harness.model import CellRecord, Plan, Verdict
+from harness.contract import Document
+from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.store import Store
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
@@ -53,20 +55,80 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
     """Write the report of each matrix, print the table, and return the exit code of all."""
     measured = {record.cell.id: record for record in records}
     here = machine.facts()
-    documents = []
+    made: list[tuple[Path, Document]] = []
     for plan in plans:
-        folder = wanted.out or opened.folder / "reports" / plan.matrix
-        if wanted.out and len(plans) > 1:
-            folder = wanted.out / plan.matrix
+        folder = wanted.out or opened.folder / "reports"
+        folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
         known = [found for cell in plan.cells if (found := measured.get(cell.id) or _kept(opened, here.id, cell))]
-        made = document.build(known, [plan], {here.id: here.facts}, store.now())
-        documents.append((folder, write(made, folder, opened, wanted)))
-    whole = document.combined([made for _, made in documents])
+        locate = _Files(opened, folder).place(known)
+        report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate)
+        write(report, folder)
+        made.append((folder, report))
     if wanted.json:
-        sys.stdout.buffer.write(document.encode(document.moved(whole, _from_here(documents[0][0]))))
+        here_now = [document.moved(report, seen_from_here(folder)) for folder, report in made]
+        sys.stdout.write(document.encode(document.combined(here_now)).decode())
     else:
-        present.print_terminal(tables.report(whole, wanted.pivot))
-        print(_closing(whole))
-        for folder, _ in documents:
-            print(f"report: {_shown(folder)}")
-    return document.exit_code(whole, wanted.fail_on)
+        present.print_terminal(tables.report(document.combined([report for _, report in made]), wanted.pivot))
+        print(_closing(list(measured.values())))
+        for folder, _ in made:
+            print(f"report: {os.path.relpath(folder)}")
+    return document.exit_code(document.combined([report for _, report in made]), wanted.fail_on)
+
+
+def write(report: Document, folder: Path) -> None:
+    """Write `report.json` and `report.md` into a folder."""
+    store.write_atomic(folder / "report.json", document.encode(report))
+    store.write_atomic(folder / "report.md", present.markdown(tables.report(report), _template()).encode())
+
+
+def _template() -> str:
+    return (Path(present.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
+
+
+def _kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
+    """What was measured of a cell before, if it was this cell, whatever is expected of it now."""
+    found = opened.load_cell(machine_id, cell.id)
+    if found and replace(found.cell, expect=cell.expect) == cell:
+        return replace(found, cell=cell, reused=True)
+    return None
+
+
+@dataclass(slots=True)
+class _Files:
+    """Locks and frames of a report, copied beside it; logs stay in the store and are named from there."""
+
+    opened: Store
+    folder: Path
+    placed: dict[str, str] = field(default_factory=dict)
+
+    def place(self, records: Iterable[CellRecord]) -> document.Locate:
+        """Copy what the records name and return how to name it from the report."""
+        for record in records:
+            if record.lock:
+                self._copy(record.lock, Path(record.lock).as_posix())
+            shown = ((case.case, frame) for case in record.cases for phase in case.phases for frame in phase.frames)
+            for case, frame in shown:
+                self._copy(frame, f"frames/{record.cell.label}--{case}--{Path(frame).name}")
+        return self.locate
+
+    def locate(self, path: str) -> str:
+        """A path of the store as the report names it."""
+        return self.placed.get(path) or os.path.relpath(self.opened.folder / path, self.folder)
+
+    def _copy(self, path: str, name: str) -> None:
+        source, target = self.opened.folder / path, self.folder / name
+        if path not in self.placed and source.is_file():
+            store.write_atomic(target, source.read_bytes())
+            self.placed[path] = name
+
+
+def seen_from_here(folder: Path) -> document.Locate:
+    """How paths relative to a folder are named from the working folder."""
+    return lambda path: os.path.relpath(folder / path)
+
+
+def _closing(records: Sequence[CellRecord]) -> str:
+    reused = sum(record.reused for record in records)
+    if reused == len(records):
+        return f"nothing to do: all {reused} cells were measured before, under the same keys"
+    return f"{len(records) - reused} cells measured, {reused} reused"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -44,19 +46,28 @@ def main(args: argparse.Namespace) -> int:
         jobs=args.jobs, until=args.until, fresh=args.fresh, offline=args.offline, verify=args.verify
     )
     opened = store.open_store()
-    plans = [catalog.plan(name, opened, offline=args.offline) for name in args.matrices]
-    chosen = [cell for plan in plans for cell in plan.cells if args.k is None or matches(cell, args.k)]
-    if not chosen:
-        message = f"-k {args.k}: no cell of {', '.join(args.matrices)} matches"
-        raise BadInput(message)
+    plans = [catalog.load(name, opened, tell, offline=args.offline) for name in args.matrices]
+    chosen = choose(tuple(cell for plan in plans for cell in plan.cells), args.k)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
     return reporting.finish(plans, records, opened, reporting.Wanted.of(args))
 
 
-def matches(cell: Cell, pattern: str) -> bool:
-    """Whether a glob selects a cell, by its whole id, its label or any part of it."""
-    return any(fnmatchcase(text, pattern) for text in (cell.id, cell.label)) or pattern in cell.id
+def tell(text: str) -> None:
+    """Something for the user to know, never on stdout."""
+    print(text, file=sys.stderr)
+
+
+def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
+    """The cells whose id, or label, a glob matches; an empty selection is bad input."""
+    if pattern is None:
+        return tuple(cells)
+    found = tuple(cell for cell in cells if fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern))
+    if not found:
+        example = f"; one of them is {cells[0].id}" if cells else ""
+        message = f"-k {pattern}: none of the {len(cells)} cells matches{example}"
+        raise BadInput(message)
+    return found
 
 
 def _jobs(text: str) -> int:

@@ -6,6 +6,7 @@ second or two.
 
 from harness.plan.contents import index_settings
 from harness.plan.product import expand
+from harness.plan.trial import NAME as TRY_MATRIX
 from harness.plan.trial import Asked, cases_for, single
 
-__all__ = ["Asked", "cases_for", "expand", "index_settings", "single"]
+__all__ = ["TRY_MATRIX", "Asked", "cases_for", "expand", "index_settings", "single"]

@@ -1,0 +1,93 @@
+"""`simmatrix lock MATRIX`: resolve every cell to hash-pinned requirements."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import msgspec
+
+from harness import catalog, scheduler, store, verdict
+from harness.commands import progress, reporting
+from harness.commands.run import choose, tell
+from harness.model import CellRecord, Phase, Verdict
+
+HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."
+
+
+class LockedCell(msgspec.Struct, frozen=True, kw_only=True):
+    """One cell as `lock --json` lists it; `lock` is a path, or null with the reason in `decisive`."""
+
+    id: str
+    python: str | None
+    lock: str | None
+    lock_sha256: str | None
+    decisive: str | None
+
+
+class Locked(msgspec.Struct, frozen=True, kw_only=True):
+    """The document of `lock --json`."""
+
+    schema: int = 1
+    matrix: str
+    cells: tuple[LockedCell, ...]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `lock`."""
+    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
+    parser.add_argument("-j", "--jobs", type=int, default=scheduler.default_jobs(), help="cells at a time [cores]")
+    parser.add_argument("--upgrade", action="store_true", help="expand ranges again and lock as of now")
+    parser.add_argument("--offline", action="store_true", help="never ask the index")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="where the lock of a single cell goes [stdout]")
+    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Lock the cells; exit 1 when one has no lock for a reason of its packages, 3 when it could not be told."""
+    opened = store.open_store()
+    plan = catalog.load(args.matrix, opened, tell, offline=args.offline, renew=args.upgrade)
+    cells = choose(plan.cells, args.k)
+    settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
+    with progress.Progress(len(cells), args.jobs, _headline) as board:
+        records = scheduler.run(cells, opened, settings, board)
+    if args.json:
+        sys.stdout.buffer.write(msgspec.json.encode(_document(plan.matrix, records, opened)) + b"\n")
+    elif len(records) == 1 and records[0].lock:
+        _single((opened.folder / records[0].lock).read_text(), args.out)
+    else:
+        for record in records:
+            print(f"{record.cell.id}  {record.lock or verdict.judge(record).decisive}")
+    unlocked = [verdict.judge(record).verdict for record in records if not record.lock]
+    fine = all(reporting.expects(record, Verdict.UNRESOLVABLE) for record in records if not record.lock)
+    return 0 if fine else 3 if set(unlocked) <= verdict.UNTOLD else 1
+
+
+def _headline(record: CellRecord) -> str:
+    return "locked" if record.lock else verdict.judge(record).verdict.value
+
+
+def _single(text: str, out: Path | None) -> None:
+    if out is None:
+        sys.stdout.write(text)
+    else:
+        store.write_atomic(out, text.encode())
+
+
+def _document(matrix: str, records: tuple[CellRecord, ...], opened: store.Store) -> Locked:
+    locate = reporting.seen_from_here(opened.folder)
+    return Locked(
+        matrix=matrix,
+        cells=tuple(
+            LockedCell(
+                id=record.cell.id,
+                python=record.python,
+                lock=locate(record.lock) if record.lock else None,
+                lock_sha256=record.lock_sha256,
+                decisive=None if record.lock else verdict.judge(record).decisive,
+            )
+            for record in records
+        ),
+    )

@@ -1,0 +1,90 @@
+"""`simmatrix plan MATRIX`: the cells of a matrix, and the combinations left out, each with its reason."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import msgspec
+
+from harness import catalog, store
+from harness.commands.run import choose, tell
+from harness.model import Case, Cell, Plan
+
+HELP = "List the cells of a matrix, and the combinations left out, each with its reason."
+
+
+class PlannedCell(msgspec.Struct, frozen=True, kw_only=True):
+    """One cell as `plan --json` lists it."""
+
+    id: str
+    axes: dict[str, str]
+    requirements: tuple[str, ...]
+    environment: dict[str, str]
+    cases: tuple[str, ...]
+    expected: str
+
+
+class DroppedCell(msgspec.Struct, frozen=True, kw_only=True):
+    """A combination that is not run."""
+
+    id: str
+    reason: str
+
+
+class Planned(msgspec.Struct, frozen=True, kw_only=True):
+    """The document of `plan --json`."""
+
+    schema: int = 1
+    matrix: str
+    cells: tuple[PlannedCell, ...]
+    dropped: tuple[DroppedCell, ...]
+    stale: tuple[str, ...]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `plan`."""
+    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
+    parser.add_argument("--offline", action="store_true", help="never ask the index")
+    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Print the plan."""
+    plan = catalog.load(args.matrix, store.open_store(), tell, offline=args.offline)
+    cells = choose(plan.cells, args.k)
+    if args.json:
+        sys.stdout.buffer.write(msgspec.json.encode(_document(plan, cells)) + b"\n")
+        return 0
+    for cell in cells:
+        print(f"{cell.id}  {', '.join(map(_name, cell.cases))}" + (f"  [{cell.expect.verdict}]" if cell.expect else ""))
+    for dropped in plan.dropped:
+        print(f"left out: {dropped.id}: {dropped.reason}")
+    for sentence in plan.stale:
+        print(f"out of date: {sentence}")
+    print(f"{len(cells)} cells, {len(plan.dropped)} combinations left out")
+    return 0
+
+
+def _name(case: Case) -> str:
+    return case.env or case.id
+
+
+def _document(plan: Plan, cells: tuple[Cell, ...]) -> Planned:
+    return Planned(
+        matrix=plan.matrix,
+        cells=tuple(
+            PlannedCell(
+                id=cell.id,
+                axes=dict(cell.axes),
+                requirements=cell.question.requirements,
+                environment=dict(cell.environment),
+                cases=tuple(case.id for case in cell.cases),
+                expected=cell.expect.verdict if cell.expect else "works",
+            )
+            for cell in cells
+        ),
+        dropped=tuple(DroppedCell(id=dropped.id, reason=dropped.reason) for dropped in plan.dropped),
+        stale=plan.stale,
+    )

@@ -1,0 +1,190 @@
+"""`simmatrix try REQUIREMENT...`: one combination, answered in one line."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
+
+from harness import document, inputs, interpreters, machine, plan, scheduler, store, verdict
+from harness.commands import progress, reporting
+from harness.commands.run import tell
+from harness.contract import word
+from harness.errors import BadInput
+from harness.inputfiles import Inputs
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Plan, Question, Verdict
+from harness.store import Store
+from harness.verdict import Judgement
+
+HELP = "Try one combination of requirements: lock, install, and run environments in it."
+REUSED_FOR_HOURS = 24.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `try`."""
+    parser.add_argument("requirements", metavar="REQUIREMENT", nargs="*", help="such as 'gymnasium[mujoco]==1.2.3'")
+    parser.add_argument(
+        "-r",
+        dest="files",
+        type=Path,
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="requirements.txt, pyproject.toml, pylock.toml or environment.yml",
+    )
+    parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml")
+    parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a group of the pyproject.toml")
+    parser.add_argument(
+        "--python", metavar="V", help="version, `host` or path [the active environment's, or newest]"
+    )
+    parser.add_argument("--env", metavar="ID", action="append", default=[], help="an environment id; may be repeated")
+    parser.add_argument("--api", metavar="A", help="the API that the environments speak")
+    parser.add_argument(
+        "--import", dest="imports", metavar="MODULE", action="append", default=[], help="a module to import first"
+    )
+    parser.add_argument("--set", metavar="N=V", action="append", default=[], help="an environment variable of the cell")
+    for option, meaning in RESOLVER_OPTIONS.items():
+        parser.add_argument(option, metavar="R", action="append", default=[], help=meaning)
+    parser.add_argument("--as-of", metavar="INSTANT", help="resolve as the index stood then (UTC), e.g. 2024-01-31")
+    parser.add_argument("--torch-backend", metavar="B", default="cpu", help="uv's: cpu, auto, cu126, ... [%(default)s]")
+    parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
+    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    parser.add_argument("--verify", action="store_true", help="one process per check, and each failure confirmed")
+    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+
+
+RESOLVER_OPTIONS = {
+    "--constraint": "bound a package without asking for it",
+    "--override": "replace what other packages say of this one",
+    "--build-constraint": "bound what sdists are built with",
+    "--only-binary": "never build this package from source (`:all:` for every one)",
+}
+
+
+def main(args: argparse.Namespace) -> int:
+    """Try it; 0 only for `works`, 1 where it does not, 3 where it cannot be told here."""
+    given = inputs.read(args.files, extras=args.extra, groups=args.group)
+    for line in (*given.not_modelled, *given.notes):
+        tell(f"note: {line}")
+    opened = store.open_store()
+    settings = scheduler.Settings(fresh=args.fresh, offline=args.offline, verify=args.verify)
+    with progress.Progress(1, 1, reporting.headline) as board:
+        planned = _plan(args, given, opened, scheduler.Runner(opened, settings, board))
+        (record,) = scheduler.run(planned.cells, opened, settings, board)
+    judged = verdict.judge(record)
+    if args.json:
+        here = machine.facts()
+        locate = reporting.seen_from_here(opened.folder)
+        made = document.build([record], [planned], {here.id: here.facts}, store.now(), locate)
+        sys.stdout.write(document.encode(made).decode())
+    else:
+        print(answer(record, judged))
+    return 0 if judged.verdict is Verdict.WORKS else 3 if judged.verdict in verdict.UNTOLD else 1
+
+
+# --- what is asked for -----------------------------------------------------------------------------------------
+
+
+def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: scheduler.Runner) -> Plan:
+    """The one-cell plan, its Python chosen and its instant set."""
+    asked = plan.Asked(
+        requirements=(*args.requirements, *given.requirements),
+        python="host",
+        envs=tuple(args.env),
+        api=args.api,
+        imports=tuple(args.imports),
+        environment=dict(_variable(text) for text in args.set),
+        constraints=(*args.constraint, *given.constraints),
+        overrides=(*args.override, *given.overrides),
+        build_constraints=tuple(args.build_constraint),
+        only_binary=(*args.only_binary, *given.only_binary),
+        torch_backend=args.torch_backend,
+        as_of=args.as_of or opened.instant(plan.TRY_MATRIX, renew=args.fresh, hours=REUSED_FOR_HOURS),
+    )
+    question = replace(
+        plan.single(asked).cells[0].question,
+        index=given.index,
+        prerelease=given.prerelease or Question.prerelease,
+    )
+    python = args.python or _python(question, given, runner)
+    planned = plan.single(replace(asked, python=_version(python)))
+    (cell,) = planned.cells
+    return replace(planned, cells=(replace(cell, python=python, question=question),))
+
+
+def _variable(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        message = f"--set {text}: write NAME=VALUE, as in --set MUJOCO_GL=osmesa"
+        raise BadInput(message)
+    return name, value
+
+
+def _version(python: str) -> str:
+    """What cells are named after: the version of an interpreter given by its path."""
+    found = interpreters.find(python) if "/" in python or python == "host" else None
+    return found.version if found else python
+
+
+def _python(question: Question, given: Inputs, runner: scheduler.Runner) -> str:
+    """The active environment's Python if it can be had, else the newest that the requirements allow."""
+    allowed = SpecifierSet(given.python or "")
+    active = interpreters.active_version()
+    if active and allowed.contains(active, prereleases=True) and interpreters.find(active):
+        return active
+    minors = {found.minor: found for found in interpreters.available() if allowed.contains(found.version)}
+    newest = sorted(minors.values(), key=lambda found: Version(found.version), reverse=True)
+    for found in newest:
+        lock, step = runner.lock(question, found)
+        if lock or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE:
+            return found.minor
+    return newest[0].minor if newest else "host"
+
+
+# --- the answer ------------------------------------------------------------------------------------------------
+
+
+def answer(record: CellRecord, judged: Judgement) -> str:
+    """One line for what works; for what does not, the line that says why and the next command to type."""
+    told = f"{word(judged.verdict)}: {_tried(record, judged)}"
+    if judged.verdict is Verdict.WORKS:
+        return told
+    lines = [told, judged.decisive or "no line says why"]
+    if record.measured and judged.verdict is not Verdict.UNAVAILABLE:
+        lines.append(f"next: simmatrix show {shlex.quote(record.cell.id)}")
+    return "\n".join(lines)
+
+
+def _tried(record: CellRecord, judged: Judgement) -> str:
+    """What was really tried, and of what: never more than that."""
+    passed = {case.case: tuple(p.phase for p in case.phases if p.outcome is Outcome.PASSED) for case in record.cases}
+    parts = []
+    for phases in dict.fromkeys(names for names in passed.values() if names):
+        shown = [_name(case) for case in record.cases if passed[case.case] == phases]
+        parts.append(f"{', '.join(phases)} of {' and '.join(shown)}")
+    if judged.phase and judged.verdict is not Verdict.WORKS:
+        failed = [_name(case) for case in record.cases if _ended(case, judged.phase) is judged.phases[judged.phase]]
+        parts.append(
+            f"{judged.phase} {judged.phases[judged.phase]}" + (f" of {' and '.join(failed)}" if failed else "")
+        )
+    parts += [f"{phase} not verified: {_why(record, Phase(phase))}" for phase in judged.unverified]
+    where = f" on Python {record.python}" if record.python else ""
+    return "; ".join(parts or ["nothing was tried"]) + where
+
+
+def _name(case: CaseRecord) -> str:
+    return case.env or case.case
+
+
+def _ended(case: CaseRecord, phase: Phase) -> Outcome | None:
+    return next((record.outcome for record in case.phases if record.phase is phase), None)
+
+
+def _why(record: CellRecord, phase: Phase) -> str:
+    told = (p.decisive for case in record.cases for p in case.phases if p.phase is phase and p.decisive)
+    return next(told, "it was not reached")
