@@ -2,7 +2,7 @@
 
 from contextlib import contextmanager
 
-from .cell_errors import Skip, library, summary
+from .cell_errors import library, summary
 from .cell_trace import Trace
 from .cell_values import Examiner
 
@@ -10,9 +10,6 @@ from .cell_values import Examiner
 @contextmanager
 def opened(probe, phase, make, *args, **kwargs):
     """Make an environment and close it; an exception of close() is a finding, and none after a failure."""
-    if not probe.case["env"]:
-        reason = "no environment was asked for"
-        raise Skip(reason)
     with library:
         env = make(*args, **kwargs)
     try:

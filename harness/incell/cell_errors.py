@@ -5,11 +5,11 @@ import traceback
 from .cell_lines import LONGEST_MESSAGE, LONGEST_TRACEBACK, bounded
 
 
-class ContractViolation(Exception):  # noqa: N818 - its name is shown to users
+class ContractViolation(Exception):
     """The library returned something a user's loop cannot use."""
 
 
-class Skip(Exception):  # noqa: N818 - no error
+class Skip(Exception):
     """The check has no meaning here."""
 
 

@@ -127,7 +127,7 @@ class Probe:
         began = self._arm(check)
         try:
             if not check.startswith("import."):
-                self.import_modules()  # before our own modules bring numpy in
+                self._prepare()
             self._phase(check).CHECKS[check](self, facts)
         except Skip as skip:
             outcome, reason = "skipped", str(skip)
@@ -141,6 +141,13 @@ class Probe:
         self.reply.write("check", check=check, workers=self.workers, facts=facts, **record)
         library.raised = None
         return outcome, told
+
+    def _prepare(self):
+        """Import the libraries before those modules of ours that bring numpy in."""
+        if not self.case["env"]:
+            reason = "no environment was asked for"
+            raise Skip(reason)
+        self.import_modules()
 
     def _arm(self, check):
         began = time.monotonic()

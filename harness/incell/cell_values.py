@@ -126,9 +126,9 @@ def _numbers(value, where):
     try:
         with library:
             array = np.asarray(value)
-    except Exception as error:
-        violate("{} is {}, of which no array can be made: {}", where, _shown(value), error)
-    if array.dtype.kind not in "biufc":
+    except Exception:  # told below, without the chain of causes that points elsewhere
+        array = None
+    if array is None or array.dtype.kind not in "biufc":
         violate("{} is {}, not numbers", where, _shown(value))
     return array
 

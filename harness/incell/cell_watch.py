@@ -58,7 +58,8 @@ class Watch:
         self._shown(message, category, *place, **named)
 
     def _unraisable(self, unraisable):
-        self._ignored.append("{}: {}".format(unraisable.err_msg or "Exception ignored", summary(unraisable.exc_value)))
+        where = getattr(unraisable.object, "__qualname__", type(unraisable.object).__qualname__)
+        self._ignored.append("exception ignored in {}: {}".format(where, summary(unraisable.exc_value)))
         sys.__unraisablehook__(unraisable)
 
     def take_warnings(self):

@@ -4,6 +4,7 @@ What the parent gets is a mask: `BrokenPipeError`, `ConnectionResetError` or `EO
 worker, and in gym 0.26 a `TypeError` for any exception of step().
 """
 
+import functools
 import os
 import time
 
@@ -33,8 +34,11 @@ class Maker:
         diary = Diary(Lines(name + ".jsonl"), self.check)
         env = diary.kept("constructor", self.make)(self.case)
         diary.reached("constructed")
-        env.reset = diary.kept("reset", env.reset)
-        env.step = diary.kept("step", env.step)
+        for stage in ("reset", "step"):
+            try:
+                setattr(env, stage, diary.kept(stage, getattr(env, stage)))
+            except AttributeError:  # an environment may refuse new attributes
+                break
         return env
 
 
@@ -57,6 +61,7 @@ class Diary:
     def kept(self, stage, function):
         """Wrap a function: it is a stage, and its exception is written before it goes on."""
 
+        @functools.wraps(function)
         def wrapper(*args, **kwargs):
             self.reached(stage)
             try:

@@ -37,9 +37,12 @@ def async_fork(probe, facts):
     probe.workers = endings(workers, PATIENCE)
     finish(workers)
     for ended in probe.workers:
-        if ended["exit_code"] != 0:
-            text = "a worker did not end with exit code 0 after close() but with {}"
-            probe.finding("vector.teardown", text.format(ended["exit_code"]))
+        if ended["exit_code"] is None:
+            probe.finding("vector.teardown", "a worker went on after close()")
+        elif ended["exit_code"] != 0:
+            probe.finding(
+                "vector.teardown", "a worker ended with exit code {} after close()".format(ended["exit_code"])
+            )
 
 
 def _rollout(probe, env, facts):
