@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from harness import frames, launch, outcomes
+from harness import frames, launch, normalise, outcomes
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -40,15 +40,15 @@ class Context:
     """What the cases of one cell share.
 
     `site` makes the environment when a probe really has to run. `identity` is all that a result's key holds besides
-    case, phase and probe: environment key, variables, sandbox mode, machine. `clean` takes this machine's paths out
-    of evidence.
+    case, phase and probe: environment key, variables, sandbox mode, machine. `places` names this machine's folders, for
+    evidence.
     """
 
     store: Store
     site: Callable[[], launch.Site]
     identity: tuple[object, ...]
     capabilities: frozenset[str]
-    clean: Callable[[str], str]
+    places: Mapping[str, str]
     until: Phase = Phase.RENDER
     fresh: bool = False
     verify: bool = False
@@ -177,7 +177,7 @@ class _Measurement:
         )
         attempts = 2 if reply.check in self.overran else 1
         if record.decisive:
-            record = replace(record, decisive=self.context.clean(record.decisive))
+            record = replace(record, decisive=self._clean(run, record.decisive))
         return _Ended(record=record, attempts=attempts, frames=pictures, evidence=evidence)
 
     def _never_started(self, run: launch.ProbeRun, check: str, evidence: str) -> _Ended:
@@ -194,7 +194,7 @@ class _Measurement:
 
     def _found(self, run: launch.ProbeRun, limits: Mapping[str, float]) -> list[Finding]:
         phase = outcomes.phase_of(next(iter(limits)))
-        found = list(run.reply.findings)
+        found = [replace(told, text=self._clean(run, told.text)) for told in run.reply.findings]
         if run.completed.written:
             files = ", ".join(run.completed.written[:5])
             text = f"wrote into its own environment (kept from other runs): {files}"
@@ -210,8 +210,11 @@ class _Measurement:
         for path in (run.completed.log, *sorted(run.replies.glob("*.jsonl")), *sorted(run.replies.glob("*.txt"))):
             if path.is_file() and path.stat().st_size:
                 text = path.read_bytes()[: 4 << 20].decode("utf-8", "replace")
-                write_atomic(folder / path.name, self.context.clean(text).encode())
+                write_atomic(folder / path.name, self._clean(run, text).encode())
         return self.context.store.relative(folder)
+
+    def _clean(self, run: launch.ProbeRun, text: str) -> str:
+        return normalise.normalise(text, {**self.context.places, **run.places})
 
     def _confirm(self) -> None:
         """Run each failed check again: one that also passes is flaky."""
@@ -250,7 +253,7 @@ class _Measurement:
             seconds=round(sum(e.record.seconds for e in ended), 3),
             decisive=decisive.record.decisive,
             checks=tuple(e.record for e in ended),
-            findings=tuple(replace(f, text=self.context.clean(f.text)) for f in findings.values()),
+            findings=tuple(findings.values()),
             frames=tuple(picture for e in ended for picture in e.frames),
             evidence=decisive.evidence,
             attempts=max(e.attempts for e in ended),

@@ -47,6 +47,7 @@ class ProbeRun:
     stacks: str
     replies: Path
     memory_mb: int
+    places: Mapping[str, str]
 
     def ending(self, limits: Mapping[str, float]) -> outcomes.Ending:
         """What the end of the process says about the check that was running then."""
@@ -110,6 +111,14 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         stacks=_text(replies / "stacks.txt"),
         replies=replies,
         memory_mb=site.memory_mb,
+        places={
+            str(site.folder): "$ENV",
+            str(site.pycache): "$PYCACHE",
+            str(home): "$HOME",
+            str(home / "tmp"): "$TMP",
+            str(replies): "$REPLY",
+            str(INCELL): "$INCELL",
+        },
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Protocol
 
-from harness import cellrun, environments, interpreters, launch, machine, normalise, process, store, uv
+from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
 from harness.model import Cell, CellRecord, Interpreter, Lock, Outcome, Phase, PhaseRecord, Question, Step
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
 
@@ -162,7 +162,13 @@ class Runner:
             record,
             key=known.key,
             installed=known.versions,
-            install=Step(phase=Phase.INSTALL, outcome=Outcome.PASSED, seconds=known.seconds, reused=pool.known),
+            install=Step(
+                phase=Phase.INSTALL,
+                outcome=Outcome.PASSED,
+                seconds=known.seconds,
+                reused=pool.known,
+                findings=known.findings,
+            ),
         )
         if self.settings.until is Phase.INSTALL:
             return record
@@ -194,7 +200,7 @@ class Runner:
             site=site,
             identity=(record.key, sorted(given.items()), sorted(cell.files.items()), process.sandbox_mode(), facts.id),
             capabilities=facts.capabilities,
-            clean=pool.clean,
+            places=uvcli.places(),
             until=self.settings.until,
             fresh=self.settings.fresh,
             verify=self.settings.verify,
@@ -233,7 +239,7 @@ class _Pool:
             if failure.step.outcome is Outcome.FAILED:
                 self.runner.store.save_installed(self.key, Installed(failed=failure.step))
             return Installed(failed=failure.step)
-        known = Installed(key=made.key, versions=made.installed, seconds=made.seconds)
+        known = Installed(key=made.key, versions=made.installed, seconds=round(made.seconds, 3), findings=made.findings)
         self.runner.store.save_installed(self.key, known)
         return known
 
@@ -247,10 +253,6 @@ class _Pool:
         if isinstance(made, Step):
             raise _NoEnvironment(made)
         return made
-
-    def clean(self, text: str) -> str:
-        """Evidence without this machine's paths."""
-        return normalise.clean(text, store.places())
 
 
 def _stopped(record: CellRecord, step: Step) -> CellRecord:

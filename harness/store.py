@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import msgspec
 import platformdirs
 
-from harness.model import CellRecord, Interpreter, Lock, PhaseRecord, Question, Step
+from harness.model import CellRecord, Finding, Interpreter, Lock, PhaseRecord, Question, Step
 
 T = TypeVar("T")
 
@@ -81,6 +81,7 @@ class Installed:
     key: str | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+    findings: tuple[Finding, ...] = ()
     failed: Step | None = None
 
 

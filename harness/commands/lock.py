@@ -11,6 +11,7 @@ import msgspec
 from harness import catalog, scheduler, store, verdict
 from harness.commands import progress, reporting
 from harness.commands.run import choose, tell
+from harness.contract import UNTOLD
 from harness.model import CellRecord, Phase, Verdict
 
 HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."
@@ -60,9 +61,14 @@ def main(args: argparse.Namespace) -> int:
     else:
         for record in records:
             print(f"{record.cell.id}  {record.lock or verdict.judge(record).decisive}")
-    unlocked = [verdict.judge(record).verdict for record in records if not record.lock]
-    fine = all(reporting.expects(record, Verdict.UNRESOLVABLE) for record in records if not record.lock)
-    return 0 if fine else 3 if set(unlocked) <= verdict.UNTOLD else 1
+    unexpected = [verdict.judge(record).verdict for record in records if not record.lock and not _foreseen(record)]
+    return 0 if not unexpected else 3 if set(unexpected) <= UNTOLD else 1
+
+
+def _foreseen(record: CellRecord) -> bool:
+    """Whether the matrix expects that the cell has no lock."""
+    expect = record.cell.expect
+    return expect is not None and expect.verdict in {Verdict.UNRESOLVABLE, Verdict.UNINSTALLABLE}
 
 
 def _headline(record: CellRecord) -> str:

@@ -14,7 +14,7 @@ from packaging.version import Version
 from harness import document, inputs, interpreters, machine, plan, scheduler, store, verdict
 from harness.commands import progress, reporting
 from harness.commands.run import tell
-from harness.contract import word
+from harness.contract import UNTOLD, word
 from harness.errors import BadInput
 from harness.inputfiles import Inputs
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Plan, Question, Verdict
@@ -39,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml")
     parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a group of the pyproject.toml")
-    parser.add_argument(
-        "--python", metavar="V", help="version, `host` or path [the active environment's, or newest]"
-    )
+    parser.add_argument("--python", metavar="V", help="version, `host` or path [the active environment's, or newest]")
     parser.add_argument("--env", metavar="ID", action="append", default=[], help="an environment id; may be repeated")
     parser.add_argument("--api", metavar="A", help="the API that the environments speak")
     parser.add_argument(
@@ -84,7 +82,7 @@ def main(args: argparse.Namespace) -> int:
         sys.stdout.write(document.encode(made).decode())
     else:
         print(answer(record, judged))
-    return 0 if judged.verdict is Verdict.WORKS else 3 if judged.verdict in verdict.UNTOLD else 1
+    return 0 if judged.verdict is Verdict.WORKS else 3 if judged.verdict in UNTOLD else 1
 
 
 # --- what is asked for -----------------------------------------------------------------------------------------
@@ -106,11 +104,9 @@ def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: schedu
         torch_backend=args.torch_backend,
         as_of=args.as_of or opened.instant(plan.TRY_MATRIX, renew=args.fresh, hours=REUSED_FOR_HOURS),
     )
-    question = replace(
-        plan.single(asked).cells[0].question,
-        index=given.index,
-        prerelease=given.prerelease or Question.prerelease,
-    )
+    question = replace(plan.single(asked).cells[0].question, index=given.index)
+    if given.prerelease:
+        question = replace(question, prerelease=given.prerelease)
     python = args.python or _python(question, given, runner)
     planned = plan.single(replace(asked, python=_version(python)))
     (cell,) = planned.cells
