@@ -12,6 +12,8 @@ from pathlib import PurePath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from packaging.markers import default_environment
+from packaging.requirements import InvalidRequirement, Requirement
 from packaging.tags import Tag, compatible_tags, cpython_tags, platform_tags
 from packaging.utils import canonicalize_name, parse_wheel_filename
 
@@ -102,6 +104,40 @@ def rank(filename: str, interpreter: Interpreter) -> tuple[int, tuple[int, str]]
     _, _, build, wheel_tags = parse_wheel_filename(filename)
     number, suffix = build or (0, "")
     return min(known.get(tag, UNRANKED) for tag in wheel_tags), (-number, suffix)
+
+
+def unmet(requires: Iterable[str], lock: Lock, interpreter: Interpreter, overrides: Iterable[str]) -> str | None:
+    """Say which of the `Requires-Dist` lines of a wheel its lock does not fulfil; overridden ones do not count."""
+    overridden = {canonicalize_name(Requirement(line).name) for line in overrides}
+    environment = marker_environment(interpreter)
+    for line in requires:
+        try:
+            requirement = Requirement(line)
+        except InvalidRequirement:
+            return f"has a requirement that cannot be read: {line}"
+        name = canonicalize_name(requirement.name)
+        if name in overridden or not (requirement.marker is None or requirement.marker.evaluate(environment)):
+            continue
+        version = lock.versions.get(name)
+        if version is None:
+            return f"requires {line}, which the lock does not hold"
+        if not requirement.specifier.contains(version, prereleases=True):
+            return f"requires {line}, but the lock holds {name} {version}"
+    return None
+
+
+def marker_environment(interpreter: Interpreter) -> dict[str, str]:
+    """What environment markers mean inside the interpreter, without extras."""
+    name = interpreter.implementation.partition("+")[0]
+    return {
+        **{key: str(value) for key, value in default_environment().items()},
+        "python_version": interpreter.minor,
+        "python_full_version": interpreter.version,
+        "implementation_name": name,
+        "implementation_version": interpreter.version,
+        "platform_python_implementation": {"cpython": "CPython", "pypy": "PyPy"}.get(name, name),
+        "extra": "",
+    }
 
 
 def _pin(package: Mapping[str, Any], interpreter: Interpreter) -> Pin:

@@ -28,6 +28,9 @@ from harness.store import cache_folder, digest
 TORCH = ("torch", "torchvision", "torchaudio")
 """Packages whose CPU builds are releases of their own, with a local version (`+cpu`)."""
 
+DEFAULT_PRERELEASE = "if-necessary-or-explicit"
+"""What uv does when it is told nothing; newer releases call it `if-necessary` and complain of the old name."""
+
 NO_CPU_TORCH = (
     "no CPU build of torch {version} for Python {python} can be reached: set UV_FIND_LINKS to a folder that holds one, "
     "or ask for a GPU build with torch_backend"
@@ -155,7 +158,9 @@ def _options(asking: _Asking) -> Iterator[str]:
         if lines or not option:
             yield from (part for part in (option, str(path)) if part)
     yield from (part for name in question.only_binary for part in ("--only-binary", name))
-    yield from ("--resolution", question.resolution, "--prerelease", question.prerelease)
+    yield from ("--resolution", question.resolution)
+    if question.prerelease != DEFAULT_PRERELEASE:
+        yield from ("--prerelease", question.prerelease)
     if question.snapshot:
         yield from ("--exclude-newer", question.snapshot)
     yield from asking.options

@@ -70,7 +70,7 @@ def scratch() -> Iterator[Path]:
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
     """Resolve for an interpreter; uv logs to its output when it looks into an sdist."""
     no_index = ("--no-index",) if sources.combined(call.index).no_index else ()
-    options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
+    options = ("--python", interpreter.path, "--no-header", "--quiet", "--output-file", str(output), *no_index)
     return _run(call, ("pip", "compile", *arguments, *options), {"RUST_LOG": "uv_distribution=debug"})
 
 

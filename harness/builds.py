@@ -1,0 +1,286 @@
+"""Sdists turned into wheels, each once: in an environment of its own resolved build requirements, under the supervisor.
+
+The store `wheels/KEY/` is keyed by all that decides a wheel: the sdist's hash, the build environment (which is itself
+keyed by interpreter and wheels) and the build variables. `wheels/requests/` remembers which key a request led to, so
+that a second one resolves nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+from warnings import simplefilter
+
+from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
+from packaging.version import Version
+
+from harness import index, locks, machine, normalise, process, sdists, uv, uvcli
+from harness.errors import BadInput
+from harness.exclusive import exclusive
+from harness.model import Interpreter, Lock, Outcome, Phase, Pin, Question, Step
+from harness.outcomes import MACHINE_TROUBLE
+from harness.store import cache_folder, digest, open_store, write_atomic
+
+LIMITS = process.Limits(seconds=1800.0)
+FIXED = {"SOURCE_DATE_EPOCH": "315532800"}
+"""The oldest time that a zip file can hold: a build that honours it makes the same wheel twice."""
+
+
+class Place(Protocol):
+    """An environment to build in."""
+
+    @property
+    def path(self) -> Path:
+        """Its folder."""
+
+    @property
+    def python(self) -> Path:
+        """Its interpreter."""
+
+    @property
+    def key(self) -> str:
+        """What it is a pure function of."""
+
+
+Provide = Callable[[Lock, Question, tuple[str, ...]], Place | Step]
+"""Makes an environment of a lock; the names are of the packages whose builds asked for it, outermost first."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Built:
+    """A wheel of the store, with the key of its build."""
+
+    path: Path
+    sha256: str
+    key: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Job:
+    """One sdist to build. `chain` are the packages whose builds wait for this one."""
+
+    pin: Pin
+    interpreter: Interpreter
+    question: Question
+    provide: Provide
+    offline: bool
+    chain: tuple[str, ...]
+
+    @property
+    def title(self) -> str:
+        return f"{self.pin.name} {self.pin.version}"
+
+    @property
+    def request(self) -> str:
+        """All that is known before the build requirements are resolved."""
+        asked = self.question
+        inputs = (asked.build_constraints, asked.build_variables, asked.only_binary, asked.index, asked.snapshot)
+        return digest("build", self.pin.artifact.sha256, self.interpreter.identity, *inputs)
+
+    def stopped(self, outcome: Outcome, decisive: str, log: str | None = None) -> _Stopped:
+        """Say how it ended, in a form that leaves all the functions between."""
+        return _Stopped(Step(phase=Phase.INSTALL, outcome=outcome, decisive=normalise.bounded(decisive), log=log))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Bench:
+    """Where a job is worked on: a scratch folder, the unpacked source, what it wants to be built with."""
+
+    job: _Job
+    work: Path
+    source: Path
+    system: sdists.BuildSystem
+
+
+class _Stopped(Exception):
+    def __init__(self, step: Step) -> None:
+        super().__init__(step.decisive)
+        self.step = step
+
+
+class _HookFailed(Exception):
+    def __init__(self, completed: process.Completed) -> None:
+        super().__init__(completed.log)
+        self.completed = completed
+
+
+def build(
+    pin: Pin,
+    interpreter: Interpreter,
+    question: Question,
+    provide: Provide,
+    *,
+    offline: bool = False,
+    chain: tuple[str, ...] = (),
+) -> Built | Step:
+    """Return the wheel of an sdist for this interpreter, made now or before; `provide` makes the build environments.
+
+    A build that fails is a failed install with the backend's own last word; a network that does is infra.
+    """
+    job = _Job(
+        pin=pin, interpreter=interpreter, question=question, provide=provide, offline=offline, chain=(*chain, pin.name)
+    )
+    if pin.name in chain:
+        circle = " -> ".join(job.chain)
+        return job.stopped(Outcome.FAILED, f"build requirements go in a circle: {circle}").step
+    memory = cache_folder() / "wheels" / "requests" / f"{job.request}.txt"
+    with exclusive(memory.with_suffix(".lock")):
+        built = _kept(memory.read_text(encoding="ascii")) if memory.exists() else None
+        if built is None:
+            try:
+                built = _made(job)
+            except _Stopped as stopped:
+                return stopped.step
+            write_atomic(memory, built.key.encode())
+        return built
+
+
+def _kept(key: str) -> Built | None:
+    """The wheel of a build, if it is in the store."""
+    wheel = next((cache_folder() / "wheels" / key).glob("*.whl"), None)
+    if wheel is None:
+        return None
+    return Built(path=wheel, sha256=hashlib.sha256(wheel.read_bytes()).hexdigest(), key=key)
+
+
+def _made(job: _Job) -> Built:
+    with uvcli.scratch() as work:
+        try:
+            archive = index.fetch(job.pin.artifact, work / "sdist", job.question.index, offline=job.offline)
+            source = sdists.unpack(archive, work / "source")
+            system = sdists.build_system(source)
+        except index.IndexUnreachable as error:
+            raise job.stopped(Outcome.INFRA, str(error)) from None
+        except sdists.BadSdist as error:
+            raise job.stopped(Outcome.FAILED, f"{job.title}: {error}") from None
+        return _built(_Bench(job=job, work=work, source=source, system=system))
+
+
+def _built(bench: _Bench) -> Built:
+    job = bench.job
+    place = _place(job, bench.system.requires)
+    more = _call(bench, place, "get_requires_for_build_wheel")
+    if more:
+        place = _place(job, (*bench.system.requires, *more))
+    key = digest("wheel", job.pin.artifact.sha256, place.key, job.question.build_variables)
+    built = _kept(key)
+    if built is None:
+        made = bench.work / "wheel"
+        made.mkdir()
+        _call(bench, place, "build_wheel", str(made))
+        _fitting(job, made)
+        with suppress(OSError):  # another request may have led to the same build meanwhile
+            made.rename(cache_folder() / "wheels" / key)
+        built = _kept(key)
+    if built is None:
+        raise job.stopped(Outcome.INFRA, f"{job.title}: its wheel could not be put into the cache folder")
+    return built
+
+
+def _place(job: _Job, requires: Sequence[str]) -> Place:
+    """An environment with the build requirements, resolved under the question's own build constraints and cutoff."""
+    asked = job.question
+    question = Question(
+        requirements=tuple(requires),
+        constraints=asked.build_constraints,
+        build_constraints=asked.build_constraints,
+        build_variables=asked.build_variables,
+        only_binary=asked.only_binary,
+        index=asked.index,
+        torch_backend=asked.torch_backend,
+        snapshot=asked.snapshot,
+    )
+    folder = open_store().evidence(f"build-{job.request}")
+    try:
+        lock = uv.resolve(question, job.interpreter, folder, offline=job.offline)
+    except BadInput as error:
+        raise job.stopped(Outcome.FAILED, f"{job.title}: its build requirements cannot be read: {error}") from None
+    place = job.provide(lock, question, job.chain) if isinstance(lock, Lock) else lock
+    if isinstance(place, Step):
+        decisive = f"{job.title}: its build requirements: {place.decisive}"
+        raise _Stopped(replace(place, phase=Phase.INSTALL, decisive=normalise.bounded(decisive)))
+    return place
+
+
+def _call(bench: _Bench, place: Place, hook: str, *arguments: str) -> Any:
+    """Call one hook of the backend in the build environment, sealed, with nothing of the user's settings in sight."""
+    from pyproject_hooks import (  # noqa: PLC0415  (not needed by most commands)
+        BackendUnavailable,
+        BuildBackendHookCaller,
+        BuildBackendWarning,
+        HookMissing,
+        UnsupportedOperation,
+    )
+
+    simplefilter("ignore", BuildBackendWarning)  # they are in the log
+    job, system = bench.job, bench.system
+    log = open_store().evidence(f"build-{job.request}") / f"{hook}.log"
+
+    def run(cmd: Sequence[str], cwd: str | None = None, extra_environ: Mapping[str, str] | None = None) -> None:
+        _run(bench, place, log, tuple(cmd), extra_environ or {})
+
+    try:
+        caller = BuildBackendHookCaller(
+            str(bench.source), system.backend, system.backend_path, run, python_executable=str(place.python)
+        )
+        return getattr(caller, hook)(*arguments)
+    except _HookFailed as failed:
+        raise _failure(job, failed.completed, hook) from None
+    except (BackendUnavailable, HookMissing, UnsupportedOperation, ValueError) as error:
+        told = normalise.decisive_line(getattr(error, "traceback", "")) or str(error)
+        raise job.stopped(Outcome.FAILED, f"{job.title}: its build backend cannot be used: {told}") from None
+
+
+def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Mapping[str, str]) -> None:
+    home = bench.work / "home"
+    home.mkdir(exist_ok=True)
+    base = machine.base_environment()
+    path = f"{place.python.parent}:{base['PATH']}"
+    given = bench.job.question.build_variables
+    completed = process.run(
+        process.Command(
+            argv=argv,
+            cwd=bench.source,
+            env={**base, "PATH": path, "VIRTUAL_ENV": str(place.path), **FIXED, **given, **more},
+            limits=LIMITS,
+            log=log,
+            profile=process.Profile.CELL,
+            home=home,
+            sealed=(place.path,),
+        )
+    )
+    text = log.read_text(encoding="utf-8", errors="replace")
+    places = {**uvcli.places(), str(place.path): "$ENV", str(bench.work): "$BUILD"}
+    write_atomic(log, normalise.normalise(text, places).encode())
+    if completed.exit_code != 0:
+        raise _HookFailed(completed)
+
+
+def _failure(job: _Job, completed: process.Completed, hook: str) -> _Stopped:
+    text = completed.log.read_text(encoding="utf-8")
+    log = open_store().relative(completed.log)
+    if completed.timed_out:
+        return job.stopped(Outcome.TIMED_OUT, f"{job.title}: {hook} did not end within {LIMITS.seconds:g} s", log)
+    if completed.killed or completed.out_of_memory:
+        why = completed.killed or f"more than {LIMITS.memory_mb} MB of memory"
+        return job.stopped(Outcome.INFRA, f"{job.title}: {hook} was ended: {why}", log)
+    decisive = normalise.decisive_line(text) or f"{hook} ended with exit code {completed.exit_code}"
+    return job.stopped(Outcome.INFRA if MACHINE_TROUBLE.search(text) else Outcome.FAILED, decisive, log)
+
+
+def _fitting(job: _Job, folder: Path) -> None:
+    """Refuse what is not one wheel of this package, version and Python."""
+    made = sorted(path.name for path in folder.iterdir())
+    named = f"{job.title}: its build made {', '.join(made) or 'nothing'}"
+    try:
+        name, version, _, tags = parse_wheel_filename(made[0] if len(made) == 1 else "")
+    except InvalidWheelFilename:
+        raise job.stopped(Outcome.FAILED, f"{named}, which is not one wheel") from None
+    if name != canonicalize_name(job.pin.name) or version != Version(job.pin.version):
+        raise job.stopped(Outcome.FAILED, f"{named}, which is another package or version")
+    if not any(tag in locks.tags(job.interpreter) for tag in tags):
+        raise job.stopped(Outcome.FAILED, f"{named}, which is not for Python {job.interpreter.minor} on this platform")

@@ -1,0 +1,46 @@
+"""Says how much is about to be downloaded, where that is much."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from urllib.error import URLError
+from urllib.request import Request, urlopen
+
+from harness.model import Artifact
+
+MUCH = 500_000_000
+"""Bytes that are announced before they are fetched."""
+
+TIMEOUT = 5.0
+
+
+def announce(artifacts: Iterable[Artifact], known: frozenset[str]) -> None:
+    """Tell the user of a large download; `known` are hashes of files that are here already."""
+    wanted = [one for one in artifacts if one.sha256 not in known and "://" in one.source and not _is_file(one)]
+    with ThreadPoolExecutor(8) as pool:
+        sizes = dict(zip(wanted, pool.map(_size, wanted), strict=True))
+    if sum(sizes.values()) > MUCH:
+        largest = max(sizes, key=lambda one: sizes[one])
+        logging.getLogger("harness").warning(
+            "about to download %.1f GB (%s alone %.1f GB)",
+            sum(sizes.values()) / 1e9,
+            largest.filename,
+            sizes[largest] / 1e9,
+        )
+
+
+def _is_file(artifact: Artifact) -> bool:
+    return artifact.source.startswith("file:")
+
+
+def _size(artifact: Artifact) -> int:
+    """As the index told, else as the server tells; pure Python wheels are small, and 0 is what cannot be known."""
+    if artifact.size is not None or artifact.filename.endswith("-any.whl"):
+        return artifact.size or 0
+    try:
+        with urlopen(Request(artifact.source, method="HEAD"), timeout=TIMEOUT) as answer:
+            return int(answer.headers.get("Content-Length") or 0)
+    except (URLError, OSError, ValueError):
+        return 0

@@ -1,0 +1,252 @@
+"""Environments: made from wheels only, each a pure function of its key, never changed afterwards.
+
+The key of a wheel that was built here is the key of its build, not its hash: builds are not the same to the byte
+twice, and two machines, or one after its cache was emptied, are to agree on what an environment is.
+"""
+
+from __future__ import annotations
+
+import base64
+import csv
+import hashlib
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import Distribution, distributions
+from pathlib import Path
+from time import monotonic
+
+import msgspec
+from packaging.utils import canonicalize_name
+from packaging.version import InvalidVersion, Version
+
+from harness import builds, downloads, locks, process, sdists, uvcli, uvsays
+from harness.exclusive import exclusive
+from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Pin, Question, Step
+from harness.store import cache_folder, digest, open_store, write_atomic
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Environment:
+    """An environment ready to be used. `installed` is what its metadata say, name to version."""
+
+    path: Path
+    python: Path
+    key: str
+    installed: Mapping[str, str]
+    reused: bool
+    seconds: float
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Wheel:
+    """A wheel to install; `mark` is its hash, or the key of the build that made it."""
+
+    name: str
+    version: str
+    artifact: Artifact
+    mark: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Stamp:
+    """Written last: an environment without it, with another key or linked in another way is made anew."""
+
+    key: str
+    link_mode: str
+    installed: dict[str, str]
+    hashes: tuple[str, ...]
+
+
+def mode() -> str:
+    """How files come into environments: hard links to uv's cache only where a sealed folder takes no write."""
+    return "copy" if process.sandbox_mode() == "subreaper" else "hardlink"
+
+
+def environment_key(interpreter: Interpreter, wheels: Iterable[Wheel]) -> str:
+    """What an environment is a pure function of: the interpreter, and name, version and mark of every wheel."""
+    return digest("environment", interpreter.identity, sorted((one.name, one.version, one.mark) for one in wheels))
+
+
+def ensure(
+    lock: Lock, interpreter: Interpreter, question: Question, *, offline: bool = False, chain: tuple[str, ...] = ()
+) -> Environment | Step:
+    """Return the environment of a lock, made now or before; sdists of the lock are built first.
+
+    A package that cannot be built or installed is a failed install; an index, a network or a disk that fails is
+    infra. `chain` names the packages whose builds wait for this environment.
+    """
+    started = monotonic()
+    wheels = _wheels(lock, interpreter, question, offline=offline, chain=chain)
+    made = wheels if isinstance(wheels, Step) else _ensured(wheels, interpreter, question, offline=offline)
+    if isinstance(made, Step):
+        return replace(made, seconds=monotonic() - started)
+    path, reused = made
+    return Environment(
+        path=path,
+        python=path / "bin" / "python",
+        key=path.name,
+        installed=installed(path),
+        reused=reused,
+        seconds=monotonic() - started,
+        findings=tuple(_built_here(pin) for pin in lock.pins if not pin.artifact.is_wheel),
+    )
+
+
+def _ensured(
+    wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, *, offline: bool
+) -> tuple[Path, bool] | Step:
+    """The folder of the environment, and whether it was there; of two processes one makes it and the other waits."""
+    key = environment_key(interpreter, wheels)
+    path = cache_folder() / "environments" / key
+    if _usable(path, key):
+        return path, True
+    with exclusive(path.with_name(f"{key}.lock")):
+        if _usable(path, key):
+            return path, True
+        failed = _make(path, key, wheels, interpreter, question, offline=offline)
+    return failed or (path, False)
+
+
+def installed(path: Path) -> dict[str, str]:
+    """What lies in an environment, read from its metadata without running it: name to version."""
+    return dict(sorted((canonicalize_name(one.name), _plain(one.version)) for one in _distributions(path)))
+
+
+def verify(environment: Environment) -> tuple[str, ...]:
+    """Compare every file with its RECORD; return those that changed or are gone, relative to the environment."""
+    return tuple(sorted(name for one in _distributions(environment.path) for name in _changed(one, environment.path)))
+
+
+# --- wheels ----------------------------------------------------------------------------------------------------
+
+
+def _wheels(
+    lock: Lock, interpreter: Interpreter, question: Question, *, offline: bool, chain: tuple[str, ...]
+) -> tuple[Wheel, ...] | Step:
+    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> Environment | Step:
+        return ensure(lock, interpreter, question, offline=offline, chain=chain)
+
+    wheels = []
+    for pin in lock.pins:
+        if pin.artifact.is_wheel:
+            wheels.append(Wheel(name=pin.name, version=pin.version, artifact=pin.artifact, mark=pin.artifact.sha256))
+            continue
+        built = builds.build(pin, interpreter, question, provide, offline=offline, chain=chain)
+        if isinstance(built, Step):
+            return built
+        unmet = locks.unmet(sdists.requires_dist(built.path), lock, interpreter, question.overrides)
+        if unmet:
+            decisive = f"{pin.name} {pin.version}, once built, {unmet}"
+            return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=decisive)
+        artifact = Artifact(filename=built.path.name, sha256=built.sha256, source=str(built.path))
+        wheels.append(Wheel(name=pin.name, version=pin.version, artifact=artifact, mark=f"build:{built.key}"))
+    return tuple(wheels)
+
+
+def _built_here(pin: Pin) -> Finding:
+    text = f"{pin.name} {pin.version} has no wheel for this Python and was built from its sdist"
+    return Finding(check="install.built", level=Level.NOTE, text=text)
+
+
+# --- making ----------------------------------------------------------------------------------------------------
+
+
+def _usable(path: Path, key: str) -> bool:
+    """Whether the environment stands as it was made, as far as a look at its metadata tells."""
+    try:
+        stamp = msgspec.json.decode((path / "stamp.json").read_bytes(), type=_Stamp)
+    except (OSError, msgspec.DecodeError):
+        return False
+    fitting = stamp.key == key and stamp.link_mode in {mode(), "copy"}
+    return fitting and (path / "bin" / "python").exists() and stamp.installed == installed(path)
+
+
+def _make(
+    path: Path, key: str, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, *, offline: bool
+) -> Step | None:
+    """Make it in its own place, since scripts name their interpreter by path; what is left of another goes first."""
+    shutil.rmtree(path, ignore_errors=True)
+    if not offline:
+        downloads.announce([one.artifact for one in wheels], _known_hashes(path.parent))
+    with uvcli.scratch() as scratch:
+        call = uvcli.Call(
+            index=question.index,
+            folder=scratch,
+            log=scratch / "uv.log",
+            cache=uvcli.shared_cache(),
+            offline=offline,
+        )
+        failed = _fill(call, path, wheels, interpreter, open_store().evidence(f"install-{key}") / "uv.log")
+    found = installed(path)
+    failed = failed or _difference(found, {one.name: _plain(one.version) for one in wheels})
+    if failed:
+        shutil.rmtree(path, ignore_errors=True)
+        return failed
+    hashes = tuple(sorted(one.artifact.sha256 for one in wheels))
+    stamp = _Stamp(key=key, link_mode=mode(), installed=found, hashes=hashes)
+    write_atomic(path / "stamp.json", msgspec.json.encode(stamp))
+    return None
+
+
+def _fill(call: uvcli.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path) -> Step | None:
+    said = uvcli.create(call, path, interpreter)
+    if not said.ok:
+        line = said.trouble or uvsays.failure(said.text, Phase.INSTALL).decisive
+        kept = uvcli.keep_log(said, log)
+        decisive = f"no environment could be made for Python {interpreter.version}: {line}"
+        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive, log=kept)
+    pylock = call.folder / "pylock.toml"
+    pylock.write_text(locks.to_install((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
+    said = uvcli.install(call, path / "bin" / "python", pylock, mode())
+    if said.ok:
+        return None
+    kept = uvcli.keep_log(said, log)
+    if said.trouble:
+        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=said.trouble, log=kept)
+    return replace(uvsays.failure(said.text, Phase.INSTALL), log=kept)
+
+
+def _difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> Step | None:
+    """Say how an environment differs from its lock: what is missing is ours or uv's fault, the rest a wheel's."""
+    missing = [f"{name} {version}" for name, version in wanted.items() if name not in found]
+    other = [f"{name} {found[name]}" for name in found if found[name] != wanted.get(name)]
+    if missing:
+        decisive = f"after the install these packages of the lock are not there: {', '.join(missing)}"
+        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
+    if other:
+        decisive = f"after the install these packages are not those of the lock: {', '.join(other)}"
+        return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=decisive)
+    return None
+
+
+def _known_hashes(folder: Path) -> frozenset[str]:
+    """Wheels that some environment here was made of, and so lie in uv's cache."""
+    stamps = (msgspec.json.decode(path.read_bytes(), type=_Stamp) for path in folder.glob("*/stamp.json"))
+    return frozenset(sha256 for stamp in stamps for sha256 in stamp.hashes)
+
+
+# --- reading ---------------------------------------------------------------------------------------------------
+
+
+def _distributions(path: Path) -> Iterable[Distribution]:
+    return distributions(path=[str(folder) for folder in path.glob("lib/python*/site-packages")])
+
+
+def _plain(version: str) -> str:
+    try:
+        return str(Version(version))
+    except InvalidVersion:
+        return version
+
+
+def _changed(distribution: Distribution, environment: Path) -> Iterator[str]:
+    for name, mark, _ in csv.reader((distribution.read_text("RECORD") or "").splitlines()):
+        method, _, wanted = mark.partition("=")
+        if not wanted:
+            continue
+        path = Path(str(distribution.locate_file(name)))
+        found = path.is_file() and base64.urlsafe_b64encode(hashlib.new(method, path.read_bytes()).digest())
+        if not found or found.decode().rstrip("=") != wanted:
+            yield path.resolve().relative_to(environment.resolve()).as_posix()
