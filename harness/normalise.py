@@ -77,6 +77,7 @@ def bounded(text: str) -> str:
 # --- Python's own tracebacks -----------------------------------------------------------------------------------
 
 HEADER = re.compile(r"^(\s*)Traceback \(most recent call last\):\s*$")
+REPORT = re.compile(HEADER.pattern + r"|^Exception (?:ignored )?in|^Process \S+:$")
 EXCEPTION = re.compile(r"^[A-Za-z_][\w.<>]*(?:$|: ?)")
 FRAME = re.compile(r'File "([^"]+)", line (\d+)(?:,)? in (.+)')
 MESSAGE_LINES = 4
@@ -137,11 +138,10 @@ def _chains(lines: Sequence[str]) -> Iterator[tuple[_Block, ...]]:
 def _blocks(lines: Sequence[str]) -> Iterator[_Block]:
     """Every traceback of a text, whatever its indentation; those of exceptions that Python ignored are left out."""
     link: str | None = None
-    before = ""
     position = 0
     while position < len(lines):
         header = HEADER.match(lines[position])
-        if header and not before.startswith("Exception ignored"):
+        if header and not lines[max(position - 1, 0)].startswith("Exception ignored"):
             block, position = _block(lines, position + 1, header.group(1), link)
             link = None
             if block:
@@ -149,19 +149,18 @@ def _blocks(lines: Sequence[str]) -> Iterator[_Block]:
             continue
         stripped = lines[position].strip()
         link = stripped if stripped in {CAUSE, CONTEXT} else link
-        before = stripped or before
         position += 1
 
 
 def _block(lines: Sequence[str], start: int, indent: str, link: str | None) -> tuple[_Block | None, int]:
-    """Read one traceback from the line after its header; a message goes on to a blank line or the next header."""
+    """Read one traceback from the line after its header; a message goes on to a blank line or the next report."""
     position = start
     frames: list[str] = []
     while position < len(lines) and lines[position].removeprefix(indent).startswith((" ", "\t")):
         frames.append(lines[position])
         position += 1
     message: list[str] = []
-    while position < len(lines) and lines[position].strip() and not HEADER.match(lines[position]):
+    while position < len(lines) and lines[position].strip() and not REPORT.match(lines[position]):
         message.append(lines[position].removeprefix(indent))
         position += 1
     if not message or not EXCEPTION.match(message[0]):

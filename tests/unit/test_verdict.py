@@ -1,0 +1,398 @@
+"""Judging: the table of verdicts, its order, and what no evidence may ever lead to."""
+
+import itertools
+from dataclasses import replace
+
+import pytest
+from specimens import CHECKS, LETTERS, case, cell, phase, plain, record, step, warning
+
+from harness import verdict
+from harness.contract import SEVERITY
+from harness.model import (
+    CASE_PHASES,
+    CELL_PHASES,
+    FAILING,
+    Case,
+    CaseRecord,
+    CellRecord,
+    Expectation,
+    Finding,
+    Level,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Verdict,
+)
+
+IMPORT_ONLY = Case(id="numpy", env=None, api="gymnasium", checks=("import.modules",))
+
+
+def imported(outcome: Outcome) -> CellRecord:
+    """A cell whose only case has nothing but an import check."""
+    probe = phase(Phase.IMPORT, outcome, "no numpy" if outcome in FAILING else None)
+    tried = CaseRecord(case="numpy", env=None, api="gymnasium", required=(), phases=(probe,))
+    return record(tried, of=replace(cell(), cases=(IMPORT_ONLY,)))
+
+
+STEPS = {
+    "no record at all": (CellRecord(cell=cell(), machine="m"), Verdict.NOT_RUN, None, None),
+    "no interpreter here": (
+        CellRecord(cell=cell(), machine="m", unavailable="no Python 3.14 here"),
+        Verdict.UNAVAILABLE,
+        Phase.RESOLVE,
+        "no Python 3.14 here",
+    ),
+    "no solution": (
+        record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "Because a and b"), install=None),
+        Verdict.UNRESOLVABLE,
+        Phase.RESOLVE,
+        "Because a and b",
+    ),
+    "index unreachable": (
+        record(resolve=step(Phase.RESOLVE, Outcome.INFRA, "no route"), install=None),
+        Verdict.INCONCLUSIVE,
+        Phase.RESOLVE,
+        "no route",
+    ),
+    "a resolution that timed out is infra": (
+        record(resolve=step(Phase.RESOLVE, Outcome.TIMED_OUT, "600 s"), install=None),
+        Verdict.INCONCLUSIVE,
+        Phase.RESOLVE,
+        "600 s",
+    ),
+    "vendor archive missing": (
+        record(resolve=step(Phase.RESOLVE, Outcome.UNAVAILABLE, "set UV_FIND_LINKS"), install=None),
+        Verdict.UNAVAILABLE,
+        Phase.RESOLVE,
+        "set UV_FIND_LINKS",
+    ),
+    "a build failed while installing": (
+        record(install=step(Phase.INSTALL, Outcome.FAILED, "gcc")),
+        Verdict.UNINSTALLABLE,
+        Phase.INSTALL,
+        "gcc",
+    ),
+    "a build that hangs": (
+        record(install=step(Phase.INSTALL, Outcome.TIMED_OUT, "1800 s")),
+        Verdict.UNINSTALLABLE,
+        Phase.INSTALL,
+        "1800 s",
+    ),
+    "a build failed while resolving": (
+        record(resolve=None, install=step(Phase.INSTALL, Outcome.FAILED, "setup.py")),
+        Verdict.UNINSTALLABLE,
+        Phase.INSTALL,
+        "setup.py",
+    ),
+    "disk full while installing": (
+        record(install=step(Phase.INSTALL, Outcome.INFRA, "No space left")),
+        Verdict.INCONCLUSIVE,
+        Phase.INSTALL,
+        "No space left",
+    ),
+    "stopped after resolve": (record(install=None), Verdict.NOT_RUN, None, None),
+    "stopped after install": (record(of=cell()), Verdict.NOT_RUN, None, None),
+    "what the cell needs was missing after resolve": (
+        record(install=None, unavailable="needs a gpu"),
+        Verdict.UNAVAILABLE,
+        Phase.INSTALL,
+        "needs a gpu",
+    ),
+}
+
+
+@pytest.mark.parametrize(("evidence", "expected", "at", "why"), STEPS.values(), ids=STEPS.keys())
+def test_steps_on_the_host(evidence: CellRecord, expected: Verdict, at: Phase | None, why: str | None) -> None:
+    """What ended before any probe decides the verdict, with its phase and line."""
+    judged = verdict.judge(evidence)
+
+    assert (judged.verdict, judged.phase, judged.decisive) == (expected, at, why)
+
+
+PROBES = {
+    "everything passed": ("pppp", None, Verdict.WORKS, None, ()),
+    "no vector API": ("ppsp", None, Verdict.WORKS, None, ()),
+    "no EGL here": ("pppu", None, Verdict.WORKS, None, ("render",)),
+    "nothing but single can run here": ("ppuu", None, Verdict.WORKS, None, ("vector", "render")),
+    "stopped after single": ("ppnn", None, Verdict.WORKS, None, ("vector", "render")),
+    "stopped after import": ("pnnn", None, Verdict.NOT_RUN, None, ()),
+    "one case skips what the other passes": ("ppss", "pppp", Verdict.WORKS, None, ()),
+    "one case has no GPU": ("pppp", "punn", Verdict.WORKS, None, ("single", "vector", "render")),
+    "one case was never reached": ("pppp", "pnnn", Verdict.NOT_RUN, None, ()),
+    "no GPU for any case": ("punn", "punn", Verdict.UNAVAILABLE, Phase.SINGLE, ()),
+    "no GPU to import with": ("unnn", None, Verdict.UNAVAILABLE, Phase.IMPORT, ()),
+    "import fails everywhere": ("fnnn", "cnnn", Verdict.IMPORT_FAILS, Phase.IMPORT, ()),
+    "import fails, the other case has no GPU": ("fnnn", "unnn", Verdict.IMPORT_FAILS, Phase.IMPORT, ()),
+    "import fails in one case only": ("fnnn", "pppp", Verdict.PARTIAL, Phase.IMPORT, ()),
+    "import crashes in one case, the other never steps": ("cnnn", "pfnn", Verdict.BROKEN, Phase.IMPORT, ()),
+    "single fails": ("pfnn", None, Verdict.BROKEN, Phase.SINGLE, ()),
+    "single crashes": ("pcnn", None, Verdict.BROKEN, Phase.SINGLE, ()),
+    "single hangs": ("ptnn", None, Verdict.BROKEN, Phase.SINGLE, ()),
+    "single is flaky": ("pynn", None, Verdict.BROKEN, Phase.SINGLE, ()),
+    "single fails in one case": ("pfnn", "pppp", Verdict.PARTIAL, Phase.SINGLE, ()),
+    "vector fails": ("ppfp", None, Verdict.PARTIAL, Phase.VECTOR, ()),
+    "render fails": ("pppf", None, Verdict.PARTIAL, Phase.RENDER, ()),
+    "render fails, vector unavailable": ("ppuf", None, Verdict.PARTIAL, Phase.RENDER, ()),
+    "infra in import": ("innn", None, Verdict.INCONCLUSIVE, Phase.IMPORT, ()),
+    "infra in single": ("pinn", None, Verdict.INCONCLUSIVE, Phase.SINGLE, ()),
+    "infra in render could still make it partial": ("pppi", None, Verdict.INCONCLUSIVE, Phase.RENDER, ()),
+    "infra in render of what is partial anyway": ("ppfi", None, Verdict.PARTIAL, Phase.VECTOR, ()),
+    "infra in a second case of what is partial anyway": ("pppf", "innn", Verdict.PARTIAL, Phase.RENDER, ()),
+    "infra in a second case of what may be broken": ("pfnn", "pinn", Verdict.INCONCLUSIVE, Phase.SINGLE, ()),
+    "infra beside an import that fails": ("fnnn", "innn", Verdict.INCONCLUSIVE, Phase.IMPORT, ()),
+    "infra beside nothing that could run here": ("pinn", "punn", Verdict.INCONCLUSIVE, Phase.SINGLE, ()),
+}
+
+
+@pytest.mark.parametrize(("first", "second", "expected", "at", "unverified"), PROBES.values(), ids=PROBES.keys())
+def test_probes(
+    first: str, second: str | None, expected: Verdict, at: Phase | None, unverified: tuple[str, ...]
+) -> None:
+    """The outcomes of one or two cases decide the verdict, its phase, and what stays unverified."""
+    cases = (case(first, "ant"), *([case(second, "pusher")] if second else []))
+
+    judged = verdict.judge(record(*cases))
+
+    assert (judged.verdict, judged.phase, judged.unverified) == (expected, at, unverified)
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "line"),
+    [("pfnn", "ant single"), ("pppi", "ant render"), ("pppp", None), ("pppu", None)],
+)
+def test_decisive_line(outcomes: str, line: str | None) -> None:
+    """The decisive line is that of the first case in the deciding phase; a working cell has none."""
+    assert verdict.judge(record(case(outcomes), case("pppp", "pusher"))).decisive == line
+
+
+def test_decisive_line_of_a_check() -> None:
+    """A phase without a line of its own takes that of its first check that ended as it did."""
+    failed = phase(Phase.SINGLE, Outcome.FAILED, "KeyError: 'x'")
+    bare = PhaseRecord(phase=Phase.SINGLE, outcome=Outcome.FAILED, checks=failed.checks)
+
+    assert verdict.judge(record(case("pfnn", single=bare))).decisive == "KeyError: 'x'"
+
+
+def test_import_alone_is_never_works() -> None:
+    """A cell that was only imported was not run as far as a user is concerned, and says so."""
+    judged = verdict.judge(imported(Outcome.PASSED))
+
+    assert (judged.verdict, judged.phase, judged.decisive) == (Verdict.NOT_RUN, None, "only the import was tried")
+    assert plain(judged.phases)["single"] == "skipped"
+
+
+def test_import_alone_can_fail() -> None:
+    """The failure of an import that is all that was asked for is a verdict."""
+    judged = verdict.judge(imported(Outcome.FAILED))
+
+    assert (judged.verdict, judged.decisive) == (Verdict.IMPORT_FAILS, "no numpy")
+
+
+def test_phases_are_the_worst_of_cases() -> None:
+    """All six phases are told, each as the worst of the cases in the order of the outcomes."""
+    judged = verdict.judge(record(case("ppfu"), case("pppn", "pusher")))
+
+    assert plain(judged.phases) == {
+        "resolve": "passed",
+        "install": "passed",
+        "import": "passed",
+        "single": "passed",
+        "vector": "failed",
+        "render": "unavailable",
+    }
+
+
+def test_skipped_without_a_check_was_left_out() -> None:
+    """A phase that was asked for, and skipped without a check that says so, counts as not reached."""
+    left_out = PhaseRecord(phase=Phase.RENDER, outcome=Outcome.SKIPPED)
+
+    judged = verdict.judge(record(case("pppp", render=left_out)))
+
+    assert (judged.phases[Phase.RENDER], judged.unverified) == (Outcome.NOT_REACHED, ("render",))
+
+
+def test_case_without_record() -> None:
+    """A case that the cell should have and of which nothing is known keeps the cell from working."""
+    assert verdict.judge(record(case("pppp"), of=cell(cases=("ant", "pusher")))).verdict is Verdict.NOT_RUN
+
+
+class TestRequired:
+    REPEAT = "single.repeat.fresh"
+
+    def with_finding(self, required: tuple[str, ...], level: Level = Level.WARNING) -> CellRecord:
+        found = Finding(check=self.REPEAT, level=level, text="differs from step 3 on")
+        single = phase(Phase.SINGLE, Outcome.PASSED, findings=(found,))
+        return record(case("pppp", required=required, single=single))
+
+    def test_warning_of_a_required_check_fails_its_phase(self) -> None:
+        """A required finding turns its phase, and so the cell, red with the finding as the decisive line."""
+        judged = verdict.judge(self.with_finding((self.REPEAT,)))
+
+        assert (judged.verdict, judged.phase) == (Verdict.PARTIAL, Phase.SINGLE)
+        assert judged.decisive == "single.repeat.fresh: differs from step 3 on"
+
+    def test_other_findings_stay_findings(self) -> None:
+        """A warning that no case requires, and a note, change no verdict."""
+        assert verdict.judge(self.with_finding(("single.space",))).verdict is Verdict.WORKS
+        assert verdict.judge(self.with_finding((self.REPEAT,), Level.NOTE)).verdict is Verdict.WORKS
+
+    def test_failure_keeps_its_own_reason(self) -> None:
+        """A phase that failed of itself is not retold by a finding."""
+        failed = phase(Phase.SINGLE, Outcome.CRASHED, "killed by SIGSEGV", (warning(self.REPEAT),))
+
+        assert verdict.effective(failed, (self.REPEAT,)) is failed
+
+    def test_required_finding_at_import_is_no_failed_import(self) -> None:
+        """A cell that runs is not said to fail at import because a required check warned there."""
+        loud = phase(Phase.IMPORT, Outcome.PASSED, findings=(warning("import.deprecation"),))
+
+        judged = verdict.judge(record(case("pppp", required=("import.deprecation",), **{"import": loud})))
+
+        assert (judged.verdict, judged.phase) == (Verdict.PARTIAL, Phase.IMPORT)
+
+
+# --- every combination -----------------------------------------------------------------------------------------
+
+WAYS = ["".join(letters) for letters in itertools.product("pfiuns", repeat=4)]
+REACHABLE = ["fnnn", "innn", "unnn", *(f"p{single}nn" for single in "fiun")] + [
+    f"pp{vector}{render}" for vector in "pfiuns" for render in "pfiuns"
+]
+"""What a case can come to: without its import or single phase nothing that needs it is reached."""
+
+RED = {Verdict.IMPORT_FAILS, Verdict.PARTIAL, Verdict.BROKEN}
+
+
+def judged_letters(*cases: str) -> verdict.Judgement:
+    """Judge cases written as letters."""
+    return verdict.judge(record(*(case(letters, f"c{n}") for n, letters in enumerate(cases))))
+
+
+def possible(both: str) -> set[Verdict]:
+    """The verdicts of two cases when each `i` may really have passed or failed."""
+    found = set()
+    for world in itertools.product("pf", repeat=both.count("i")):
+        drawn = iter(world)
+        filled = "".join(next(drawn) if letter == "i" else letter for letter in both)
+        found.add(judged_letters(filled[:4], filled[4:]).verdict)
+    return found
+
+
+def test_truths_that_hold_for_every_pair_of_cases() -> None:
+    """No combination breaks the rules that matter most: never a wrong `works`, never blame without a failure."""
+    for first, second in itertools.product(REACHABLE, repeat=2):
+        both = first + second
+        judged = judged_letters(first, second)
+        deciding = judged.phases[judged.phase] if judged.phase else None
+        if judged.verdict is Verdict.WORKS:
+            assert not set("fi") & set(both)
+            assert "p" in first[1] + second[1]
+            assert set(judged.unverified) == {
+                at for n, at in enumerate(CASE_PHASES) if set("un") & {first[n], second[n]}
+            }
+        if judged.verdict in RED:
+            assert "f" in both
+            assert deciding in FAILING
+            assert judged.decisive
+        if judged.verdict is Verdict.PARTIAL:
+            assert "p" in first[1:] + second[1:]
+        if judged.verdict in {Verdict.UNAVAILABLE, Verdict.NOT_RUN}:
+            assert not set("fi") & set(both)
+        assert (judged.verdict is Verdict.INCONCLUSIVE) <= ("i" in both)
+        assert tuple(judged.phases) == CELL_PHASES
+        assert judged.verdict is judged_letters(second, first).verdict
+
+
+@pytest.mark.parametrize("first", ["pppp", "pppf", "pfnn", "fnnn", "pppi", "piii", "iiii", "punn", "ppss", "pnnn"])
+def test_inconclusive_exactly_where_infra_could_change_the_verdict(first: str) -> None:
+    """Where every way the infra trouble could have gone gives one verdict it is given; where not, none is."""
+    for second in ("pppp", "ppip", "ppii", "piii", "pfii", "fiii", "ppfi"):
+        verdicts = possible(first + second)
+
+        judged = judged_letters(first, second).verdict
+
+        assert judged is (verdicts.pop() if len(verdicts) == 1 else Verdict.INCONCLUSIVE), (first, second)
+
+
+def test_more_failures_never_make_a_better_verdict() -> None:
+    """Turning any passed phase into a failed one leaves the verdict as bad or makes it worse."""
+    for letters in (letters for letters in WAYS if "i" not in letters):
+        before = SEVERITY.index(judged_letters(letters).verdict)
+        for position in (n for n, letter in enumerate(letters) if letter == "p"):
+            after = judged_letters(letters[:position] + "f" + letters[position + 1 :]).verdict
+
+            assert SEVERITY.index(after) <= before, (letters, position)
+
+
+def test_specimens_cover_every_outcome() -> None:
+    """The letters of these tests stand for all outcomes, and every case phase has a check."""
+    assert set(LETTERS.values()) == set(Outcome)
+    assert tuple(CHECKS) == CASE_PHASES
+
+
+# --- expectations and exit codes -------------------------------------------------------------------------------
+
+TODAY = "2026-11-21T12:00:00Z"
+BROKEN = verdict.judge(record(case("pfnn")))
+PARTIAL = verdict.judge(record(case("ppfp")))
+WORKS = verdict.judge(record(case("pppp")))
+UNTOLD = verdict.judge(CellRecord(cell=cell(), machine="m"))
+
+
+def expecting(what: Verdict, **more: str) -> Expectation:
+    """An expectation with a reason."""
+    return Expectation(verdict=what, reason="known", **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("expect", "judged", "as_expected", "stale"),
+    [
+        pytest.param(None, WORKS, True, None, id="works without expectation"),
+        pytest.param(None, BROKEN, False, None, id="red without expectation"),
+        pytest.param(None, UNTOLD, None, None, id="nothing run"),
+        pytest.param(expecting(Verdict.BROKEN), UNTOLD, None, None, id="nothing run, something expected"),
+        pytest.param(expecting(Verdict.BROKEN), BROKEN, True, None, id="red as expected"),
+        pytest.param(expecting(Verdict.BROKEN, phase=Phase.SINGLE), BROKEN, True, None, id="in the phase expected"),
+        pytest.param(expecting(Verdict.BROKEN, phase=Phase.RENDER), BROKEN, False, None, id="in another phase"),
+        pytest.param(expecting(Verdict.BROKEN, match="ant s.ngle"), BROKEN, True, None, id="with the line expected"),
+        pytest.param(expecting(Verdict.BROKEN, match="XML Error"), BROKEN, False, None, id="with another line"),
+        pytest.param(expecting(Verdict.WORKS), BROKEN, False, None, id="worse than expected"),
+        pytest.param(
+            expecting(Verdict.BROKEN),
+            PARTIAL,
+            False,
+            "quick/py3.11-gymnasium1.2.3 does better than expected: partial instead of broken",
+            id="better than expected",
+        ),
+        pytest.param(
+            expecting(Verdict.BROKEN, until="2026-11-20"),
+            BROKEN,
+            True,
+            "quick/py3.11-gymnasium1.2.3 was expected to be broken until 2026-11-20, which has passed",
+            id="its date has passed",
+        ),
+        pytest.param(expecting(Verdict.BROKEN, until="2026-11-21"), BROKEN, True, None, id="on its last day"),
+    ],
+)
+def test_expectations(
+    expect: Expectation | None, judged: verdict.Judgement, as_expected: bool | None, stale: str | None
+) -> None:
+    """A judgement is compared with verdict, phase and line; better than expected is stale, not as expected."""
+    assert verdict.expected(cell(expect=expect), judged, TODAY) == (as_expected, stale)
+
+
+@pytest.mark.parametrize(
+    ("judged", "stale", "fail_on", "code"),
+    [
+        pytest.param([(Verdict.WORKS, True), (Verdict.BROKEN, True)], False, {"stale"}, 0, id="all as expected"),
+        pytest.param([(Verdict.BROKEN, False), (Verdict.INCONCLUSIVE, None)], False, {"stale"}, 1, id="1 before 3"),
+        pytest.param([(Verdict.WORKS, True), (Verdict.INCONCLUSIVE, None)], False, {"stale"}, 3, id="could not tell"),
+        pytest.param([(Verdict.UNAVAILABLE, None), (Verdict.NOT_RUN, None)], False, {"stale"}, 0, id="nothing said"),
+        pytest.param([(Verdict.UNAVAILABLE, None)], False, {"unavailable"}, 1, id="fail on what says nothing"),
+        pytest.param([(Verdict.WORKS, True)], True, {"stale"}, 1, id="stale fails"),
+        pytest.param([(Verdict.WORKS, True)], True, set(), 0, id="stale, and nobody minds"),
+        pytest.param([], False, {"stale"}, 0, id="no cells"),
+    ],
+)
+def test_exit_code(judged: list[tuple[Verdict, bool | None]], stale: bool, fail_on: set[str], code: int) -> None:
+    """1 for what is not as expected, before 3 for what could not be told, before 0."""
+    assert verdict.exit_code(judged, stale=stale, fail_on=fail_on) == code
