@@ -196,7 +196,8 @@ def _check_named(pattern: str, holds: Callable[[str], bool], labels: Sequence[st
 
 def _labels(matrix: Matrix, name: str) -> list[str]:
     listed = [value.text for value in matrix.axes[name].values]
-    return [text or UNSET for text in (*listed, *(table.axes.get(name, "") for table in matrix.include))]
+    included = [table.axes[name] for table in matrix.include if name in table.axes]
+    return [text or UNSET for text in (*listed, *included)]
 
 
 def _axis(matrix: Matrix, name: str) -> Axis:
