@@ -17,9 +17,10 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import inputfiles, schema
+from harness import schema
 from harness.errors import BadInput
-from harness.inputfiles import Include, Inputs, Parsed, Source
+from harness.inputfiles import pip, project, pylock
+from harness.inputfiles.asked import Include, Inputs, Parsed, Source
 
 FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "uv.lock", "conda-lock.yml"}
 """Formats that people have and that are not read."""
@@ -55,10 +56,12 @@ def _parse(path: Path, extras: Sequence[str] = (), groups: Sequence[str] = ()) -
         is_lock = is_valid_pylock_path(path) or (
             path.name != "pyproject.toml" and re.search(r"(?m)^lock-version", text)
         )
-        return (inputfiles.pylock if is_lock else inputfiles.pyproject)(text, source, extras, groups)
+        return (pylock.pylock if is_lock else project.pyproject)(text, source, extras, groups)
     if path.suffix in {".yml", ".yaml"}:
-        return inputfiles.environment_yml(text, source)
-    return inputfiles.requirements_txt(text, source)
+        from harness.inputfiles import conda  # noqa: PLC0415  (the YAML library is for this format alone)
+
+        return conda.environment_yml(text, source)
+    return pip.requirements_txt(text, source)
 
 
 def _text(path: Path) -> str:

@@ -1,7 +1,6 @@
 """The places that the user's uv and pip take packages from, as their variables and files set them.
 
-`settings` reads them, `combined` puts a matrix's places before them, `uv_variables` hands to uv what it does not read
-by itself: pip's settings and the matrix's.
+`settings` reads them, `combined` puts a matrix's places before them.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ ETC = Path("/etc")
 """Where the machine's own settings lie."""
 
 NOTHING = IndexSettings()
-"""A matrix that says nothing about its places."""
+"""Of a matrix that says nothing about its places."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -55,26 +54,6 @@ def settings() -> UserIndex:
         certificates=uv.certificates or pip.certificates,
         proxy=pip.proxy,
     )
-
-
-def uv_variables(matrix: IndexSettings = NOTHING) -> dict[str, str]:
-    """Variables that, set over the user's own, make uv see the matrix's places and pip's settings too.
-
-    `no_index` has no variable: where `combined(matrix).no_index` holds, uv needs the flag `--no-index`.
-    """
-    uv, pip, everything = _uv_settings(), _pip_settings(), settings()
-    given = os.environ.get
-    chosen = {
-        "UV_DEFAULT_INDEX": matrix.default or (None if uv.default else pip.default),
-        "UV_INDEX": " ".join(_distinct(matrix.extra, given("UV_INDEX", "").split(), pip.extra)),
-        "UV_FIND_LINKS": ",".join(
-            _distinct(matrix.find_links, _split(given("UV_FIND_LINKS", ""), ","), pip.find_links)
-        ),
-        "UV_INDEX_STRATEGY": None if uv.strategy else everything.strategy,
-        "SSL_CERT_FILE": everything.certificates,
-        "ALL_PROXY": given("ALL_PROXY") or pip.proxy,
-    }
-    return {name: value for name, value in chosen.items() if value}
 
 
 def combined(matrix: IndexSettings) -> UserIndex:

@@ -1,4 +1,4 @@
-"""What the settings of uv and pip mean, and what uv is told of them."""
+"""What the settings of uv and pip mean."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from harness import sources
 from harness.errors import BadInput
 from harness.model import IndexSettings
-from harness.sources import UserIndex, combined, settings, uv_variables
+from harness.sources import UserIndex, combined, settings
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +31,6 @@ def put(path: Path, text: str) -> None:
 def test_a_machine_without_settings_has_none() -> None:
     """Nothing set means uv's and pypi-simple's own default index."""
     assert settings() == UserIndex(strategy="first-index")
-    assert uv_variables() == {"UV_INDEX_STRATEGY": "first-index"}
 
 
 def test_uv_variables_come_before_its_files(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,29 +90,15 @@ def test_pip_files_are_read_in_its_order(home: Path, monkeypatch: pytest.MonkeyP
     )
 
 
-def test_uv_is_told_what_it_does_not_read_itself(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The matrix's places first, then the user's own variables of uv, then pip's settings."""
-    put(home / "etc/pip.conf", "[global]\nindex-url = https://pip.test\nextra-index-url = https://more.test")
-    monkeypatch.setenv("UV_INDEX", "lab=https://lab.test/simple")
-    monkeypatch.setenv("PIP_FIND_LINKS", "/wheels")
-    monkeypatch.setenv("REQUESTS_CA_BUNDLE", "/ca.pem")
-
-    assert uv_variables(IndexSettings(extra=("https://matrix.test",), find_links=("/matrix",))) == {
-        "UV_DEFAULT_INDEX": "https://pip.test",
-        "UV_INDEX": "https://matrix.test lab=https://lab.test/simple https://more.test",
-        "UV_FIND_LINKS": "/matrix,/wheels",
-        "UV_INDEX_STRATEGY": "unsafe-best-match",
-        "SSL_CERT_FILE": "/ca.pem",
-    }
-
-
 def test_pip_does_not_override_uv(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where uv has a default index or a strategy of its own, pip's are not handed to it."""
-    put(home / "etc/pip.conf", "[global]\nindex-url = https://pip.test")
+    """Where uv has a default index, certificates or a strategy of its own, pip's count for nothing."""
+    put(home / "etc/pip.conf", "[global]\nindex-url = https://pip.test\nextra-index-url = https://more.test\ncert = /a")
     put(home / ".config/uv/uv.toml", '[pip]\nindex-url = "https://uv.test"\nindex-strategy = "unsafe-first-match"')
+    monkeypatch.setenv("SSL_CERT_FILE", "/b")
 
-    assert uv_variables() == {}
-    assert settings().default == "https://uv.test"
+    assert settings() == UserIndex(
+        default="https://uv.test", extra=("https://more.test",), strategy="unsafe-first-match", certificates="/b"
+    )
 
 
 def test_a_matrix_stands_before_the_user(monkeypatch: pytest.MonkeyPatch) -> None:

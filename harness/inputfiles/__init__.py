@@ -1,0 +1,8 @@
+"""What requirement files ask for, from their text: one module per format, each `(text, source, ...) -> Parsed`.
+
+A line that cannot be modelled is named by file and line in `Inputs.not_modelled`; one that is wrong is BadInput.
+"""
+
+from harness.inputfiles.asked import Inputs
+
+__all__ = ["Inputs"]

@@ -1,0 +1,135 @@
+"""What a requirement file asks for, and how one requirement of it is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from urllib.parse import unquote, urlsplit
+
+from packaging.requirements import InvalidRequirement, Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import parse_sdist_filename, parse_wheel_filename
+
+from harness.errors import BadInput
+from harness.model import IndexSettings
+
+ARCHIVES = (".whl", ".tar.gz", ".zip")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Inputs:
+    """What files ask for. `python` is a specifier (`>=3.9,<3.12`); `prerelease` None means not said.
+
+    `not_modelled` are sentences that begin with file and line; `notes` say what was read differently than pip would.
+    """
+
+    requirements: tuple[str, ...] = ()
+    constraints: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+    build_constraints: tuple[str, ...] = ()
+    only_binary: tuple[str, ...] = ()
+    prerelease: str | None = None
+    index: IndexSettings = field(default_factory=IndexSettings)
+    python: str | None = None
+    not_modelled: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __add__(self, other: Inputs) -> Inputs:
+        """Both together; the later one decides where only one can."""
+        both = SpecifierSet(self.python or "") & SpecifierSet(other.python or "")
+        index = IndexSettings(
+            default=other.index.default or self.index.default,
+            extra=self.index.extra + other.index.extra,
+            find_links=self.index.find_links + other.index.find_links,
+            no_index=self.index.no_index or other.index.no_index,
+        )
+        return Inputs(
+            requirements=self.requirements + other.requirements,
+            constraints=self.constraints + other.constraints,
+            overrides=self.overrides + other.overrides,
+            build_constraints=self.build_constraints + other.build_constraints,
+            only_binary=self.only_binary + other.only_binary,
+            prerelease=other.prerelease or self.prerelease,
+            index=index,
+            python=str(both) or None,
+            not_modelled=self.not_modelled + other.not_modelled,
+            notes=self.notes + other.notes,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Source:
+    """A file being read: its name in messages, its folder (absolute), and the variables it may refer to."""
+
+    name: str
+    folder: Path
+    variables: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Include:
+    """`-r FILE` or `-c FILE` in a file."""
+
+    path: str
+    constraint: bool
+    where: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Parsed:
+    """What a text asks for, and the files that it names."""
+
+    inputs: Inputs
+    includes: tuple[Include, ...] = ()
+    extras: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
+
+
+def requirement(text: str, source: Source, where: str) -> Inputs:
+    """Read one requirement: PEP 508, or the address or path of an archive."""
+    bare, separator, marker = text.partition(";")
+    try:
+        parsed = Requirement(text)
+    except InvalidRequirement as error:
+        if "/" not in bare and not bare.strip().endswith(ARCHIVES):
+            message = f"{where}: '{text}' is no requirement: {str(error).splitlines()[0]}"
+            raise BadInput(message) from None
+        url, name = bare.strip(), _archive_name(bare.strip())
+    else:
+        if parsed.url is None:
+            return Inputs(requirements=(text,))
+        url, name = parsed.url, text.partition("@")[0].strip()
+    if why := _unpinnable(url, name):
+        return Inputs(not_modelled=(f"{where}: {url}: {why}",))
+    address = url if "://" in url else (source.folder / url.removeprefix("file:")).as_uri()
+    return Inputs(requirements=(f"{name} @ {address} {separator}{marker}".strip(),))
+
+
+def _unpinnable(url: str, name: str) -> str | None:
+    if re.match(r"(git|hg|svn|bzr)\+", url):
+        return "a repository cannot be pinned by hash; build a wheel of it and name that"
+    if not urlsplit(url).path.endswith(ARCHIVES):
+        return "a folder cannot be pinned by hash; build a wheel of it and name that"
+    return None if name else "the address does not say which package it is; write NAME @ ADDRESS"
+
+
+def _archive_name(address: str) -> str:
+    """The package that a wheel's or an sdist's file name tells; empty when it tells none."""
+    filename = unquote(PurePath(urlsplit(address).path).name)
+    try:
+        return (parse_wheel_filename if filename.endswith(".whl") else parse_sdist_filename)(filename)[0]
+    except ValueError:
+        return ""
+
+
+def where_in(text: str, pattern: str, source: Source) -> str:
+    """File and line where the first match of a pattern ends."""
+    match = re.search(pattern, text)
+    return f"{source.name}:{text.count(chr(10), 0, match.end()) + 1}" if match else source.name
+
+
+def quoted(value: str) -> str:
+    """A pattern for a TOML string that begins like the value; what follows a quote inside may be escaped."""
+    return "[\"']" + re.escape(value.partition('"')[0])

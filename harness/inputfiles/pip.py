@@ -1,0 +1,96 @@
+"""requirements.txt."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterable, Iterator
+
+from harness.errors import BadInput
+from harness.inputfiles.asked import Include, Inputs, Parsed, Source, requirement
+from harness.model import IndexSettings
+
+
+def requirements_txt(text: str, source: Source) -> Parsed:
+    """Read pip's format."""
+    return read_lines(_logical(text), source)
+
+
+def read_lines(lines: Iterable[tuple[int, str]], source: Source) -> Parsed:
+    """Read numbered lines in pip's format."""
+    found, includes, hashed = Inputs(), [], 0
+    for number, raw in lines:
+        where = f"{source.name}:{number}"
+        line = re.sub(r"\$\{([A-Z0-9_]+)\}", lambda match: source.variables.get(match[1], match[0]), raw)
+        if line.startswith("-"):
+            for option, value in _options(line, where):
+                if option in {"--requirement", "--constraint"} and value:
+                    includes.append(Include(path=value, constraint=option == "--constraint", where=where))
+                else:
+                    found += _option(option, value, source, where)
+            continue
+        wanted, _, options = line.partition(" --")
+        hashed += "hash" in options
+        found += requirement(wanted.strip(), source, where)
+        found += _more(options, where)
+    if hashed:
+        note = f"{source.name}: the hashes of {hashed} requirements are not asked for; a lock records its own"
+        found += Inputs(notes=(note,))
+    return Parsed(inputs=found, includes=tuple(includes))
+
+
+def _logical(text: str) -> Iterator[tuple[int, str]]:
+    """Lines with the number of their first part: continued ones joined, comments and blank ones gone."""
+    start, parts = 0, ""
+    for number, line in enumerate([*text.removeprefix("\ufeff").splitlines(), ""], 1):
+        start = start or number
+        if line.endswith("\\") and not line.lstrip().startswith("#"):
+            parts += line[:-1] + " "
+            continue
+        whole = re.sub(r"(^|\s+)#.*$", "", parts + line).strip()
+        if whole:
+            yield start, whole
+        start, parts = 0, ""
+
+
+_SHORT = {"-r": "--requirement", "-c": "--constraint", "-e": "--editable", "-i": "--index-url", "-f": "--find-links"}
+_FLAGS = {"--no-index", "--pre", "--prefer-binary", "--require-hashes"}
+
+
+def _options(line: str, where: str) -> Iterator[tuple[str, str]]:
+    """Option and value pairs of a line: `-r x`, `-rx`, `--pre`, `--index-url=x`."""
+    try:
+        words = iter(shlex.split(line))
+    except ValueError as error:
+        message = f"{where}: '{line}' cannot be read: {error}"
+        raise BadInput(message) from None
+    for word in words:
+        option, separator, value = word.partition("=")
+        if word[:2] in _SHORT:
+            option, value = _SHORT[word[:2]], word[2:].removeprefix("=")
+        if not separator and not value and option not in _FLAGS:
+            value = next(words, "")
+        yield option, value
+
+
+def _option(option: str, value: str, source: Source, where: str) -> Inputs:
+    packages = tuple(part.strip() for part in value.split(",") if part.strip())
+    located = value if "://" in value else str(source.folder / value)
+    modelled = {
+        "--index-url": Inputs(index=IndexSettings(default=value)),
+        "--extra-index-url": Inputs(index=IndexSettings(extra=(value,))),
+        "--find-links": Inputs(index=IndexSettings(find_links=(located,))),
+        "--no-index": Inputs(index=IndexSettings(no_index=True)),
+        "--pre": Inputs(prerelease="allow"),
+        "--only-binary": Inputs(only_binary=packages),
+        "--require-hashes": Inputs(),
+        "--editable": Inputs(not_modelled=(f"{where}: -e {value}: editable installs are not modelled",)),
+    }
+    said = f"{option} {value}".strip()
+    return modelled.get(option, Inputs(not_modelled=(f"{where}: {said}: this option is not modelled",)))
+
+
+def _more(options: str, where: str) -> Inputs:
+    """Options behind a requirement, hashes apart."""
+    others = [one for one in options.split(" --") if one and not one.startswith("hash")]
+    return Inputs(not_modelled=tuple(f"{where}: --{one.strip()}: this option is not modelled" for one in others))

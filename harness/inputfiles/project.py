@@ -1,0 +1,135 @@
+"""pyproject.toml."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import msgspec
+from packaging.dependency_groups import resolve_dependency_groups
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+
+from harness import schema
+from harness.errors import BadInput
+from harness.inputfiles.asked import Inputs, Parsed, Source, quoted, requirement, where_in
+from harness.model import IndexSettings
+
+
+class _Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
+    """The keys that are read; others are other tools' business."""
+
+
+class _Project(_Table, frozen=True):
+    name: str = ""
+    requires_python: str = ""
+    dynamic: tuple[str, ...] = ()
+    dependencies: tuple[str, ...] = ()
+    optional_dependencies: dict[str, tuple[str, ...]] = {}
+
+
+class _Index(_Table, frozen=True):
+    url: str
+    default: bool = False
+    explicit: bool = False
+
+
+class _Uv(_Table, frozen=True):
+    constraint_dependencies: tuple[str, ...] = ()
+    override_dependencies: tuple[str, ...] = ()
+    build_constraint_dependencies: tuple[str, ...] = ()
+    prerelease: str | None = None
+    index_url: str | None = None
+    extra_index_url: tuple[str, ...] = ()
+    index: tuple[_Index, ...] = ()
+    sources: dict[str, Any] = {}
+
+
+class _Poetry(_Table, frozen=True):
+    dependencies: dict[str, Any] = {}
+
+
+class _Tool(_Table, frozen=True):
+    uv: _Uv = _Uv()
+    poetry: _Poetry = _Poetry()
+
+
+class _Document(_Table, frozen=True):
+    project: _Project = _Project()
+    dependency_groups: dict[str, Any] = {}
+    tool: _Tool = _Tool()
+
+
+def pyproject(text: str, source: Source, extras: Iterable[str], groups: Iterable[str]) -> Parsed:
+    """Read the dependencies of a project, with some of its extras and dependency groups; the project stays out."""
+    document = schema.load_toml(text, _Document, source.name)
+    project = document.project
+    optional = {canonicalize_name(name): lines for name, lines in project.optional_dependencies.items()}
+    with schema.located(source.name, "project", "requires-python"):
+        found = Inputs(python=str(SpecifierSet(project.requires_python)) or None)
+    found += Inputs(not_modelled=tuple(_unread(text, source, document)))
+    wanted = [*project.dependencies, *_with_extras(canonicalize_name(project.name), optional, extras)]
+    wanted += _grouped(document.dependency_groups, groups, source)
+    for line in dict.fromkeys(wanted):
+        found += requirement(line, source, where_in(text, quoted(line), source))
+    found += _resolution(document.tool.uv)
+    known = tuple(canonicalize_name(name) for name in document.dependency_groups)
+    return Parsed(inputs=found, extras=tuple(optional), groups=known)
+
+
+def _grouped(table: Mapping[str, Any], groups: Iterable[str], source: Source) -> tuple[str, ...]:
+    known = {canonicalize_name(name) for name in table}
+    chosen = [group for group in groups if canonicalize_name(group) in known]
+    try:
+        return resolve_dependency_groups(table, *chosen)
+    except ExceptionGroup as error:
+        message = f"{source.name}: dependency-groups: {str(error.exceptions[0]).splitlines()[0]}"
+        raise BadInput(message) from None
+
+
+def _with_extras(project: str, optional: Mapping[Any, Sequence[str]], extras: Iterable[str]) -> list[str]:
+    """The lines of extras; one that names the project itself (`all = ["project[mujoco]"]`) stands for its extras."""
+    lines: list[str] = []
+    waiting = [canonicalize_name(extra) for extra in extras]
+    for extra in waiting:
+        for line in optional.get(extra, ()):
+            own = re.fullmatch(r"([\w.-]+)\s*\[([^]]*)\]\s*", line)
+            if own and canonicalize_name(own[1]) == project:
+                more = [canonicalize_name(name.strip()) for name in own[2].split(",")]
+                waiting += [name for name in more if name not in waiting]
+            else:
+                lines.append(line)
+    return lines
+
+
+def _unread(text: str, source: Source, document: _Document) -> Iterator[str]:
+    for name in document.project.dynamic:
+        if name in {"dependencies", "optional-dependencies", "requires-python"}:
+            where = where_in(text, rf"(?s)dynamic\s*=.*?{quoted(name)}", source)
+            yield f"{where}: {name} is dynamic: only a build of the project tells it"
+    if document.tool.poetry.dependencies:
+        where = where_in(text, r"tool\.poetry\.dependencies", source)
+        yield f"{where}: tool.poetry.dependencies: Poetry's own format is not modelled; export requirements.txt"
+    for name in document.tool.uv.sources:
+        where = where_in(text, rf"(?s)tool\.uv\.sources.*?{re.escape(name)}", source)
+        yield f"{where}: tool.uv.sources.{name}: sources are not modelled; {name} is taken from the indexes"
+    for index in document.tool.uv.index:
+        if index.explicit:
+            where = where_in(text, quoted(index.url), source)
+            yield f"{where}: {index.url}: an explicit index is not modelled"
+
+
+def _resolution(table: _Uv) -> Inputs:
+    """What `[tool.uv]` says of a resolution."""
+    indexes = [index for index in table.index if not index.explicit]
+    return Inputs(
+        constraints=table.constraint_dependencies,
+        overrides=table.override_dependencies,
+        build_constraints=table.build_constraint_dependencies,
+        prerelease=table.prerelease,
+        index=IndexSettings(
+            default=next((index.url for index in indexes if index.default), table.index_url),
+            extra=(*(index.url for index in indexes if not index.default), *table.extra_index_url),
+        ),
+    )
