@@ -1,0 +1,134 @@
+"""`simmatrix report [SOURCE...]`: tables from stored results."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from harness import document, present, store, tables
+from harness.commands import reporting
+from harness.contract import Document, Report
+from harness.errors import BadInput
+from harness.schema import suggestion
+
+HELP = (
+    "Make tables of stored results again: of a report.json, of the folder that holds one, or of a matrix that was run."
+)
+
+FORMATS = ("terminal", "md", "json")
+NAME = "report.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `report`."""
+    parser.add_argument("sources", metavar="SOURCE", nargs="*", help="file, folder or matrix [every matrix run here]")
+    parser.add_argument("--format", type=_formats, default=None, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(FORMATS)} [terminal; md,json with --out]")  # fmt: skip
+    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the small table, down and across")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
+    parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Show what was measured; the exit code is that of `run`."""
+    sources = [_found(name) for name in args.sources] or _all()
+    whole = _read(sources, args.out)
+    report = tables.report(whole, tuple(args.pivot) if args.pivot else None)
+    for form in ["json"] if args.json else args.format or (["md", "json"] if args.out else ["terminal"]):
+        if args.out and form != "terminal":
+            _write(form, whole, report, args.out)
+        else:
+            _print(form, whole, report, None if args.out else sources)
+    return document.exit_code(whole, args.fail_on)
+
+
+def page(report: Report) -> str:
+    """The report as Markdown."""
+    template = Path(present.__file__).parent / "templates" / present.TEMPLATE
+    return present.markdown(report, template.read_text(encoding="utf-8"))
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    unknown = [name for name in names if name not in FORMATS]
+    if unknown or not names:
+        message = f"{text!r}: choose of {', '.join(FORMATS)}"
+        raise argparse.ArgumentTypeError(message)
+    return names
+
+
+# --- where reports are -----------------------------------------------------------------------------------------
+
+
+def _all() -> list[Path]:
+    found = sorted((store.state_folder() / "reports").glob(f"*/{NAME}"))
+    if not found:
+        message = "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json"
+        raise BadInput(message)
+    return found
+
+
+def _found(name: str) -> Path:
+    """The report file that a path or the name of a matrix stands for."""
+    reports = store.state_folder() / "reports"
+    places = (Path(name), Path(name) / NAME, reports / name / NAME)
+    found = next((place for place in places if place.is_file()), None)
+    if found:
+        return found
+    known = [path.parent.name for path in reports.glob(f"*/{NAME}")]
+    message = f"{name}: no report.json here, and no matrix of this name was run{suggestion(name, known)}"
+    raise BadInput(message)
+
+
+def _read(sources: Sequence[Path], out: Path | None) -> Document:
+    """The documents as one. A single one keeps its paths, so that its page comes out the same to the byte."""
+    documents = [document.read(source.read_bytes(), str(source)) for source in sources]
+    if len(sources) == 1:
+        return document.moved(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
+    placed = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]
+    return document.combined(placed)
+
+
+def _moved(made: Document, source: Path, target: Path) -> Document:
+    return document.moved(made, lambda path: os.path.relpath(source.parent / path, target))
+
+
+def _carried(folder: Path, out: Path) -> document.Locate:
+    """Copy the locks and frames that lie beside a report into another folder, under the same names."""
+
+    def carry(path: str) -> str:
+        source, target = folder / path, out / path
+        if ".." in Path(path).parts or not source.is_file():
+            return os.path.relpath(source, out)
+        if source.resolve() != target.resolve():
+            store.write_atomic(target, source.read_bytes())
+        return path
+
+    return carry
+
+
+# --- what is made of them --------------------------------------------------------------------------------------
+
+
+def _write(form: str, whole: Document, report: Report, out: Path) -> None:
+    name = f"report.{form}"
+    content = document.encode(whole) if form == "json" else page(report).encode()
+    store.write_atomic(out / name, content)
+    print(f"report: {out / name}", file=sys.stderr)
+
+
+def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] | None) -> None:
+    """Print one form; in JSON on stdout paths start from the working folder."""
+    match form:
+        case "terminal":
+            present.print_terminal(report)
+        case "md":
+            sys.stdout.write(page(report))
+        case _:
+            single = sources[0] if sources and len(sources) == 1 else None
+            sys.stdout.write(document.encode(_moved(whole, single, Path()) if single else whole).decode())

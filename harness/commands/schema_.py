@@ -1,0 +1,88 @@
+"""`simmatrix schema [NAME]`: JSON Schemas of matrix files and of every document."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from harness import schema, store
+from harness.errors import BadInput
+
+HELP = "Print the JSON Schema of matrix files or of a document that the harness writes; without a name, list them."
+
+
+def _matrix() -> type:
+    from harness.matrix import MatrixTable  # noqa: PLC0415 - only the schema asked for is made
+
+    return MatrixTable
+
+
+def _expansion() -> type:
+    from harness.matrix import Expansion  # noqa: PLC0415
+
+    return Expansion
+
+
+def _report() -> type:
+    from harness.contract import Document  # noqa: PLC0415
+
+    return Document
+
+
+def _plan() -> type:
+    from harness.commands.plan import Planned  # noqa: PLC0415
+
+    return Planned
+
+
+def _lock() -> type:
+    from harness.commands.lock import Locked  # noqa: PLC0415
+
+    return Locked
+
+
+DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
+    "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
+    "expansion": ("what the ranges of a matrix came to, `NAME.expanded.json`", _expansion),
+    "report": ("`report.json`, and `--json` of run, try, report and show", _report),
+    "plan": ("`plan --json`", _plan),
+    "lock": ("`lock --json`", _lock),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `schema`."""
+    parser.add_argument("name", metavar="NAME", nargs="?", help=f"one of {', '.join(DOCUMENTS)}")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write it to a file instead of stdout")
+    parser.add_argument("--json", action="store_true", help="without a name: all schemas as one JSON object")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Print one schema, all of them, or their names."""
+    if args.name is None and not args.json and not args.out:
+        for name, (what, _) in DOCUMENTS.items():
+            print(f"{name:<10} {what}")
+        return 0
+    text = json.dumps(_schemas(args.name), indent=2, ensure_ascii=False) + "\n"
+    if args.out:
+        store.write_atomic(args.out, text.encode())
+    else:
+        print(text, end="")
+    return 0
+
+
+def _schemas(name: str | None) -> object:
+    if name is None:
+        return {known: _schema(known) for known in DOCUMENTS}
+    if name not in DOCUMENTS:
+        message = f"schema {name}: no document is called so{schema.suggestion(name, DOCUMENTS)}"
+        raise BadInput(message)
+    return _schema(name)
+
+
+def _schema(name: str) -> object:
+    what, kind = DOCUMENTS[name]
+    made = schema.json_schema(kind())
+    return {"$schema": made.pop("$schema"), "title": f"simmatrix: {what}", **made}
