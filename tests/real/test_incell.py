@@ -1,0 +1,236 @@
+"""The in-cell checks on real gym and gymnasium: good environments pass, each trouble is told for what it is."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from ctypes.util import find_library
+from pathlib import Path
+
+import pytest
+from uv import find_uv_bin
+
+from harness import interpreters, launch, wire
+from harness.model import Case, Outcome
+
+ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array")
+HERE = Path(__file__).parent / "environments"
+SITES = {
+    "gym 0.26.2": ("3.9", "gym", ("gym==0.26.2", "numpy<2", "pygame==2.6.1")),
+    "gymnasium 0.26.3": ("3.7", "gymnasium", ("gymnasium==0.26.3",)),
+    "gymnasium 0.29.1": ("3.10", "gymnasium", ("gymnasium==0.29.1", "mujoco==2.3.7", "imageio", "numpy<2")),
+    "gymnasium 1.4.0": ("3.11", "gymnasium", ("gymnasium[mujoco]==1.4.0", "pygame==2.6.1")),
+}
+NEWEST = "gymnasium 1.4.0"
+OLDEST = ("gym 0.26.2", "gymnasium 0.26.3")
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
+    """Make the environment of a site when it is first asked for, and return its interpreter."""
+    made: dict[str, str] = {}
+
+    def make(site: str) -> str:
+        if site not in made:
+            version, _, requirements = SITES[site]
+            interpreter = interpreters.find(version)
+            if interpreter is None:
+                pytest.skip(f"unavailable: python{version}")
+            folder = tmp_path_factory.mktemp("site") / "env"
+            uv = find_uv_bin()
+            subprocess.run([uv, "venv", "-q", "-p", interpreter.path, str(folder)], check=True)
+            subprocess.run([uv, "pip", "install", "-q", "-p", str(folder / "bin/python"), *requirements], check=True)
+            made[site] = str(folder / "bin/python")
+        return made[site]
+
+    return make
+
+
+@pytest.fixture
+def tried(probe, python):
+    """Run checks of an environment in a site."""
+
+    def run(site: str, env: str, mode: str = "", checks: tuple[str, ...] = ALL, **more):
+        api = SITES[site][1]
+        kwargs = {"mode": mode} if mode else {}
+        case = Case(id="c", env=env, api=api, kwargs=kwargs, checks=checks, steps=30)
+        variables = {"LIBRARY": api, "MUJOCO_GL": "egl", "SDL_VIDEODRIVER": "dummy"}
+        return probe(python(site), case, path=HERE, variables=variables, **more)
+
+    return run
+
+
+def read(name: str) -> str:
+    """The text of an in-cell file."""
+    return (launch.INCELL / name).read_text()
+
+
+def outcomes(done) -> dict[str, Outcome | None]:
+    """Outcome by check, of those that were asked for."""
+    return {reply.check: reply.outcome for reply in done.reply.checks if reply.check in ALL}
+
+
+@pytest.mark.parametrize(
+    ("site", "env"),
+    [
+        ("gym 0.26.2", "CartPole-v1"),
+        ("gym 0.26.2", "Blackjack-v1"),
+        ("gymnasium 0.29.1", "Ant-v4"),
+        (NEWEST, "CartPole-v1"),
+        (NEWEST, "FrozenLake-v1"),
+        (NEWEST, "Blackjack-v1"),
+        (NEWEST, "Pendulum-v1"),
+        (NEWEST, "Ant-v5"),
+    ],
+)
+def test_good_environments_pass(site: str, env: str, tried) -> None:
+    """Every check of a good environment passes; only the files that the key is made of are loaded."""
+    if env.startswith("Ant") and find_library("EGL") is None:
+        pytest.skip("missing library: libEGL")
+    done = tried(site, env)
+    assert outcomes(done) == dict.fromkeys(ALL, Outcome.PASSED)
+    assert (done.reply.complete, done.reply.problems) == (True, ())
+    assert set(done.findings) <= {"single.check_env", "single.deprecation", "vector.deprecation"}
+    assert [name for _, name in done.reply.frames] == ["render.rgb_array-first.npy", "render.rgb_array-last.npy"]
+    assert len(done["single.loop"].facts["trajectory"]) >= 31
+    assert done.reply.modules == wire.closure(SITES[site][1], ALL, read)
+
+
+@pytest.mark.parametrize("check", ALL[1:])
+def test_a_check_alone(check: str, tried) -> None:
+    """Each check can be asked for by itself, as after the death of a process, and loads what its key says."""
+    done = tried(NEWEST, "CartPole-v1", checks=(check,))
+    assert outcomes(done) == {check: Outcome.PASSED}
+    assert done.reply.modules == wire.closure("gymnasium", (check,), read)
+
+
+def test_another_process_has_the_same_trajectory(tried, tmp_path: Path) -> None:
+    """`single.repeat` gives what `single.loop` gave in another process."""
+    first = tried(NEWEST, "Ant-v5", checks=("single.loop",))["single.loop"].facts["trajectory"]
+    (tmp_path / "reply").rename(tmp_path / "before")
+    assert tried(NEWEST, "Ant-v5", checks=("single.repeat",))["single.repeat"].facts["trajectory"] == first
+
+
+@pytest.mark.parametrize(
+    ("mode", "message"),
+    [
+        ("nan", "reset() returned an observation that is not finite (3 of 3 values)"),
+        ("float64", "reset() returned an observation that has dtype float64, its space float32"),
+        ("shape", "reset() returned an observation that has shape (2,), its space (3,)"),
+        ("none", "reset() returned an observation that is None, not numbers"),
+        ("noinfo", None),
+        ("four", None),
+        ("infinite", "step() returned a reward that is not finite (1 of 1 values)"),
+        ("rewards", "step() returned a reward of shape (1,), not ()"),
+        ("make-raise", "the true reason"),
+        ("reset-raise", "the true reason"),
+        ("step-raise", "the true reason"),
+        ("step-sysexit", "3"),
+    ],
+)
+def test_what_stops_a_loop_fails(mode: str, message: str | None, tried) -> None:
+    """An exception, a wrong arity, shape or dtype, a number that is not finite: failed, and the library's doing."""
+    reply = tried(NEWEST, "troubled:Troubled-v0", mode, checks=("single.loop",))["single.loop"]
+    assert reply.outcome is Outcome.FAILED
+    assert reply.raised is not None
+    assert reply.raised.blame == "library"
+    assert message is None or reply.raised.message == message
+
+
+def test_an_old_signature_is_the_librarys(tried) -> None:
+    """A TypeError raised in our own frame, for a call that every user makes, is not ours."""
+    raised = tried(NEWEST, "troubled:Old-v0", checks=("single.loop",))["single.loop"].raised
+    assert (raised.type, raised.blame) == ("TypeError", "library")
+
+
+@pytest.mark.parametrize(
+    ("mode", "check", "text"),
+    [
+        ("list", "single.type", "reset() returned an observation that is a list of 3 where an array was promised"),
+        ("float16", "single.type", "reset() returned an observation that has dtype float16, its space float32"),
+        ("integer", "single.type", "step() returned terminated as a int, not as bool"),
+        (
+            "outside",
+            "single.space",
+            "reset() returned an observation outside its space Box(-1.0, 1.0, (3,), float32)",
+        ),
+        ("outside", "single.check_env", "AssertionError: The first element returned by `env.reset()` is not within"),
+        ("unseeded", "single.repeat.fresh", "the same seed gives another trajectory in a new environment, from step 0"),
+        ("unseeded", "single.repeat.same", "the same environment, reset with the same seed, gives another trajectory"),
+        ("eachepisode", "single.repeat.same", "the same environment, reset with the same seed, gives another"),
+        ("firstepisode", "single.repeat.first", "the first episode after make differs from later ones with the same"),
+        ("close-raise", "single.teardown", "close() raised ValueError: the true reason"),
+    ],
+)
+def test_lesser_things_are_findings(mode: str, check: str, text: str, tried) -> None:
+    """What does not stop a loop passes, with a finding."""
+    done = tried(NEWEST, "troubled:Troubled-v0", mode, checks=("single.loop",))
+    assert done["single.loop"].outcome is Outcome.PASSED
+    assert done.findings[check][0].startswith(text)
+    if mode == "firstepisode":
+        assert not set(done.findings) & {"single.repeat.same", "single.repeat.fresh"}
+
+
+@pytest.mark.parametrize("site", [*OLDEST, NEWEST])
+@pytest.mark.parametrize(
+    ("mode", "told"),
+    [
+        ("make-child-raise", ("ValueError", 1, "constructor")),
+        ("make-child-segv", (None, -11, "constructor")),
+        ("make-child-exit", (None, 7, "constructor")),
+        ("make-child-sysexit", ("SystemExit", 3, "constructor")),
+        ("reset-child-exit", (None, 7, "reset")),
+        ("step-child-raise", ("ValueError", 0, "step")),
+        ("step-child-segv", (None, -11, "step")),
+    ],
+)
+def test_workers_tell_their_own_end(site: str, mode: str, told, tried) -> None:
+    """Behind whatever the parent gets, each worker's own first exception, exit code or signal is known."""
+    done = tried(site, "troubled:Troubled-v0", mode, checks=("vector.sync", "vector.async.fork"))
+    assert outcomes(done) == {"vector.sync": Outcome.PASSED, "vector.async.fork": Outcome.FAILED}
+    workers = done["vector.async.fork"].workers
+    assert len(workers) == 2
+    assert told in [(w.raised.type if w.raised else None, w.exit_code, w.reached) for w in workers]
+    if mode.endswith("segv"):
+        assert any("Segmentation fault" in (worker.stacks or "") for worker in workers)
+
+
+def test_a_hanging_worker_is_seen(tried) -> None:
+    """Workers that hang in their constructor leave how far they came and their stacks, though the parent is ended."""
+    done = tried(NEWEST, "troubled:Troubled-v0", "make-child-hang", checks=("vector.async.fork",), limit=1, deadline=6)
+    reply = done["vector.async.fork"]
+    assert (done.returncode, reply.outcome) == (None, None)
+    assert [worker.reached for worker in reply.workers] == ["constructor"] * 2
+    assert all("troubled.py" in (worker.stacks or "") for worker in reply.workers)
+
+
+@pytest.mark.parametrize(
+    ("mode", "message"),
+    [
+        ("blank", "blank frame: every pixel is [7, 7, 7]"),
+        ("nothing", "render() returned a NoneType, not an array"),
+        ("frames", "render() returned a list, not an array"),
+        ("floats", "render() returned dtype float64, not uint8"),
+        ("gray", "render() returned shape (32, 48), not (height, width, 3)"),
+        ("render-raise", "the true reason"),
+    ],
+)
+def test_unusable_frames_fail(mode: str, message: str, tried) -> None:
+    """A frame that is no picture fails."""
+    reply = tried(NEWEST, "troubled:Troubled-v0", mode, checks=("render.rgb_array",))["render.rgb_array"]
+    assert (reply.outcome, reply.raised and reply.raised.message) == (Outcome.FAILED, message)
+
+
+def test_nothing_to_render_is_skipped(tried) -> None:
+    """An environment that declares no rgb_array is skipped, with the reason."""
+    reply = tried(NEWEST, "troubled:Blind-v0", checks=("render.rgb_array",))["render.rgb_array"]
+    assert (reply.outcome, reply.reason) == (Outcome.SKIPPED, "the environment declares no render mode rgb_array")
+
+
+def test_a_missing_extra_fails(tried) -> None:
+    """Without pygame rendering fails: the lock lacks it, this machine does not."""
+    reply = tried("gymnasium 0.29.1", "CartPole-v1", checks=("render.rgb_array",))["render.rgb_array"]
+    assert (reply.outcome, reply.raised and reply.raised.type) == (
+        Outcome.FAILED,
+        "gymnasium.error.DependencyNotInstalled",
+    )
