@@ -32,7 +32,7 @@ def expand(matrix: Matrix, releases: Mapping[str, Iterable[tuple[str, bool]]], i
             if not versions:
                 message = f'the index has no release that "{wanted[name].range}" allows'
                 raise ValueError(message)
-    return Expansion(matrix=matrix.name, instant=Instant(instant), ranges=wanted, axes=axes)
+    return Expansion(matrix=matrix.name, instant=Instant(Instant.canonical(instant)), ranges=wanted, axes=axes)
 
 
 def expand_range(wanted: RangeTable, releases: Iterable[tuple[str, bool]]) -> tuple[str, ...]:

@@ -1,0 +1,183 @@
+"""The one cell of `try`: its name, its cases, and what is refused."""
+
+from typing import Any
+
+import pytest
+
+from harness import plan
+from harness.errors import BadInput
+from harness.model import Case, Question
+from harness.words import CHECKS
+
+
+def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.Asked:
+    """What a command line asks for."""
+    return plan.Asked(requirements=requirements, python=python, **more)
+
+
+def cases(*requirements: str, **more: Any) -> list[tuple[str, str | None]]:
+    """API and environment of each case."""
+    return [(case.api, case.env) for case in plan.cases_for(asked(*requirements, **more))]
+
+
+def test_one_cell_named_by_what_is_pinned() -> None:
+    """Python and pinned packages are the axes and the name; the rest is the question."""
+    found = plan.single(
+        asked(
+            "gymnasium[mujoco]==1.2.3",
+            "mujoco==3.3.7",
+            "scipy>=1",
+            envs=("Ant-v5",),
+            environment={"MUJOCO_GL": "egl"},
+            constraints=("numpy<2",),
+            only_binary=("MuJoCo",),
+            as_of="2026-11-20",
+        )
+    )
+    (cell,) = found.cells
+
+    assert (found.matrix, found.axes) == ("try", ("python", "gymnasium", "mujoco"))
+    assert cell.id == "try/py3.11-gymnasium1.2.3-mujoco3.3.7-scipy"
+    assert cell.axes == {"python": "3.11", "gymnasium": "1.2.3", "mujoco": "3.3.7"}
+    assert cell.environment == {"MUJOCO_GL": "egl"}
+    assert cell.cases == (Case(id="Ant-v5", env="Ant-v5", api="gymnasium", checks=CHECKS),)
+    assert cell.question == Question(
+        requirements=("gymnasium[mujoco]==1.2.3", "mujoco==3.3.7", "scipy>=1"),
+        constraints=("numpy<2",),
+        only_binary=("mujoco",),
+        snapshot="2026-11-20T23:59:59Z",
+    )
+
+
+def test_long_names_are_cut_and_stay_distinct() -> None:
+    """A label has at most 150 characters, and two long ones that differ at the end differ."""
+    many = [f"package-number-{number}==1.{number}" for number in range(20)]
+    first, second = (plan.single(asked(*many, last)).cells[0].label for last in ("x==1", "x==2"))
+
+    assert (len(first), len(second), first[:141] == second[:141], first == second) == (150, 150, True, False)
+
+
+@pytest.mark.parametrize(
+    ("requirements", "more", "expected"),
+    [
+        pytest.param(["gymnasium"], {}, [("gymnasium", "CartPole-v1")], id="gymnasium"),
+        pytest.param(
+            ["gymnasium[mujoco]==1.2.3", "mujoco==3.3.7"],
+            {},
+            [("gymnasium", "CartPole-v1"), ("gymnasium", "Ant-v5")],
+            id="gymnasium-mujoco",
+        ),
+        pytest.param(
+            ["gymnasium", "mujoco"], {}, [("gymnasium", "CartPole-v1"), ("gymnasium", "Ant-v5")], id="mujoco-beside"
+        ),
+        pytest.param(
+            ["gymnasium[mujoco]<1.0"],
+            {},
+            [("gymnasium", "CartPole-v1"), ("gymnasium", "Ant-v4")],
+            id="gymnasium-before-1",
+        ),
+        pytest.param(
+            ["gymnasium[mujoco]>1.1,<1.3"],
+            {},
+            [("gymnasium", "CartPole-v1"), ("gymnasium", "Ant-v5")],
+            id="gymnasium-between",
+        ),
+        pytest.param(
+            ["gymnasium[mujoco]"],
+            {"constraints": ("gymnasium==0.29.1",)},
+            [("gymnasium", "CartPole-v1"), ("gymnasium", "Ant-v4")],
+            id="gymnasium-constrained",
+        ),
+        pytest.param(
+            ["gymnasium[mujoco]"],
+            {"python": "3.7"},
+            [("gymnasium", "CartPole-v1"), ("gymnasium", "Ant-v4")],
+            id="old-python",
+        ),
+        pytest.param(
+            ["gymnasium[mujoco]"],
+            {"as_of": "2024-01-01"},
+            [("gymnasium", "CartPole-v1"), ("gymnasium", "Ant-v4")],
+            id="as-of-before-1",
+        ),
+        pytest.param(["gym[mujoco]==0.26.2"], {}, [("gym", "CartPole-v1"), ("gym", "Ant-v4")], id="gym-mujoco"),
+        pytest.param(["gym[mujoco]==0.21.0"], {}, [("gym", "CartPole-v1")], id="gym-of-mujoco-py"),
+        pytest.param(["gym", "gymnasium"], {}, [("gym", "CartPole-v1")], id="first-of-both"),
+        pytest.param(["gym", "gymnasium"], {"api": "gymnasium"}, [("gymnasium", "CartPole-v1")], id="api-asked-for"),
+        pytest.param(
+            ["gymnasium"],
+            {"envs": ("gym:Ant-v4", "Pong", "gymnasium:Ant-v4", "Pong")},
+            [("gym", "gym:Ant-v4"), ("gymnasium", "Pong"), ("gymnasium", "gymnasium:Ant-v4")],
+            id="prefixes",
+        ),
+        pytest.param(["highway-env"], {"envs": ("highway-v0",)}, [("gymnasium", "highway-v0")], id="unknown-package"),
+        pytest.param(["mujoco", "numpy"], {}, [("", None), ("", None)], id="no-api"),
+    ],
+)
+def test_cases_follow_from_what_is_asked_for(
+    requirements: list[str], more: dict[str, Any], expected: list[tuple[str, str | None]]
+) -> None:
+    """Environments asked for are tried; else those that API and versions suggest; else modules are imported."""
+    assert cases(*requirements, **more) == expected
+
+
+def test_modules_of_packages_without_an_api() -> None:
+    """Each package is imported by the name of its module, in a case of its own."""
+    assert [(case.id, case.imports, case.checks) for case in plan.cases_for(asked("dm-control==1.0", "PyYAML"))] == [
+        ("import-dm_control", ("dm_control",), ("import.modules",)),
+        ("import-yaml", ("yaml",), ("import.modules",)),
+    ]
+
+
+def test_modules_asked_for() -> None:
+    """`--import` replaces the guess, and comes before environments."""
+    alone = plan.cases_for(asked("dm-control", imports=("dm_control.suite",)))
+    before = plan.cases_for(asked("gymnasium-robotics", imports=("gymnasium_robotics",), envs=("FetchReach-v4",)))
+
+    assert [(case.env, case.imports) for case in (*alone, *before)] == [
+        (None, ("dm_control.suite",)),
+        ("FetchReach-v4", ("gymnasium_robotics",)),
+    ]
+
+
+def test_ids_of_cases_stay_distinct() -> None:
+    """Two environments whose ids look alike in a folder name get a number."""
+    found = plan.cases_for(asked("gymnasium", envs=("a/b", "a:b", "A-b")))
+
+    assert [case.id for case in found] == ["a-b", "a-b-2", "A-b-3"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (asked(), "try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'"),
+        (
+            asked("numpy=1"),
+            'try: "numpy=1" is not a requirement: Expected semicolon (after name with no version specifier) or end',
+        ),
+        (
+            asked("numpy", constraints=("x y",)),
+            '--constraint: "x y" is not a requirement: '
+            "Expected semicolon (after name with no version specifier) or end",
+        ),
+        (asked("numpy", only_binary=("a b",)), '--only-binary: "a b" is not the name of a package'),
+        (asked("numpy", environment={"1A": ""}), '--set: "1A" is not the name of an environment variable'),
+        (asked("numpy", imports=("a-b",)), '--import: "a-b" is not the name of a Python module'),
+        (asked("numpy", api="gymnasim"), '--api: unknown API "gymnasim"; did you mean "gymnasium"?'),
+        (asked("gymnasium", envs=("//",)), '--env: "//" is not the id of an environment'),
+        (
+            asked("gym", envs=("gym:x",), api="gymnasium"),
+            '--env: "gym:x" names the API "gym", but "gymnasium" is asked for',
+        ),
+        (
+            asked("numpy", as_of="soon"),
+            '--as-of: "soon" is not a date such as 2026-11-20 nor a moment such as 2026-11-20T12:00:00Z',
+        ),
+    ],
+)
+def test_mistakes_name_the_option(wrong: plan.Asked, sentence: str) -> None:
+    """A mistake on the command line is told with the option that holds it."""
+    with pytest.raises(BadInput) as error:
+        plan.single(wrong)
+
+    assert str(error.value) == sentence
