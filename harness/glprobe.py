@@ -1,0 +1,161 @@
+"""Asks one way of rendering what it is, by really making a context: `python -I -S glprobe.py WAY ANSWER`.
+
+WAY is `egl`, `osmesa` or `display`. The answer is a JSON object in the file ANSWER: what the driver says of itself, or
+`missing`: why there is none. Standard library only; run in a process of its own, since drivers crash, hang and print.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from ctypes import POINTER, byref, c_char_p, c_int, c_uint, c_void_p
+from typing import Any
+
+EGL_NONE, EGL_PLATFORM_DEVICE, EGL_OPENGL_API = 0x3038, 0x313F, 0x30A2
+EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT = 0x3033, 1, 0x3040, 8
+EGL_RED, EGL_GREEN, EGL_BLUE, EGL_ALPHA, EGL_DEPTH, EGL_STENCIL = 0x3024, 0x3023, 0x3022, 0x3021, 0x3025, 0x3026
+OSMESA_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
+STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02}
+
+
+class MissingError(Exception):
+    """This way of rendering is not to be had here."""
+
+
+def load(*files: str) -> ctypes.CDLL:
+    """The first of these shared libraries that the linker finds."""
+    for file in files:
+        try:
+            return ctypes.CDLL(file, mode=ctypes.RTLD_GLOBAL)
+        except OSError:
+            continue
+    message = f"no {files[0]}"
+    raise MissingError(message)
+
+
+def function(address: int | None, result: Any, *arguments: Any) -> Callable[..., Any]:
+    """A C function at an address."""
+    if not address:
+        message = "an entry point is missing"
+        raise MissingError(message)
+    return ctypes.CFUNCTYPE(result, *arguments)(address)
+
+
+def strings(get: Callable[[int], bytes | None]) -> dict[str, str]:
+    """What glGetString says in the current context."""
+    found = {name: (get(number) or b"").decode("utf-8", "replace") for name, number in STRINGS.items()}
+    if not found["version"]:
+        message = "a context without a version"
+        raise MissingError(message)
+    return found
+
+
+class Egl:
+    """The EGL library with the types of the calls that we make."""
+
+    def __init__(self) -> None:
+        self.library = load("libEGL.so.1")
+        self.library.eglGetProcAddress.restype = c_void_p
+        self.library.eglCreateContext.restype = c_void_p
+        self.library.eglCreateContext.argtypes = [c_void_p, c_void_p, c_void_p, c_void_p]
+        self.library.eglMakeCurrent.argtypes = [c_void_p] * 4
+        self.library.eglInitialize.argtypes = [c_void_p] * 3
+        self.library.eglChooseConfig.argtypes = [c_void_p, c_void_p, c_void_p, c_int, c_void_p]
+
+    def entry(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
+        """A function of an extension, or of GL."""
+        return function(self.library.eglGetProcAddress(name.encode()), result, *arguments)
+
+    def displays(self) -> Iterator[int]:
+        """One initialised display per device, in the driver's order, as MuJoCo tries them."""
+        query = self.entry("eglQueryDevicesEXT", c_uint, c_int, c_void_p, POINTER(c_int))
+        platform_display = self.entry("eglGetPlatformDisplayEXT", c_void_p, c_uint, c_void_p, c_void_p)
+        devices, count = (c_void_p * 16)(), c_int()
+        query(16, devices, byref(count))
+        for device in devices[: count.value]:
+            display = platform_display(EGL_PLATFORM_DEVICE, device, None)
+            if display and self.library.eglInitialize(display, None, None):
+                yield display
+
+    def describe(self, display: int) -> dict[str, str]:
+        """Make a context without a surface current, and ask it."""
+        wanted = (EGL_RED, 8, EGL_GREEN, 8, EGL_BLUE, 8, EGL_ALPHA, 8, EGL_DEPTH, 24, EGL_STENCIL, 8)
+        kind = (EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE)
+        config, count = c_void_p(), c_int()
+        attributes = array((*wanted, *kind))
+        self.library.eglChooseConfig(display, attributes, byref(config), 1, byref(count))
+        self.library.eglBindAPI(EGL_OPENGL_API)
+        context = self.library.eglCreateContext(display, config, None, None) if count.value else None
+        if not context or not self.library.eglMakeCurrent(display, None, None, context):
+            message = "no device makes an OpenGL context"
+            raise MissingError(message)
+        return strings(self.entry("glGetString", c_char_p, c_uint))
+
+
+def array(values: Sequence[int]) -> Any:
+    """A C array of int."""
+    return (c_int * len(values))(*values)
+
+
+def egl() -> dict[str, str]:
+    """The first EGL device that makes an OpenGL context."""
+    library = Egl()
+    reason = MissingError("no device that can be initialised")
+    for display in library.displays():
+        try:
+            return library.describe(display)
+        except MissingError as error:
+            reason = error
+    raise reason
+
+
+def osmesa() -> dict[str, str]:
+    """Mesa's rendering into memory."""
+    library = load("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+    library.OSMesaCreateContextExt.restype = c_void_p
+    library.OSMesaCreateContextExt.argtypes = [c_uint, c_int, c_int, c_int, c_void_p]
+    library.OSMesaMakeCurrent.argtypes = [c_void_p, c_void_p, c_uint, c_int, c_int]
+    library.OSMesaGetProcAddress.restype = c_void_p
+    context = library.OSMesaCreateContextExt(OSMESA_RGBA, 24, 8, 0, None)
+    pixels = ctypes.create_string_buffer(64 * 64 * 4)
+    if not context or not library.OSMesaMakeCurrent(context, pixels, GL_UNSIGNED_BYTE, 64, 64):
+        message = "OSMesa makes no context"
+        raise MissingError(message)
+    return strings(function(library.OSMesaGetProcAddress(b"glGetString"), c_char_p, c_uint))
+
+
+def display() -> dict[str, str]:
+    """The X server that DISPLAY names."""
+    if not os.environ.get("DISPLAY"):
+        message = "DISPLAY is not set"
+        raise MissingError(message)
+    library = load("libX11.so.6")
+    library.XOpenDisplay.restype = c_void_p
+    library.XServerVendor.restype = c_char_p
+    library.XServerVendor.argtypes = [c_void_p]
+    server = library.XOpenDisplay(None)
+    if not server:
+        message = f"nothing answers at DISPLAY={os.environ['DISPLAY']}"
+        raise MissingError(message)
+    return {"vendor": (library.XServerVendor(server) or b"").decode("utf-8", "replace")}
+
+
+WAYS = {"egl": egl, "osmesa": osmesa, "display": display}
+
+
+def main(way: str, answer: str) -> None:
+    """Ask, and write the answer."""
+    try:
+        found = WAYS[way]()
+    except (MissingError, AttributeError) as error:  # AttributeError: a library without the function
+        found = {"missing": str(error)}
+    with open(answer, "w") as file:  # noqa: PTH123 - nothing else here needs pathlib
+        json.dump(found, file)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
+    os._exit(0)  # a driver that crashes at unloading says nothing about rendering

@@ -1,0 +1,245 @@
+"""What this machine has: its class, to which results belong, and what of it a cell may use."""
+
+from __future__ import annotations
+
+import functools
+import os
+import platform
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from harness.process import Command, Completed, Limits, Profile, run
+from harness.store import cache_folder, write_atomic
+
+PROBE = Path(__file__).parent / "glprobe.py"
+
+HINTS = {
+    "egl": ("EGL", "install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver"),
+    "osmesa": ("OSMesa", "install Debian's libosmesa6"),
+    "display": ("X display", "run where DISPLAY names an X server"),
+    "gpu": ("NVIDIA GPU", "run on a machine that has one, with its driver"),
+}
+"""What a matrix may name under `needs`: what it is called, and what to do where it is missing."""
+
+ENVIRONMENT = {
+    "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",  # the system's tools, no user's wrappers
+    "LANG": "C.UTF-8",  # Python 3.7 and subprocesses would otherwise write ASCII
+}
+"""What every cell and every build has, whoever starts it."""
+
+PASSED = {
+    "": (  # where the OpenGL drivers lie, where that is not the usual place
+        "__EGL_VENDOR_LIBRARY_FILENAMES",
+        "__EGL_VENDOR_LIBRARY_DIRS",
+        "LIBGL_DRIVERS_PATH",
+    ),
+    "display": ("DISPLAY", "XAUTHORITY"),
+    "gpu": ("CUDA_VISIBLE_DEVICES", "CUDA_DEVICE_ORDER"),  # which GPU of a shared machine is ours
+}
+"""The user's variables that a cell sees: always, or if it has that need. Not LD_LIBRARY_PATH, which would put other
+libraries under the ones being tested: a matrix may set it."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Machine:
+    """A class of machine and this one's facts. Two machines with one id give the same results."""
+
+    id: str
+    facts: Mapping[str, Any]
+    capabilities: frozenset[str]
+
+
+@functools.cache
+def facts() -> Machine:
+    """This machine; what takes a process to find out is remembered until the system changes."""
+    parts = _parts()
+    libc = " ".join(platform.libc_ver()).strip() or "unknown libc"
+    known = {
+        "os": _distribution(),
+        "kernel": ".".join(platform.release().split(".")[:2]),
+        "architecture": platform.machine(),
+        "libc": libc,
+        "cpus": len(os.sched_getaffinity(0)),
+        "memory_mb": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") >> 20,
+        **parts,
+    }
+    labels = (sys.platform, platform.machine(), libc.replace(" ", ""), _gl_label(parts), _gpu_label(parts["gpu"]))
+    return Machine(
+        id="-".join(filter(None, labels)),
+        facts=known,
+        capabilities=frozenset(name for name, part in parts.items() if "missing" not in part),
+    )
+
+
+def supplied(given: Mapping[str, str]) -> dict[str, str]:
+    """The variables that rendering needs here, never over one that was given, be it empty."""
+    capabilities = facts().capabilities
+    found: dict[str, str] = {}
+    way = next((way for way in ("egl", "osmesa") if way in capabilities), None)
+    if way:
+        found["MUJOCO_GL"] = way
+    if given.get("MUJOCO_GL", way) == "osmesa":
+        found["PYOPENGL_PLATFORM"] = "osmesa"
+    found["SDL_VIDEODRIVER"] = "dummy"
+    return {name: value for name, value in found.items() if name not in given}
+
+
+def base_environment(needs: Sequence[str] = ()) -> dict[str, str]:
+    """The variables of this machine that a cell with these needs, or a build, may see."""
+    names = [name for need in ("", *needs) for name in PASSED.get(need, ())]
+    found = ENVIRONMENT | {name: os.environ[name] for name in names if name in os.environ}
+    usual = Path(os.environ.get("HOME", "/"), ".Xauthority")  # which a cell with a HOME of its own would not find
+    if "display" in needs and "XAUTHORITY" not in found and usual.exists():
+        found["XAUTHORITY"] = str(usual)
+    return found
+
+
+def missing_for(needs: Iterable[str]) -> str | None:
+    """What of these needs this machine lacks and what to do about it, in a sentence; None if nothing."""
+    machine = facts()
+    return "; ".join(_hint(need, machine) for need in needs if need not in machine.capabilities) or None
+
+
+def _hint(need: str, machine: Machine) -> str:
+    if need not in HINTS:
+        return f"nothing here is known as {need!r}: a need is one of {', '.join(HINTS)}"
+    name, remedy = HINTS[need]
+    reason = machine.facts.get(need, {}).get("missing")
+    return f"no {name} here{f' ({reason})' if reason else ''}: {remedy}"
+
+
+# --- parts: each a few strings, or `missing`: why it is not there ----------------------------------------------
+
+
+def _parts() -> dict[str, dict[str, str]]:
+    """What each part says of itself; asked again only where something was installed, removed or started."""
+    memory, marks = cache_folder() / "machine.json", _marks()
+    try:
+        kept = msgspec.json.decode(memory.read_bytes(), type=_Memory)
+    except (OSError, msgspec.MsgspecError):
+        kept = None
+    if kept and kept.marks == marks:
+        return kept.parts
+    answers = {way: _ask(way) for way in ("egl", "osmesa", "display")} | {"gpu": _gpu(Path("/"))}
+    parts = {name: answer for name, (answer, _) in answers.items()}
+    if all(certain for _, certain in answers.values()):
+        write_atomic(memory, msgspec.json.encode(_Memory(marks=marks, parts=parts)))
+    return parts
+
+
+class _Memory(msgspec.Struct):
+    marks: list[str]
+    parts: dict[str, dict[str, str]]
+
+
+def _marks() -> list[str]:
+    """What changes whenever a driver, a library or a server came or went, or the probe would be run otherwise."""
+    patterns = (
+        "etc/ld.so.cache",
+        "usr/share/glvnd/egl_vendor.d/*",
+        "etc/glvnd/egl_vendor.d/*",
+        "usr/lib/dri",
+        "usr/lib/*/dri",
+        "proc/driver/nvidia/version",
+        "dev/nvidia[0-9]*",
+        "dev/dxg",
+        "tmp/.X11-unix/*",
+    )
+    paths = [PROBE, *(path for pattern in patterns for path in sorted(Path("/").glob(pattern)))]
+    boot = Path("/proc/sys/kernel/random/boot_id")
+    return [
+        platform.release(),
+        boot.read_text() if boot.exists() else "",
+        *(f"{path} {path.stat().st_mtime_ns}" for path in paths if path.exists()),
+        *(f"{name}={value}" for name, value in base_environment(("display",)).items()),
+        shutil.which("nvidia-smi") or "",
+    ]
+
+
+def _ask(way: str) -> tuple[dict[str, str], bool]:
+    """What the probe says from within the sandbox that cells have, and whether it would say so again."""
+    with tempfile.TemporaryDirectory(prefix="simmatrix-", ignore_cleanup_errors=True) as name:
+        home = Path(name)
+        answer = home / "answer.json"
+        argv = (sys.executable, "-I", "-S", str(PROBE), way, str(answer))
+        done = _run(argv, base_environment(("display",)), home, Profile.CELL)
+        if answer.exists():
+            return msgspec.json.decode(answer.read_bytes(), type=dict[str, str]), True
+        return {"missing": f"its driver {_death(done)}"}, done.killed is None and not done.timed_out
+
+
+def _run(argv: tuple[str, ...], env: Mapping[str, str], home: Path, profile: Profile) -> Completed:
+    limits = Limits(seconds=60)
+    return run(Command(argv=argv, cwd=home, env=env, limits=limits, log=home / "log", profile=profile, home=home))
+
+
+def _death(done: Completed) -> str:
+    if done.killed:
+        return f"could not be asked: {done.killed}"
+    if done.timed_out:
+        return "did not answer"
+    return f"crashed with signal {done.signal}" if done.signal else f"ended with exit code {done.exit_code}"
+
+
+def _gpu(root: Path) -> tuple[dict[str, str], bool]:
+    """NVIDIA's GPUs, from the driver's files or, where it has none (WSL), its tool; and whether that is certain."""
+    cards = sorted((root / "proc/driver/nvidia/gpus").glob("*/information"))
+    if cards and any((root / "dev").glob("nvidia[0-9]*")):
+        models = [re.search(r"^Model:\s*(.+?)\s*$", card.read_text(), re.MULTILINE) for card in cards]
+        version = re.search(r"\b\d{3,}\.\d+(\.\d+)?\b", (root / "proc/driver/nvidia/version").read_text())
+        names = ", ".join(model[1] if model else "NVIDIA GPU" for model in models)
+        return {"models": names, "driver": version[0] if version else ""}, True
+    tool = shutil.which("nvidia-smi")
+    if tool is None:
+        return {"missing": "no driver of NVIDIA's"}, True
+    with tempfile.TemporaryDirectory(prefix="simmatrix-") as name:
+        argv = (tool, "--query-gpu=name,driver_version", "--format=csv,noheader")
+        done = _run(argv, ENVIRONMENT, Path(name), Profile.HOST)
+        lines = done.log.read_text().splitlines() if done.exit_code == 0 else []
+    pairs = [tuple(line.split(", ")) for line in lines if line.count(", ") == 1]
+    if not pairs:
+        return {"missing": "nvidia-smi names none"}, done.killed is None and not done.timed_out
+    return {"models": ", ".join(model for model, _ in pairs), "driver": pairs[0][1]}, True
+
+
+# --- the id ----------------------------------------------------------------------------------------------------
+
+
+def _gl_label(parts: Mapping[str, Mapping[str, str]]) -> str:
+    """The driver and its minor version, and what renders where that is no software: `mesa22.3`, `nvidia570.86`."""
+    way = next((way for way in ("egl", "osmesa") if "missing" not in parts[way]), None)
+    if way is None:
+        return "nogl"
+    said = parts[way]
+    driver = re.search(r"(Mesa|NVIDIA) (\d+\.\d+)", said["version"])
+    label = "".join(driver.groups()).lower() if driver else _slug(f"{said['vendor']} {said['version']}")
+    software = re.match(r"llvmpipe|softpipe|swrast", said["renderer"])
+    hardware = "" if software or label.startswith("nvidia") else f"-{_slug(said['renderer'])}"
+    return ("osmesa-" if way == "osmesa" else "") + label + hardware
+
+
+def _gpu_label(gpu: Mapping[str, str]) -> str:
+    """Models and driver's minor version: `nvidia-h200-driver570.86`."""
+    if "missing" in gpu:
+        return ""
+    models = "-".join(sorted({_slug(model) for model in gpu["models"].split(", ")}))
+    return f"{models}-driver{'.'.join(gpu['driver'].split('.')[:2])}"
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-")[:40].rstrip("-")
+
+
+def _distribution() -> str:
+    try:
+        return platform.freedesktop_os_release()["PRETTY_NAME"]
+    except (OSError, KeyError):
+        return platform.system()

@@ -1,0 +1,211 @@
+"""What this machine has, asked of the machine itself."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from harness import machine, process
+
+
+@pytest.fixture(autouse=True)
+def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Each test asks anew, with a cache of its own."""
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("DISPLAY", raising=False)
+    machine.facts.cache_clear()
+    yield
+    machine.facts.cache_clear()
+
+
+@pytest.fixture
+def egl() -> None:
+    """The test needs Mesa's EGL."""
+    if "egl" not in machine.facts().capabilities:
+        pytest.skip("missing library: libegl1")
+
+
+class TestFacts:
+    def test_id_is_a_readable_class(self) -> None:
+        """The id names system, architecture, C library and GL driver, and nothing that only this machine has."""
+        found = machine.facts()
+
+        assert re.fullmatch(r"linux-[a-z0-9_]+-[a-z]+[\d.]+(-[a-z0-9.]+)+", found.id)
+        assert os.uname().nodename not in found.id
+        assert found.facts["cpus"] >= 1
+        assert found.facts["memory_mb"] > 100
+
+    @pytest.mark.usefixtures("egl")
+    def test_egl_tells_its_driver(self) -> None:
+        """EGL is claimed only where a context was made, and the driver's own words are kept."""
+        said = machine.facts().facts["egl"]
+
+        assert set(said) == {"vendor", "renderer", "version"}
+        assert all(said.values())
+
+    def test_driver_that_is_not_there(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Without a driver there is no EGL, though the library loads, and the reason is kept."""
+        monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
+
+        found = machine.facts()
+
+        assert "egl" not in found.capabilities
+        assert set(found.facts["egl"]) == {"missing"}
+
+    def test_display_that_does_not_answer(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A DISPLAY at which no server answers is no display."""
+        monkeypatch.setenv("DISPLAY", ":4077")
+
+        assert machine.facts().facts["display"]["missing"] in {"nothing answers at DISPLAY=:4077", "no libX11.so.6"}
+
+    def test_remembered_until_something_changes(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A second call starts no process (it would be refused here); with another driver setting it asks again."""
+        code = "from harness import machine; print(machine.facts().id)"
+        first = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+        monkeypatch.setenv(process.FORCED, "no such sandbox")
+        again = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        monkeypatch.setenv("LIBGL_DRIVERS_PATH", "/nowhere")
+        changed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+        assert again.stdout == first.stdout
+        assert "there is no 'no such sandbox'" in changed.stderr
+
+    def test_broken_memory(self, tmp_path: Path) -> None:
+        """A cache file that cannot be read is as good as none."""
+        first = machine.facts()
+        machine.facts.cache_clear()
+        (tmp_path / "cache/machine.json").write_text("{")
+
+        assert machine.facts() == first
+
+
+class TestGpu:
+    def test_from_the_driver(self, tmp_path: Path) -> None:
+        """Models and version come from the driver's files."""
+        cards = tmp_path / "proc/driver/nvidia/gpus"
+        for number in range(2):
+            (cards / f"0000:0{number}:00.0").mkdir(parents=True)
+            (cards / f"0000:0{number}:00.0/information").write_text("Model: \t\t NVIDIA H200\nIRQ:   \t\t 18\n")
+        (tmp_path / "proc/driver/nvidia/version").write_text(
+            "NVRM version: NVIDIA UNIX Open Kernel Module for x86_64  570.86.15  Release Build\nGCC version:  12.2.0\n"
+        )
+        (tmp_path / "dev").mkdir()
+        (tmp_path / "dev/nvidia0").touch()
+
+        gpu, certain = machine._gpu(tmp_path)
+
+        assert (gpu, certain) == ({"models": "NVIDIA H200, NVIDIA H200", "driver": "570.86.15"}, True)
+        assert machine._gpu_label(gpu) == "nvidia-h200-driver570.86"
+
+    @pytest.mark.parametrize(
+        ("script", "expected"),
+        [
+            ("echo 'NVIDIA RTX A2000, 551.23'", {"models": "NVIDIA RTX A2000", "driver": "551.23"}),
+            ("echo 'NVIDIA-SMI has failed, because'; exit 9", {"missing": "nvidia-smi names none"}),
+        ],
+    )
+    def test_from_the_tool(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, expected: dict[str, str]
+    ) -> None:
+        """Where the driver has no files, its tool is asked; a tool that fails names none."""
+        tool = tmp_path / "nvidia-smi"
+        tool.write_text(f"#!/bin/sh\n{script}\n")
+        tool.chmod(0o755)
+        monkeypatch.setenv("PATH", str(tmp_path))
+
+        assert machine._gpu(tmp_path) == (expected, True)
+
+
+@pytest.mark.parametrize(
+    ("version", "renderer", "label"),
+    [
+        ("4.5 (Compatibility Profile) Mesa 22.3.6", "llvmpipe (LLVM 15.0.6, 256 bits)", "mesa22.3"),
+        (
+            "4.6 (Compatibility Profile) Mesa 25.2.0-devel",
+            "Mesa Intel(R) UHD 620 (KBL)",
+            "mesa25.2-mesa-intel-r-uhd-620-kbl",
+        ),
+        ("4.6.0 NVIDIA 570.86.15", "NVIDIA H200/PCIe/SSE2", "nvidia570.86"),
+    ],
+)
+def test_gl_label(version: str, renderer: str, label: str) -> None:
+    """Driver and minor version, and the hardware that renders."""
+    said = {"vendor": "someone", "renderer": renderer, "version": version}
+
+    assert machine._gl_label({"egl": said, "osmesa": {"missing": "no libOSMesa.so.8"}}) == label
+
+
+class TestSupplied:
+    @pytest.mark.usefixtures("egl")
+    @pytest.mark.parametrize(
+        ("given", "expected"),
+        [
+            ({}, {"MUJOCO_GL": "egl", "SDL_VIDEODRIVER": "dummy"}),
+            ({"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "x11"}, {}),
+            ({"MUJOCO_GL": "", "SDL_VIDEODRIVER": ""}, {}),
+            ({"MUJOCO_GL": "osmesa"}, {"PYOPENGL_PLATFORM": "osmesa", "SDL_VIDEODRIVER": "dummy"}),
+            ({"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": ""}, {"SDL_VIDEODRIVER": "dummy"}),
+        ],
+    )
+    def test_with_egl(self, given: dict[str, str], expected: dict[str, str]) -> None:
+        """What rendering needs is supplied, never over a value that was given, be it empty."""
+        assert machine.supplied(given) == expected
+
+    def test_without_any(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Where nothing renders, no way of rendering is claimed."""
+        monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
+        if "osmesa" in machine.facts().capabilities:
+            pytest.skip("unavailable: a machine without OSMesa")
+
+        assert machine.supplied({}) == {"SDL_VIDEODRIVER": "dummy"}
+
+
+class TestEnvironment:
+    def test_is_an_allow_list(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Of the user's variables a cell sees those of its needs and where GL drivers lie, and no other."""
+        monkeypatch.setattr(os, "environ", os.environ.copy())
+        os.environ.clear()
+        os.environ.update(
+            {"PYTHONPATH": "/x", "LD_LIBRARY_PATH": "/x", "PIP_INDEX_URL": "x", "PATH": "/x", "LANG": "xx"}
+        )
+        os.environ.update({"CUDA_VISIBLE_DEVICES": "3", "DISPLAY": ":1", "LIBGL_DRIVERS_PATH": "/drivers"})
+        always = {"PATH": machine.ENVIRONMENT["PATH"], "LANG": "C.UTF-8", "LIBGL_DRIVERS_PATH": "/drivers"}
+
+        assert machine.base_environment() == always
+        assert machine.base_environment(("gpu",)) == always | {"CUDA_VISIBLE_DEVICES": "3"}
+        assert machine.base_environment(("display",)) == always | {"DISPLAY": ":1"}
+
+    def test_authority_of_the_usual_place(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A cell that needs the display finds the user's authority, though its HOME is another."""
+        monkeypatch.setenv("HOME", str(tmp_path))
+        monkeypatch.delenv("XAUTHORITY", raising=False)
+        (tmp_path / ".Xauthority").touch()
+
+        assert machine.base_environment(("display",))["XAUTHORITY"] == str(tmp_path / ".Xauthority")
+
+
+class TestMissing:
+    @pytest.mark.usefixtures("egl")
+    def test_nothing(self) -> None:
+        """A need that is met is not mentioned."""
+        assert machine.missing_for(()) is None
+        assert machine.missing_for(("egl",)) is None
+
+    def test_says_why_and_what_to_do(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Each missing need is named with its reason and a remedy."""
+        monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
+        machine.facts.cache_clear()
+        reason = machine.facts().facts["egl"]["missing"]
+
+        assert machine.missing_for(("display", "egl", "gpus")) == (
+            "no X display here (DISPLAY is not set): run where DISPLAY names an X server; "
+            f"no EGL here ({reason}): install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver; "
+            "nothing here is known as 'gpus': a need is one of egl, osmesa, display, gpu"
+        )
