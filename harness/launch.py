@@ -20,6 +20,8 @@ from harness.model import Case, Phase, ProbeReply, ProbeRequest
 INCELL = Path(__file__).parent / "incell"
 POLL_SECONDS = 0.05
 STARTUP_SECONDS = 120.0
+MOST_REPLY, MOST_TEXT, MOST_WORKERS = 16 << 20, 200_000, 64
+"""Bytes that are read of a reply and of another file, and files of workers: what a cell leaves is not trusted."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -103,9 +105,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
     )
     completed, overran = _watch(command, replies / "reply.jsonl", limits)
     return ProbeRun(
-        reply=wire.read_reply(
-            _lines(replies / "reply.jsonl"), {path.name: path.read_bytes() for path in sorted(replies.glob("worker-*"))}
-        ),
+        reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
         completed=completed,
         overran=overran,
         stacks=_text(replies / "stacks.txt"),
@@ -172,17 +172,25 @@ class _Follower:
 
 
 def _lines(path: Path) -> Iterator[bytes]:
-    if not path.exists():
-        return
-    with path.open("rb") as file:
-        yield from file
+    """The lines of a file that a cell wrote, as far as they are read at all."""
+    yield from _content(path, MOST_REPLY).splitlines(keepends=True)
 
 
-def _text(path: Path, limit: int = 200_000) -> str:
-    if not path.exists():
-        return ""
+def _worker_files(folder: Path) -> dict[str, bytes]:
+    found = sorted(folder.glob("worker-*"))[:MOST_WORKERS]
+    return {path.name: _content(path, MOST_TEXT) for path in found}
+
+
+def _text(path: Path) -> str:
+    return _content(path, MOST_TEXT).decode("utf-8", "replace")
+
+
+def _content(path: Path, limit: int) -> bytes:
+    """The beginning of a plain file; a cell may have left anything under its name."""
+    if path.is_symlink() or not path.is_file():
+        return b""
     with path.open("rb") as file:
-        return file.read(limit).decode("utf-8", "replace")
+        return file.read(limit)
 
 
 @cache

@@ -1,0 +1,101 @@
+"""Which module stands on which floor: imports go down, or sideways without a circle, never up."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import harness
+
+PACKAGE = Path(harness.__file__).parent
+FLOORS = {
+    0: {"model", "errors"},
+    1: {
+        "contract", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "normalise", "outcomes",
+        "plan", "present", "schema", "tables", "uvsays", "verdict", "wire", "words",
+    },
+    2: {
+        "builds", "downloads", "environments", "exclusive", "frames", "glprobe", "index", "inputs", "interpreters",
+        "launch", "machine", "process", "sdists", "sources", "store", "supervisor", "uv", "uvcli",
+    },
+    3: {"catalog", "cellrun", "scheduler"},
+    4: {"commands"},
+    5: {"__main__"},
+}  # fmt: skip
+FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
+APART = {"incell"}
+PURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
+
+
+def parts() -> dict[str, list[Path]]:
+    """Top-level module or folder of the package: its files."""
+    found: dict[str, list[Path]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        top = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        if top not in APART | {"__init__", "matrices"}:
+            found.setdefault(top, []).append(path)
+    return found
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of what a file imports."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def ours(path: Path) -> set[str]:
+    """Modules of the package that a file imports, by their top-level names."""
+    return {name.split(".")[1] for name in imports(path) if name.startswith("harness.")} & set(FLOOR)
+
+
+def test_every_module_has_a_floor() -> None:
+    """A new module is placed before it lands, and the map names no module that is gone."""
+    assert set(parts()) == set(FLOOR)
+
+
+@pytest.mark.parametrize("module", sorted(FLOOR))
+def test_imports_never_go_up(module: str) -> None:
+    """What a module imports stands on its own floor or below."""
+    above = {name for path in parts()[module] for name in ours(path) if FLOOR[name] > FLOOR[module]}
+
+    assert not above
+
+
+def test_imports_make_no_circle() -> None:
+    """Modules can be ordered so that each imports only those before it."""
+    waiting = {module: {n for path in files for n in ours(path)} - {module} for module, files in parts().items()}
+    while ready := {module for module, needed in waiting.items() if not needed & set(waiting)}:
+        for module in ready:
+            del waiting[module]
+
+    assert not waiting
+
+
+@pytest.mark.parametrize("module", sorted(FLOORS[0] | FLOORS[1]))
+def test_low_floors_do_no_input_or_output(module: str) -> None:
+    """Values and pure functions spawn nothing, connect to nothing, ask no clock and open no file."""
+    for path in parts()[module]:
+        assert not {name.split(".")[0] for name in imports(path)} & PURE
+        called = {ast.unparse(n.func) for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)}
+        assert not {name for name in called if name == "open" or name.split(".")[-1] in {"read_text", "read_bytes"}}
+
+
+def test_nothing_but_process_spawns() -> None:
+    """There is one spawner, and the supervisor that it starts."""
+    spawning = {module for module, files in parts().items() for path in files if "subprocess" in imports(path)}
+
+    assert spawning <= {"process"}
+
+
+def test_the_host_knows_only_the_path_of_the_cell_side() -> None:
+    """No module of the host imports what runs in the cell."""
+    found = {path.name for files in parts().values() for path in files if any("incell" in n for n in imports(path))}
+
+    assert not found
