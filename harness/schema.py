@@ -188,8 +188,9 @@ def _sentence(error: str, plain: Any, kind: Any, literals: Callable[[], Any]) ->
     what = _PLACES.sub("", error)
     segments = _segments(error, plain, kind)
     if unknown := _UNKNOWN_KEY.fullmatch(what):
-        names = (field.encode_name for node in _nodes(kind, segments) for field in _fields(node))
-        return f"{key_path(*segments, unknown[1])}: unknown key{suggestion(unknown[1], names)}"
+        keys = [[field.encode_name for field in _fields(node)] for node in _nodes(kind, segments)]
+        valid = (name for names in keys if unknown[1] not in names for name in names)
+        return f"{key_path(*segments, unknown[1])}: unknown key{suggestion(unknown[1], valid)}"
     if missing := _MISSING_KEY.fullmatch(what):
         what = f'the key "{missing[1]}" is missing'
     elif wrong := _WRONG_TYPE.fullmatch(what):
@@ -197,8 +198,8 @@ def _sentence(error: str, plain: Any, kind: Any, literals: Callable[[], Any]) ->
     elif outside := _OUT_OF_RANGE.fullmatch(what):
         what = f"expected {_WORDS.get(outside[1], outside[1])} {_NOT_EMPTY.get(outside[2], outside[2])}"
     elif refused := _NOT_ONE_OF.fullmatch(what):
-        valid = (name for node in _nodes(kind, segments) for name in _names(node))
-        what = f'unknown value "{refused[1]}"{suggestion(refused[1], valid)}'
+        values = (name for node in _nodes(kind, segments) for name in _names(node))
+        what = f'unknown value "{refused[1]}"{suggestion(refused[1], values)}'
     return f"{key_path(*segments)}: {what}" if segments else what
 
 

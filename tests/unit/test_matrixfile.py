@@ -1,7 +1,9 @@
 """Matrix files: what each form means, and the sentence for each mistake."""
 
+from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 
 from harness import matrixfile, schema
@@ -9,6 +11,7 @@ from harness.errors import BadInput
 from harness.matrix import Matrix, MatrixTable
 from harness.words import Instant, Kind
 
+MATRICES = Path(__file__).parents[2] / "matrices"
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 AXES = 'axes = { python = ["3.11"], gymnasium = ["0.29.1", "1.2.3"] }\n'
 
@@ -154,6 +157,10 @@ MISTAKES: dict[str, tuple[str, str]] = {
     "range-key": (
         'axes = { python = ["3.11"], mujoco = { rang = ">=2" } }\n' + CASE,
         'demo.toml: axes.mujoco.rang: unknown key; did you mean "range"?',
+    ),
+    "key-of-another-form": (
+        'axes = { python = ["3.11"], GL = { variable = ["egl"], rule = "all" } }\n' + CASE,
+        'demo.toml: axes.GL.rule: unknown key; valid: "variable"',
     ),
     "range-specifier": (
         'axes = { python = ["3.11"], mujoco = { range = "2.x" } }\n' + CASE,
@@ -313,6 +320,16 @@ def test_name_of_the_file_must_be_a_label() -> None:
         refused(AXES + CASE, "my matrix.toml")
         == 'my matrix.toml: "my matrix" cannot be a label: use letters, digits and "._+-" only'
     )
+
+
+@pytest.mark.parametrize("file", sorted(MATRICES.glob("*.toml")), ids=lambda file: file.stem)
+def test_committed_matrices_are_right(file: Path) -> None:
+    """Each matrix of this project can be read, and is valid by the schema that is published."""
+    text = file.read_text(encoding="utf-8")
+    document = schema.load_toml(text, dict[str, Any], file.name)
+
+    assert read(text, str(file)).name == file.stem
+    jsonschema.Draft202012Validator(schema.json_schema(MatrixTable)).validate(document)
 
 
 def test_values_are_plain_data() -> None:
