@@ -43,9 +43,9 @@ SYMBOLS: Mapping[Verdict, str] = {
 """One column wide and distinct without colour."""
 
 
-def word(verdict: Verdict) -> str:
-    """A verdict as people read it: `import fails`."""
-    return verdict.replace("_", " ")
+def word(name: str) -> str:
+    """A verdict or outcome as people read it: `import fails`."""
+    return name.replace("_", " ")
 
 
 class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):

@@ -70,7 +70,7 @@ def print_terminal(report: Report, console: Console | None = None) -> None:
     for sentence in report.stale:
         target.print(_styled((f"out of date: {sentence}", YELLOW)))
     for machine, facts in report.machines:
-        told = ", ".join(f"{name} {fact}" for name, fact in facts)
+        told = "; ".join(f"{name} {fact}" for name, fact in facts)
         target.print(_styled((f"measured on {machine}" + (f": {told}" if told else ""), GREY)))
 
 

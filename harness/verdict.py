@@ -8,7 +8,7 @@ if it had failed, and it is `inconclusive` unless both say the same.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from harness.contract import SEVERITY, UNTOLD
@@ -66,8 +66,9 @@ def judge(evidence: CellRecord) -> Judgement:
 def case_phases(cell: Cell, record: CaseRecord) -> tuple[PhaseRecord, ...]:
     """The phases of a case as they count, all of `CASE_PHASES`: with `required` findings, and none left unsaid."""
     known = {phase.phase: phase for phase in record.phases}
-    asked = {check.partition(".")[0] for case in cell.cases if case.id == record.case for check in case.checks}
-    return tuple(_counted(phase, known.get(phase), phase in asked, record.required) for phase in CASE_PHASES)
+    checks = [check for case in cell.cases if case.id == record.case for check in case.checks]
+    asked = {phase: {check for check in checks if check.partition(".")[0] == phase} for phase in CASE_PHASES}
+    return tuple(_counted(phase, known.get(phase), asked[phase], record.required) for phase in CASE_PHASES)
 
 
 def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
@@ -162,12 +163,15 @@ def _unseen(case: Case) -> CaseRecord:
     return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=())
 
 
-def _counted(phase: Phase, record: PhaseRecord | None, asked: bool, required: tuple[str, ...]) -> PhaseRecord:
-    """Tell a phase that has no meaning (skipped, and a check says so) from one that was asked for and left out."""
-    left_out = record is None or (record.outcome is Outcome.SKIPPED and not record.checks)
-    if record is None or (left_out and asked):
+def _counted(phase: Phase, record: PhaseRecord | None, asked: Set[str], required: tuple[str, ...]) -> PhaseRecord:
+    """Tell a phase without meaning (skipped, and a check says so) from one of which a check was asked and left out."""
+    if record is None:
         return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
-    return effective(record, required)
+    told = effective(record, required)
+    left_out = asked - {check.check for check in record.checks}
+    if left_out and told.outcome in {Outcome.PASSED, Outcome.SKIPPED}:
+        return replace(told, outcome=Outcome.NOT_REACHED)
+    return told
 
 
 def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]) -> Outcomes:

@@ -103,9 +103,9 @@ def _carried(folder: Path, out: Path) -> document.Locate:
 
     def carry(path: str) -> str:
         source, target = folder / path, out / path
-        if ".." in Path(path).parts or not source.is_file():
+        if ".." in Path(path).parts:
             return os.path.relpath(source, out)
-        if source.resolve() != target.resolve():
+        if source.is_file() and source.resolve() != target.resolve():
             store.write_atomic(target, source.read_bytes())
         return path
 

@@ -1,8 +1,12 @@
 """Small real records to judge, tabulate and present."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from harness import document
+from harness.contract import Document
 from harness.model import (
     CASE_PHASES,
     Case,
@@ -10,13 +14,17 @@ from harness.model import (
     Cell,
     CellRecord,
     CheckRecord,
+    Dropped,
+    Expectation,
     Finding,
     Level,
     Outcome,
     Phase,
     PhaseRecord,
+    Plan,
     Question,
     Step,
+    Verdict,
 )
 
 CHECKS = {
@@ -103,3 +111,92 @@ def warning(check: str, text: str = "the same seed gives another trajectory") ->
 def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
     """Phases and outcomes as words."""
     return {at.value: outcome.value for at, outcome in judgement.items()}
+
+
+# --- a whole matrix, with a cell of every kind -----------------------------------------------------------------
+
+HERE = "linux-x86_64"
+MACHINES = {HERE: {"os": "Debian 12", "gl_vendor": "Mesa", "gpu": None, "capabilities": ["egl", "osmesa"]}}
+GENERATED = "2026-11-21T12:30:00Z"
+SOLVER = "AttributeError: 'mujoco._structs.MjData' object has no attribute 'solver_iter'"
+XML = "ValueError: XML Error: bad | worse / Element 'default', line 0"
+RESET = "ConnectionResetError: [Errno 104] Connection reset by peer"
+EXPECTED = Expectation(
+    verdict=Verdict.PARTIAL,
+    phase=Phase.RENDER,
+    match="solver_iter",
+    reason="gymnasium 0.29 reads a field that mujoco 3.0 renamed",
+    link="https://example.org/749",
+)
+
+
+def combination(python: str, gymnasium: str, mujoco: str, expect: Expectation | None = None) -> Cell:
+    """A cell of the matrix `quick`."""
+    return cell(
+        f"py{python}-gymnasium{gymnasium}-mujoco{mujoco}",
+        ("cartpole", "ant"),
+        axes={"python": python, "gymnasium": gymnasium, "mujoco": mujoco},
+        python=python,
+        expect=expect,
+    )
+
+
+def measured(of: Cell, ant: CaseRecord, **more: Any) -> CellRecord:
+    """A record of a cell of `quick`, with CartPole working and Ant as given."""
+    cartpole = replace(case("pppp", "cartpole"), env="CartPole-v1")
+    installed = {"gymnasium": of.axes["gymnasium"], "mujoco": of.axes["mujoco"], "numpy": "2.2.6"}
+    full = {"3.9": "3.9.18", "3.11": "3.11.7"}[of.python]
+    return record(cartpole, ant, of=of, python=full, installed=installed, lock="locks/5f0c.txt", **more)
+
+
+def quick() -> tuple[Plan, tuple[CellRecord, ...]]:
+    """A small matrix: green, red as expected, red in other ways, unavailable, not run, left out."""
+    complaint = warning("single.check_env", "the render mode 'depth_array' does not work")
+    complained = phase(Phase.SINGLE, Outcome.PASSED, findings=(complaint,))
+    field_gone = case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, SOLVER))
+    cells = (
+        combination("3.9", "0.29.1", "2.3.7"),
+        combination("3.9", "0.29.1", "3.3.7", EXPECTED),
+        combination("3.11", "0.29.1", "3.3.7"),
+        combination("3.11", "1.2.3", "2.3.7"),
+        combination("3.11", "1.2.3", "3.3.7"),
+        combination("3.13", "1.2.3", "3.3.7"),
+        combination("3.13", "1.2.3", "2.3.7"),
+        combination("3.11", "0.29.1", "1.50"),
+    )
+    records = (
+        measured(cells[0], case("pppp", single=complained)),
+        measured(cells[1], field_gone),
+        measured(cells[2], field_gone),
+        measured(cells[3], case("ppfp", vector=phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET))),
+        measured(cells[4], case("pppu", single=complained, render=phase(Phase.RENDER, Outcome.UNAVAILABLE, "no EGL"))),
+        CellRecord(cell=cells[5], machine=HERE, unavailable="no Python 3.13 here", measured="2026-11-21T12:00:00Z"),
+        CellRecord(
+            cell=cells[7],
+            machine=HERE,
+            python="3.11.7",
+            resolve=step(Phase.RESOLVE, Outcome.FAILED, "Because there is no mujoco==1.50"),
+            measured="2026-11-21T12:00:00Z",
+            seconds=0.4,
+        ),
+    )
+    dropped = tuple(
+        Dropped(id=f"quick/py3.9-gymnasium1.2.3-mujoco{mujoco}", reason="gymnasium 1.2 needs Python 3.10")
+        for mujoco in ("2.3.7", "3.3.7")
+    )
+    axes = ("python", "gymnasium", "mujoco")
+    return Plan(matrix="quick", cells=cells, dropped=dropped, axes=axes, shown=("numpy",)), records
+
+
+def quick_document() -> Document:
+    """The report document of `quick`."""
+    plan, records = quick()
+    return document.build(records, [plan], MACHINES, GENERATED)
+
+
+def agrees(name: str, text: str, folder: Path) -> None:
+    """Compare with the golden file of this name; what to type to accept the change is part of the failure."""
+    golden = Path(__file__).parent / "golden" / name
+    actual = folder / name
+    actual.write_text(text, encoding="utf-8")
+    assert text == golden.read_text(encoding="utf-8"), f"to accept: cp {actual} {golden}"

@@ -211,6 +211,15 @@ def test_skipped_without_a_check_was_left_out() -> None:
     assert (judged.phases[Phase.RENDER], judged.unverified) == (Outcome.NOT_REACHED, ("render",))
 
 
+def test_check_that_was_left_out() -> None:
+    """A phase of which only one of two checks ran did not pass, however well that one went."""
+    asked = replace(cell().cases[0], checks=(*CHECKS.values(), "vector.async.fork"))
+
+    judged = verdict.judge(record(case("pppp"), of=replace(cell(), cases=(asked,))))
+
+    assert (judged.phases[Phase.VECTOR], judged.unverified) == (Outcome.NOT_REACHED, ("vector",))
+
+
 def test_case_without_record() -> None:
     """A case that the cell should have and of which nothing is known keeps the cell from working."""
     assert verdict.judge(record(case("pppp"), of=cell(cases=("ant", "pusher")))).verdict is Verdict.NOT_RUN

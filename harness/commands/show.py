@@ -1,0 +1,180 @@
+"""`simmatrix show CELL`: everything known of one cell."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from harness import catalog, document, plan, store
+from harness.contract import SYMBOLS, CaseEntry, CellEntry, Document, word
+from harness.errors import BadInput
+from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
+from harness.schema import suggestion
+
+HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
+
+TAIL = 15
+"""Lines of the log that are shown."""
+
+LISTED = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `show`."""
+    parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one: '*mujoco3.3*'")
+    parser.add_argument(
+        "--json", action="store_true", help="print it as a report document, and nothing else, on stdout"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Show the cell, once for each machine it was measured on."""
+    opened = store.open_store()
+    records = _matching(tuple(opened.cells()), args.cell)
+    made = _document(records, opened.folder)
+    if args.json:
+        sys.stdout.write(document.encode(made).decode())
+        return 0
+    for record, entry in zip(records, made.cells, strict=True):
+        print("\n".join(_lines(entry)))
+        print("\n".join(_next(record.cell, entry)))
+    return 0
+
+
+def _matching(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
+    """The records of the one cell that an id, a label or a glob names, by machine."""
+    exact = {record.cell.id for record in records if pattern in {record.cell.id, record.cell.label}}
+    fitting = {record.cell.id for record in records if _fits(record.cell, pattern)}
+    found = sorted(exact or fitting)
+    if len(found) == 1:
+        return sorted((record for record in records if record.cell.id == found[0]), key=lambda record: record.machine)
+    if found:
+        more = f", and {len(found) - LISTED} more" if len(found) > LISTED else ""
+        message = f"show {pattern}: matches {len(found)} cells; name one of {', '.join(found[:LISTED])}{more}"
+    elif records:
+        near = suggestion(pattern, [record.cell.id for record in records])
+        message = f"show {pattern}: no cell of this name was run here{near}"
+    else:
+        message = f"show {pattern}: nothing was run here yet; `simmatrix run quickstart` measures"
+    raise BadInput(message)
+
+
+def _fits(cell: Cell, pattern: str) -> bool:
+    return fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)
+
+
+def _document(records: Sequence[CellRecord], folder: Path) -> Document:
+    """The records as a document whose paths start from the working folder."""
+    cell = records[0].cell
+    planned = Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes))
+    return document.build(records, [planned], {}, store.now(), lambda path: os.path.relpath(folder / path))
+
+
+# --- what is said ----------------------------------------------------------------------------------------------
+
+
+def _lines(cell: CellEntry) -> Iterator[str]:
+    where = f" in {cell.phase}" if cell.phase and cell.verdict is not Verdict.UNAVAILABLE else ""
+    yield f"{cell.id}"
+    yield f"{SYMBOLS[cell.verdict]} {word(cell.verdict)}{where}"
+    if cell.decisive:
+        yield f"  {cell.decisive}"
+    for name in cell.unverified:
+        yield f"  not verified: {name}"
+    yield from _expectation(cell)
+    yield ""
+    yield from _facts(cell)
+    yield ""
+    yield "phases"
+    yield from (f"  {phase:<10} {word(outcome)}" for phase, outcome in cell.phases.items())
+    for case in cell.cases:
+        yield from _case(case)
+    if cell.findings:
+        yield "findings"
+        yield from (f"  {found.level} {found.check}: {found.text}" for found in cell.findings)
+    if cell.installed:
+        yield "installed"
+        yield from (f"  {name}=={version}" for name, version in sorted(cell.installed.items()))
+    yield from _log(cell.evidence)
+
+
+def _expectation(cell: CellEntry) -> Iterator[str]:
+    if cell.expectation:
+        fits = {True: "as expected", False: "not as expected", None: "expected"}[cell.as_expected]
+        link = f" <{cell.expectation.link}>" if cell.expectation.link else ""
+        yield f"  {fits} ({word(cell.expected)}): {cell.expectation.reason}{link}"
+
+
+def _facts(cell: CellEntry) -> Iterator[str]:
+    supplied = (f"{name}={value} (supplied)" for name, value in cell.supplied.items())
+    told = {
+        "axes": ", ".join(f"{name} {value}" for name, value in cell.axes.items()),
+        "asked for": ", ".join(cell.requirements),
+        "python": cell.python or f"{cell.requested_python} (not there)",
+        "variables": " ".join([*(f"{name}={value}" for name, value in cell.environment.items()), *supplied]),
+        "machine": cell.machine,
+        "measured": f"{cell.measured}, {cell.seconds:g} s" if cell.measured else None,
+        "lock": cell.lock,
+        "key": cell.key,
+    }
+    yield from (f"{name:<10} {value}" for name, value in told.items() if value)
+
+
+def _case(case: CaseEntry) -> Iterator[str]:
+    yield f"case {case.case}" + (f" ({case.env}, {case.api})" if case.env else "")
+    for check, outcome in case.checks.items():
+        why = case.reasons.get(check)
+        yield f"  {check:<18} {word(outcome)}" + (f": {why}" if why else "")
+        if check in case.masked:
+            yield f"  {'':<18} hid behind {case.masked[check]}"
+    checked = {check.partition(".")[0] for check in case.checks}
+    yield from (
+        f"  {phase:<18} {word(outcome)}"
+        for phase, outcome in case.phases.items()
+        if phase not in checked and outcome is not Outcome.SKIPPED
+    )
+    yield from (f"  frame {frame}" for frame in case.frames)
+
+
+def _log(evidence: str | None) -> Iterator[str]:
+    """The end of the log; a folder of evidence holds it as `log.txt`."""
+    if evidence is None:
+        return
+    path = Path(evidence)
+    file = path / "log.txt" if path.is_dir() else path
+    yield f"evidence   {evidence}"
+    if file.is_file():
+        lines = file.read_text(encoding="utf-8", errors="replace").rstrip().splitlines()
+        yield from (f"  | {line}" for line in lines[-TAIL:])
+
+
+def _next(cell: Cell, entry: CellEntry) -> Iterator[str]:
+    """The commands that a reader may want to type now."""
+    yield "next"
+    if entry.lock and entry.verdict is Verdict.WORKS:
+        yield f"  uv pip sync --require-hashes {shlex.quote(entry.lock)}"
+    yield f"  {_again(cell)}"
+
+
+def _again(cell: Cell) -> str:
+    if cell.matrix != plan.TRY_MATRIX:
+        name = cell.matrix if cell.matrix in catalog.built_in() else f"{cell.matrix}.toml"
+        return shlex.join(["simmatrix", "run", name, "-k", cell.label, "--fresh"])
+    question = cell.question
+    options = {
+        "--python": [cell.python],
+        "--env": dict.fromkeys(case.env for case in cell.cases if case.env),
+        "--import": dict.fromkeys(module for case in cell.cases for module in case.imports),
+        "--set": [f"{name}={value}" for name, value in cell.environment.items()],
+        "--constraint": question.constraints,
+        "--override": question.overrides,
+        "--build-constraint": question.build_constraints,
+        "--only-binary": question.only_binary,
+    }
+    words = [word for option, values in options.items() for value in values for word in (option, value)]
+    return shlex.join(["simmatrix", "try", *question.requirements, *words, "--fresh"])

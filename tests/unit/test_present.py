@@ -1,0 +1,130 @@
+"""What people read: the Markdown page whole, and the terminal as it fits."""
+
+import io
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+from specimens import MACHINES, agrees, quick_document
+
+import harness
+from harness import document, present, tables
+from harness.contract import SYMBOLS, word
+from harness.model import Verdict
+
+TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
+
+
+def page() -> str:
+    """The Markdown page of `quick`."""
+    return present.markdown(tables.report(quick_document()), TEMPLATE)
+
+
+def screen(width: int, report: tables.Report | None = None) -> list[str]:
+    """The lines on a terminal of this width."""
+    output = io.StringIO()
+    console = Console(file=output, width=width, highlight=False, markup=False, color_system=None)
+    present.print_terminal(report or tables.report(quick_document()), console)
+    return output.getvalue().splitlines()
+
+
+def test_page(tmp_path: Path) -> None:
+    """The whole page of a small matrix."""
+    agrees("report.md", page(), tmp_path)
+
+
+def test_page_of_a_stored_document() -> None:
+    """A page made again from its report.json is the same to the byte."""
+    stored = document.read(document.encode(quick_document()), "report.json")
+
+    assert present.markdown(tables.report(stored), TEMPLATE) == page()
+
+
+def test_tables_of_the_page_are_whole() -> None:
+    """Every row of a table has as many cells as its head, whatever the lines say."""
+    lines = page().splitlines()
+    heads = [number for number, line in enumerate(lines) if line.startswith("| ---")]
+    assert len(heads) == 2
+    for head in heads:
+        columns = lines[head].count("|")
+        rows = iter(lines[head - 1 :])
+        for line in rows:
+            if not line.startswith("|"):
+                break
+            assert line.replace("\\|", "").count("|") == columns, line
+
+
+def test_page_without_anything_to_explain() -> None:
+    """A page of working cells has no empty sections."""
+    made = quick_document()
+    green = msgspec.structs.replace(made.cells[0], findings=(), lock=None)
+    alone = msgspec.structs.replace(made, cells=(green,), dropped=())
+
+    text = present.markdown(tables.report(alone), TEMPLATE)
+
+    assert [line for line in text.splitlines() if line.startswith("#")] == [
+        "# quick: what works together",
+        "## Cells",
+        "## Measured on",
+    ]
+    assert "\n\n\n" not in text
+
+
+def test_page_with_expectations_out_of_date() -> None:
+    """Expectations out of date have a section."""
+    made = msgspec.structs.replace(quick_document(), stale=("expect[0] matches no cell",))
+
+    assert (
+        "## Expectations out of date\n\n- expect[0] matches no cell\n\n"
+        in present.markdown(tables.report(made), TEMPLATE)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [50, 80, 100, 200])
+def test_terminal_fits(width: int) -> None:
+    """No line is wider than the terminal."""
+    assert max(map(cell_len, screen(width))) <= width
+
+
+@pytest.mark.parametrize("width", [80, 100, 200])
+def test_terminal_cuts_nothing_off(width: int) -> None:
+    """Long lines are wrapped: every cell's name and reason is there in full."""
+    text = "".join("".join(screen(width)).split())
+
+    for row in tables.report(quick_document()).sheets[0].rows:
+        assert row.label in text
+        assert row.why.replace(" ", "") in text
+
+
+def test_terminal_tells_all() -> None:
+    """Verdicts by symbol and word, the pivot, reasons, findings, what was left out, and the machine."""
+    text = " ".join("\n".join(screen(120)).split())
+
+    for verdict in (Verdict.WORKS, Verdict.PARTIAL, Verdict.UNAVAILABLE, Verdict.NOT_RUN, Verdict.UNRESOLVABLE):
+        assert f"{SYMBOLS[verdict]} {word(verdict)}" in text
+    assert "python \\ gymnasium" in text
+    assert "hid behind ConnectionResetError: [Errno 104] Connection reset by peer (vector.sync)" in text
+    assert "as expected: gymnasium 0.29 reads a field that mujoco 3.0 renamed" in text
+    assert "not verified: render (no EGL)" in text
+    assert "the render mode 'depth_array' does not work (single.check_env, warning): 2 cells" in text
+    assert "gymnasium 1.2 needs Python 3.10: 2 cells" in text
+    assert "measured on linux-x86_64: capabilities egl, osmesa; gl vendor Mesa; os Debian 12" in text
+
+
+def test_terminal_names_the_machine_where_there_are_several() -> None:
+    """With results of several machines each cell says where it was measured."""
+    made = msgspec.structs.replace(quick_document(), machines={**MACHINES, "z": {}})
+
+    assert "numpy 2.2.6, on linux-x86_64" in "\n".join(screen(120, tables.report(made)))
+
+
+def test_markup_is_text() -> None:
+    """Square brackets in a decisive line are printed, not obeyed."""
+    made = quick_document()
+    odd = msgspec.structs.replace(made.cells[1], decisive="IndexError: [bold]x[/bold]")
+
+    lines = screen(100, tables.report(msgspec.structs.replace(made, cells=(odd,))))
+
+    assert any("IndexError: [bold]x[/bold]" in line for line in lines)

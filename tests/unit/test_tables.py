@@ -1,0 +1,154 @@
+"""Regrouping a document into tables: the middle stage, kept whole as a golden file."""
+
+import unicodedata
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+from specimens import GENERATED, HERE, MACHINES, agrees, case, quick, quick_document, record
+
+from harness import document, tables
+from harness.contract import SEVERITY, SYMBOLS, Document, Square
+from harness.errors import BadInput
+from harness.model import Plan, Verdict
+
+
+def test_everything_regrouped(tmp_path: Path) -> None:
+    """The whole of a small matrix: list, pivot, explanations, findings, what was left out, locks, machines."""
+    regrouped = msgspec.json.format(msgspec.json.encode(tables.report(quick_document())), indent=1).decode() + "\n"
+
+    agrees("tables.json", regrouped, tmp_path)
+
+
+def test_every_cell_has_a_row() -> None:
+    """The list has a row for every cell of the document, in its order."""
+    made = quick_document()
+    (sheet,) = tables.report(made).sheets
+
+    assert [row.id for row in sheet.rows] == [cell.id for cell in made.cells]
+
+
+def test_tables_of_a_document_that_was_stored() -> None:
+    """The tables of a report.json are those of the run that wrote it."""
+    made = quick_document()
+
+    assert tables.report(document.read(document.encode(made), "r")) == tables.report(made)
+
+
+def test_symbols() -> None:
+    """Each verdict has a symbol of its own, one column wide."""
+    assert set(SYMBOLS) == set(SEVERITY) == set(Verdict)
+    assert len(set(SYMBOLS.values())) == len(SYMBOLS)
+    assert {len(symbol) for symbol in SYMBOLS.values()} == {1}
+    assert not {unicodedata.east_asian_width(symbol) for symbol in SYMBOLS.values()} & {"W", "F"}
+
+
+class TestPivot:
+    def test_named_axes(self) -> None:
+        """The axes asked for, down and across, with the worst verdict of each square and how many have it."""
+        pivot = tables.report(quick_document(), ("gymnasium", "mujoco")).sheets[0].pivot
+
+        assert pivot is not None
+        assert (pivot.down, pivot.rows) == ("gymnasium", ("0.29.1", "1.2.3"))
+        assert (pivot.across, pivot.columns) == ("mujoco", ("2.3.7", "3.3.7", "1.50"))
+        assert pivot.squares[0] == (
+            (Square(machine=HERE, verdict=Verdict.WORKS, count=1, total=1),),
+            (Square(machine=HERE, verdict=Verdict.PARTIAL, count=2, total=2),),
+            (Square(machine=HERE, verdict=Verdict.UNRESOLVABLE, count=1, total=1),),
+        )
+        assert pivot.squares[1][2] == ()
+
+    def test_worst_of_a_square(self) -> None:
+        """Of the cells in a square the worst is shown: what speaks against packages before what says nothing."""
+        pivot = tables.report(quick_document(), ("python", "gymnasium")).sheets[0].pivot
+
+        assert pivot is not None
+        assert pivot.squares[1][1] == (Square(machine=HERE, verdict=Verdict.PARTIAL, count=1, total=2),)
+        assert pivot.squares[2][1] == (Square(machine=HERE, verdict=Verdict.UNAVAILABLE, count=1, total=2),)
+
+    def test_machines_side_by_side(self) -> None:
+        """Two machines share a square without one hiding the other."""
+        made = record(case("pppp"))
+        other = replace(made, machine="z", cases=(case("pfnn"),))
+        plan = Plan(matrix="quick", cells=(made.cell,), axes=("python", "gymnasium"))
+        whole = document.build([made, other], [plan], {**MACHINES, "z": {}}, GENERATED)
+
+        (sheet,) = tables.report(whole, ("python", "gymnasium")).sheets
+
+        assert sheet.pivot is not None
+        assert [square.verdict for square in sheet.pivot.squares[0][0]] == [Verdict.WORKS, Verdict.BROKEN]
+        assert [row.machine for row in sheet.rows] == [HERE, "z"]
+
+    def test_unknown_axis(self) -> None:
+        """An axis that no matrix has is refused with those that there are."""
+        with pytest.raises(BadInput) as caught:
+            tables.report(quick_document(), ("python", "numpy"))
+
+        assert str(caught.value) == (
+            "--pivot python numpy: takes two axes of one matrix; known here: gymnasium, mujoco, python"
+        )
+
+    def test_nothing_to_compare(self) -> None:
+        """A matrix of one cell has no pivot unless one is asked for."""
+        made = record(case("pppp"))
+        plan = Plan(matrix="quick", cells=(made.cell,), axes=("python", "gymnasium"))
+        whole = document.build([made], [plan], MACHINES, GENERATED)
+
+        assert tables.report(whole).sheets[0].pivot is None
+        assert tables.report(whole, ("python", "gymnasium")).sheets[0].pivot is not None
+
+    def test_one_axis_that_varies(self) -> None:
+        """With one axis that varies, another stands across."""
+        plan, records = quick()
+        two = replace(plan, cells=plan.cells[:2])
+        pivot = tables.report(document.build(records, [two], MACHINES, GENERATED)).sheets[0].pivot
+
+        assert pivot is not None
+        assert (pivot.down, pivot.across) == ("mujoco", "python")
+
+
+def changed(**values: object) -> Document:
+    """The document of `quick` with its first cell changed."""
+    made = quick_document()
+    first = msgspec.structs.replace(made.cells[0], **values)
+    return msgspec.structs.replace(made, cells=(first, *made.cells[1:]))
+
+
+class TestRow:
+    def test_versions_as_installed(self) -> None:
+        """What is installed is shown rather than what was asked for; what is not there is a dash."""
+        rows = tables.report(changed(installed={"gymnasium": "0.29.2"})).sheets[0].rows
+
+        assert rows[0].versions == ("3.9.18", "0.29.2", "2.3.7", "-")
+        assert rows[5].versions == ("3.13", "1.2.3", "3.3.7", "-")
+
+    def test_variable_axis(self) -> None:
+        """A variable that no axis names is taken from the cell's environment."""
+        made = changed(environment={"MUJOCO_GL": "egl"})
+        matrices = {"quick": msgspec.structs.replace(made.matrices["quick"], shown=("MUJOCO_GL",))}
+
+        (sheet,) = tables.report(msgspec.structs.replace(made, matrices=matrices)).sheets
+
+        assert sheet.rows[0].versions[-1] == "egl"
+
+    def test_works_though_red_was_expected(self) -> None:
+        """A green cell that was expected to be red is explained like a red one."""
+        made = quick_document()
+        better = msgspec.structs.replace(
+            made.cells[0], as_expected=False, expected=Verdict.PARTIAL, expectation=made.cells[1].expectation
+        )
+
+        (sheet,) = tables.report(msgspec.structs.replace(made, cells=(better,))).sheets
+
+        assert sheet.explanations[0].expected == (
+            "not as expected, which was partial in render with a line like 'solver_iter':"
+            " gymnasium 0.29 reads a field that mujoco 3.0 renamed"
+        )
+
+
+def test_matrix_that_the_document_does_not_describe() -> None:
+    """Without a description of its matrix the axes are those of the cells."""
+    made = msgspec.structs.replace(quick_document(), matrices={})
+
+    assert tables.report(made).sheets[0].columns == ("python", "gymnasium", "mujoco")
