@@ -118,6 +118,13 @@ PROBES = {
     "stopped after import": ("pnnn", None, Verdict.NOT_RUN, None, ()),
     "one case skips what the other passes": ("ppss", "pppp", Verdict.WORKS, None, ()),
     "one case has no GPU": ("pppp", "punn", Verdict.WORKS, None, ("single", "vector", "render")),
+    "one case cannot even be imported here": (
+        "pppp",
+        "unnn",
+        Verdict.WORKS,
+        None,
+        ("import", "single", "vector", "render"),
+    ),
     "one case was never reached": ("pppp", "pnnn", Verdict.NOT_RUN, None, ()),
     "no GPU for any case": ("punn", "punn", Verdict.UNAVAILABLE, Phase.SINGLE, ()),
     "no GPU to import with": ("unnn", None, Verdict.UNAVAILABLE, Phase.IMPORT, ()),
