@@ -178,7 +178,7 @@ def _rest(lines: Sequence[str], position: int) -> tuple[str, ...]:
 
 # --- other ways to say why -------------------------------------------------------------------------------------
 
-ERROR = re.compile(r"^\s*(?:\w+: )?(?:fatal )?error(?: in [\w.-]+ setup command)?: ", re.IGNORECASE)
+ERROR = re.compile(r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: ", re.IGNORECASE)
 
 
 def _fatal(lines: Sequence[str]) -> str | None:

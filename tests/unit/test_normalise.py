@@ -251,6 +251,10 @@ hint: another
         "Because mujoco==1.50 was not found in the package registry and you require mujoco==1.50",
     ),
     "a plain error": ("starting\nerror: unknown option\n", "error: unknown option"),
+    "an exception without its traceback": (
+        "AttributeError: module 'numpy' has no attribute 'float'.\n`np.float` was a deprecated alias.\n",
+        "AttributeError: module 'numpy' has no attribute 'float'.",
+    ),
     "words at the end": ("hello\nCould not open display\n\n", "Could not open display"),
     "nothing": (" \n\n", None),
 }
