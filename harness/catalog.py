@@ -7,8 +7,6 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
-import msgspec
-
 from harness import expansion, index, interpreters, matrixfile, plan
 from harness.errors import BadInput, CouldNotTell
 from harness.matrix import Expansion, Matrix
@@ -32,9 +30,9 @@ def load(name: str, store: Store, say: Callable[[str], None], *, offline: bool =
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew) if matrix.ranges else None
     sources = {source: _text(path.parent / source) for source in matrixfile.sources(matrix)}
     planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources)
-    if all(cell.question.snapshot for cell in planned.cells):
-        return planned
-    return _dated(planned, store.instant(matrix.name, renew=renew))
+    dated = all(cell.question.snapshot for cell in planned.cells)
+    instant = None if dated else store.instant(matrix.name, renew=renew)
+    return _completed(planned, instant, _located(plan.index_settings(matrix), path.parent))
 
 
 def _locate(name: str) -> Path:
@@ -71,7 +69,7 @@ def _expansion(matrix: Matrix, path: Path, say: Callable[[str], None], *, offlin
         )
         raise CouldNotTell(message)
     instant = str(matrix.snapshot or now())
-    settings = IndexSettings(**msgspec.structs.asdict(matrix.index))
+    settings = _located(plan.index_settings(matrix), path.parent)
     releases = {
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
         for name in matrix.ranges
@@ -90,9 +88,16 @@ def _host() -> str:
     return found.version
 
 
-def _dated(planned: Plan, instant: str) -> Plan:
-    """The plan with the instant in every question; equal questions stay one object."""
-    dated: dict[int, Question] = {}
-    for cell in planned.cells:
-        dated.setdefault(id(cell.question), replace(cell.question, snapshot=instant))
-    return replace(planned, cells=tuple(replace(cell, question=dated[id(cell.question)]) for cell in planned.cells))
+def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
+    """Settings whose folders of files are found from anywhere: the file names them as seen from its own folder."""
+    links = tuple(link if "://" in link else str((folder / link).absolute()) for link in settings.find_links)
+    return replace(settings, find_links=links)
+
+
+def _completed(planned: Plan, instant: str | None, index: IndexSettings) -> Plan:
+    """The plan with the instant and the places of packages in every question; equal questions stay one object."""
+    made: dict[int, Question] = {}
+    for question in (cell.question for cell in planned.cells):
+        if id(question) not in made:
+            made[id(question)] = replace(question, snapshot=question.snapshot or instant, index=index)
+    return replace(planned, cells=tuple(replace(cell, question=made[id(cell.question)]) for cell in planned.cells))

@@ -114,9 +114,19 @@ def installed(path: Path) -> dict[str, str]:
     return dict(sorted((canonicalize_name(one.name), _plain(one.version)) for one in _distributions(path)))
 
 
+def modules(path: Path) -> dict[str, tuple[str, ...]]:
+    """The top-level modules of each package, as its RECORD lists files: name to modules, sorted."""
+    return {canonicalize_name(one.name): _top_level(one) for one in _distributions(path)}
+
+
 def verify(environment: Environment) -> tuple[str, ...]:
     """Compare every file with its RECORD; return those that changed or are gone, relative to the environment."""
     return tuple(sorted(name for one in _distributions(environment.path) for name in _changed(one, environment.path)))
+
+
+def _top_level(one: Distribution) -> tuple[str, ...]:
+    tops = {file.parts[0].partition(".")[0] for file in one.files or () if file.suffix in {".py", ".so"}}
+    return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))
 
 
 # --- wheels ----------------------------------------------------------------------------------------------------

@@ -89,7 +89,7 @@ class Case:
 
     `checks` are names like `vector.sync`, the part before the dot being their phase. `required` names finding
     checks whose warnings turn the case red. `timeouts` maps a phase to seconds per check, `imports` are module
-    names imported first.
+    names imported first, `packages` distributions whose own top-level modules are imported, too.
     """
 
     id: str
@@ -99,6 +99,7 @@ class Case:
     checks: tuple[str, ...] = ()
     required: tuple[str, ...] = ()
     imports: tuple[str, ...] = ()
+    packages: tuple[str, ...] = ()
     timeouts: Mapping[Phase, float] = field(default_factory=dict)
     steps: int = 100
     seed: int = 7

@@ -12,7 +12,7 @@ from time import monotonic
 from typing import Protocol
 
 from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
-from harness.model import Cell, CellRecord, Interpreter, Lock, Outcome, Phase, PhaseRecord, Question, Step
+from harness.model import Case, Cell, CellRecord, Interpreter, Lock, Outcome, Phase, PhaseRecord, Question, Step
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
 
 
@@ -173,7 +173,8 @@ class Runner:
         if self.settings.until is Phase.INSTALL:
             return record
         try:
-            cases = tuple(cellrun.run_case(self._context(record, pool), case) for case in record.cell.cases)
+            context = self._context(record, pool)
+            cases = tuple(cellrun.run_case(context, _with_modules(case, known)) for case in record.cell.cases)
         except _NoEnvironment as failure:
             return _stopped(record, failure.step)
         return replace(record, cases=cases)
@@ -181,7 +182,9 @@ class Runner:
     def _context(self, record: CellRecord, pool: _Pool) -> cellrun.Context:
         cell = record.cell
         given = {**record.supplied, **cell.environment}
-        variables = {name: value for name, value in {**machine.base_environment(), **given}.items() if value != ""}
+        variables = {
+            name: value for name, value in {**machine.base_environment(cell.needs), **given}.items() if value != ""
+        }
         files = {name: content.encode() for name, content in cell.files.items()}
         facts = machine.facts()
 
@@ -239,7 +242,13 @@ class _Pool:
             if failure.step.outcome is Outcome.FAILED:
                 self.runner.store.save_installed(self.key, Installed(failed=failure.step))
             return Installed(failed=failure.step)
-        known = Installed(key=made.key, versions=made.installed, seconds=round(made.seconds, 3), findings=made.findings)
+        known = Installed(
+            key=made.key,
+            versions=made.installed,
+            modules=environments.modules(made.path),
+            seconds=round(made.seconds, 3),
+            findings=made.findings,
+        )
         self.runner.store.save_installed(self.key, known)
         return known
 
@@ -264,6 +273,12 @@ def _stopped(record: CellRecord, step: Step) -> CellRecord:
         resolve = record.resolve if record.lock else Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
         return replace(record, resolve=resolve, install=step, cases=cases)
     return replace(record, resolve=step, cases=cases)
+
+
+def _with_modules(case: Case, installed: Installed) -> Case:
+    """The case with the modules of its packages among its imports; a package without any is left to fail by name."""
+    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in case.packages)
+    return replace(case, imports=(*case.imports, *(module for modules in found for module in modules)))
 
 
 def _phases(record: CellRecord) -> Iterator[PhaseRecord]:

@@ -76,10 +76,14 @@ def question_key(question: Question, interpreter: Interpreter) -> str:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Installed:
-    """What an install came to: the environment's key and the versions found inside, or the step that failed."""
+    """What an install came to: the environment's key and what was found inside, or the step that failed.
+
+    `modules` are the top-level modules of each package.
+    """
 
     key: str | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
+    modules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     seconds: float = 0.0
     findings: tuple[Finding, ...] = ()
     failed: Step | None = None

@@ -147,12 +147,12 @@ def _python(question: Question, given: Inputs, runner: scheduler.Runner) -> str:
 
 def answer(record: CellRecord, judged: Judgement) -> str:
     """One line for what works; for what does not, the line that says why and the next command to type."""
+    if judged.verdict is Verdict.UNAVAILABLE:
+        return f"unavailable: {judged.decisive}"
     told = f"{word(judged.verdict)}: {_tried(record, judged)}"
     if judged.verdict is Verdict.WORKS:
         return told
-    lines = [told, judged.decisive or "no line says why"]
-    if record.measured and judged.verdict is not Verdict.UNAVAILABLE:
-        lines.append(f"next: simmatrix show {shlex.quote(record.cell.id)}")
+    lines = (told, judged.decisive or "no line says why", f"next: simmatrix show {shlex.quote(record.cell.id)}")
     return "\n".join(lines)
 
 
@@ -174,7 +174,7 @@ def _tried(record: CellRecord, judged: Judgement) -> str:
 
 
 def _name(case: CaseRecord) -> str:
-    return case.env or case.case
+    return case.env or case.case.removeprefix("import-")
 
 
 def _ended(case: CaseRecord, phase: Phase) -> Outcome | None:

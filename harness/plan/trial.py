@@ -11,7 +11,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.errors import BadInput
-from harness.model import Case, Cell, Plan, Question
+from harness.model import Case, Cell, Phase, Plan, Question
 from harness.schema import located, suggestion
 from harness.words import (
     CHECKS,
@@ -31,19 +31,10 @@ from harness.words import (
 )
 
 NAME = "try"
-MODULES = {
-    "opencv-python": "cv2",
-    "opencv-python-headless": "cv2",
-    "pillow": "PIL",
-    "pyopengl": "OpenGL",
-    "pyyaml": "yaml",
-    "scikit-image": "skimage",
-    "scikit-learn": "sklearn",
-}
-"""Top-level modules that are not named like their distribution."""
-
 SIMPLE = "CartPole-v1"
 MUJOCO_EXTRAS = frozenset({"mujoco", "all"})
+DRAWING_EXTRAS = frozenset({"classic-control", "toy-text", "box2d", "all"})
+DRAWING_LIBRARIES = frozenset({"pygame", "pygame-ce"})
 GYMNASIUM_1_UPLOADED = "2024-10-08"
 """Ant-v5 came with gymnasium 1.0, for Python 3.8 and later; the releases before it have Ant-v4."""
 
@@ -132,24 +123,29 @@ def _label(python: str, requirements: Iterable[str]) -> str:
 def cases_for(asked: Asked) -> tuple[Case, ...]:
     """The cases of a trial: the environments asked for, else those that the requirements suggest.
 
-    gym and gymnasium bring CartPole, with MuJoCo Ant too; a package without an API that is known here is imported.
+    gym and gymnasium bring CartPole, with MuJoCo Ant too; of a package without an API that is known here, the modules
+    that it installs are imported.
     """
     imports = _words(ModuleName, asked.imports, "--import")
     api = _api(asked)
-    envs = tuple(dict.fromkeys(asked.envs)) or (_suggested(asked, api) if api else ())
+    envs = dict.fromkeys(asked.envs, CHECKS) or (_suggested(asked, api) if api else {})
+    if not envs and imports:
+        return (_import_case(imports=imports),)
     if not envs:
-        modules = [imports] if imports else [(_module(name),) for name in map(required_name, asked.requirements)]
-        return tuple(
-            Case(id=case_id(None, names), env=None, api="", imports=names, checks=(IMPORT_CHECK,))
-            for names in dict.fromkeys(modules)
-        )
+        names = dict.fromkeys(map(required_name, asked.requirements))
+        return tuple(_import_case(packages=(name,)) for name in names)
     cases: dict[str, Case] = {}
-    for env in envs:
+    for env, checks in envs.items():
         with located("--env"):
             name = _free(case_id(env, ()), cases)
             spoken = api_of(env, asked.api) or api or Api.GYMNASIUM
-        cases[name] = Case(id=name, env=env, api=spoken.value, imports=imports, checks=CHECKS)
+        cases[name] = Case(id=name, env=env, api=spoken.value, imports=imports, checks=checks)
     return tuple(cases.values())
+
+
+def _import_case(*, imports: tuple[str, ...] = (), packages: tuple[str, ...] = ()) -> Case:
+    name = case_id(None, imports or packages)
+    return Case(id=name, env=None, api="", imports=imports, packages=packages, checks=(IMPORT_CHECK,))
 
 
 def _api(asked: Asked) -> Api | None:
@@ -162,13 +158,16 @@ def _api(asked: Asked) -> Api | None:
     return next((Api(name) for name in map(required_name, asked.requirements) if name in set(Api)), None)
 
 
-def _suggested(asked: Asked, api: Api) -> tuple[str, ...]:
+def _suggested(asked: Asked, api: Api) -> dict[str, tuple[str, ...]]:
+    """Environments with their checks: CartPole is drawn only where its drawing library is asked for, too."""
     wanted = [parsed_requirement(text) for text in asked.requirements]
-    extras = {extra for each in wanted if required_name(each.name) == api.value for extra in each.extras}
-    mujoco = bool(extras & MUJOCO_EXTRAS) or "mujoco" in map(required_name, asked.requirements)
-    if not mujoco or (api is Api.GYM and not _allows(asked, api, ">=0.26")):
-        return (SIMPLE,)
-    return (SIMPLE, "Ant-v5" if api is Api.GYMNASIUM and _has_ant_v5(asked) else "Ant-v4")
+    names = set(map(required_name, asked.requirements))
+    extras = {required_name(e) for each in wanted if required_name(each.name) == api.value for e in each.extras}
+    drawn = extras & DRAWING_EXTRAS or names & DRAWING_LIBRARIES
+    envs = {SIMPLE: CHECKS if drawn else tuple(check for check in CHECKS if not check.startswith(Phase.RENDER))}
+    if (extras & MUJOCO_EXTRAS or "mujoco" in names) and (api is not Api.GYM or _allows(asked, api, ">=0.26")):
+        envs["Ant-v5" if api is Api.GYMNASIUM and _has_ant_v5(asked) else "Ant-v4"] = CHECKS
+    return envs
 
 
 def _has_ant_v5(asked: Asked) -> bool:
@@ -187,10 +186,6 @@ def _allows(asked: Asked, package: str, versions: str) -> bool:
     for text in texts:
         specifiers &= parsed_requirement(text).specifier
     return not specifiers.is_unsatisfiable()
-
-
-def _module(package: str) -> str:
-    return MODULES.get(package, package.replace("-", "_"))
 
 
 def _free(name: str, taken: Iterable[str]) -> str:

@@ -121,11 +121,28 @@ def test_cases_follow_from_what_is_asked_for(
     assert cases(*requirements, **more) == expected
 
 
+@pytest.mark.parametrize(
+    ("requirements", "drawn"),
+    [
+        pytest.param(["gymnasium"], False, id="no-extra"),
+        pytest.param(["gymnasium[mujoco]"], False, id="another-extra"),
+        pytest.param(["gymnasium[classic-control]"], True, id="its-extra"),
+        pytest.param(["gym[classic_control]"], True, id="its-extra-of-gym"),
+        pytest.param(["gymnasium", "pygame"], True, id="the-library-itself"),
+    ],
+)
+def test_cartpole_is_drawn_where_its_drawing_library_is_asked_for(requirements: list[str], drawn: bool) -> None:
+    """Nobody who asks for gymnasium alone is told that pygame is missing."""
+    suggested = plan.cases_for(asked(*requirements))[0]
+
+    assert ("render.rgb_array" in suggested.checks) is drawn
+
+
 def test_modules_of_packages_without_an_api() -> None:
-    """Each package is imported by the name of its module, in a case of its own."""
-    assert [(case.id, case.imports, case.checks) for case in plan.cases_for(asked("dm-control==1.0", "PyYAML"))] == [
-        ("import-dm_control", ("dm_control",), ("import.modules",)),
-        ("import-yaml", ("yaml",), ("import.modules",)),
+    """Of each package the modules that it installs are imported, in a case of its own."""
+    assert [(case.id, case.packages, case.checks) for case in plan.cases_for(asked("dm-control==1.0", "PyYAML"))] == [
+        ("import-dm-control", ("dm-control",), ("import.modules",)),
+        ("import-pyyaml", ("pyyaml",), ("import.modules",)),
     ]
 
 
