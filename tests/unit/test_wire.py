@@ -202,6 +202,7 @@ def test_request() -> None:
             "checks": [],
             "required": [],
             "imports": [],
+            "packages": [],
             "timeouts": {"single": 3.0},
             "steps": 100,
             "seed": 7,
