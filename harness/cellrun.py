@@ -67,7 +67,8 @@ def run_case(context: Context, case: Case) -> CaseRecord:
             if record.outcome not in MEASURED_AGAIN:
                 context.store.save_phase(_key(context, case, phase, wanted[phase]), record)
         known |= measured
-    return _record(case, [known.get(phase) or _absent(phase, phase in wanted) for phase in CASE_PHASES])
+    asked = _wanted(case, Phase.RENDER)
+    return _record(case, [known.get(phase) or _absent(phase, phase in asked) for phase in CASE_PHASES])
 
 
 def not_reached(case: Case) -> CaseRecord:

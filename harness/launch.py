@@ -48,6 +48,7 @@ class ProbeRun:
     overran: str | None
     stacks: str
     replies: Path
+    last_lines: str
     memory_mb: int
     places: Mapping[str, str]
 
@@ -61,12 +62,12 @@ class ProbeRun:
             signal=done.signal,
             overran=overran,
             trouble=trouble if done.out_of_memory else None if overran is not None else done.killed,
-            stacks=self.stacks,
+            stacks=self.last_lines + self.stacks,
         )
 
     def last_words(self) -> str:
         """The last line that the process printed, or how it ended."""
-        lines = _text(self.completed.log).strip().splitlines()
+        lines = self.last_lines.splitlines()
         return lines[-1] if lines else f"exit code {self.completed.exit_code}, signal {self.completed.signal}"
 
 
@@ -110,6 +111,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         overran=overran,
         stacks=_text(replies / "stacks.txt"),
         replies=replies,
+        last_lines=_tail(command.log),
         memory_mb=site.memory_mb,
         places={
             str(site.folder): "$ENV",
@@ -183,6 +185,12 @@ def _worker_files(folder: Path) -> dict[str, bytes]:
 
 def _text(path: Path) -> str:
     return _content(path, MOST_TEXT).decode("utf-8", "replace")
+
+
+def _tail(log: Path, size: int = 4000) -> str:
+    """The end of our own log, whole lines."""
+    text = log.read_bytes()[-size:].decode("utf-8", "replace") if log.is_file() else ""
+    return "\n".join([*text.strip().splitlines(), ""])
 
 
 def _content(path: Path, limit: int) -> bytes:

@@ -47,12 +47,6 @@ def main(args: argparse.Namespace) -> int:
     return document.exit_code(whole, args.fail_on)
 
 
-def page(report: Report) -> str:
-    """The report as Markdown."""
-    template = Path(present.__file__).parent / "templates" / present.TEMPLATE
-    return present.markdown(report, template.read_text(encoding="utf-8"))
-
-
 def _formats(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     unknown = [name for name in names if name not in FORMATS]
@@ -117,7 +111,7 @@ def _carried(folder: Path, out: Path) -> document.Locate:
 
 def _write(form: str, whole: Document, report: Report, out: Path) -> None:
     name = f"report.{form}"
-    content = document.encode(whole) if form == "json" else page(report).encode()
+    content = document.encode(whole) if form == "json" else reporting.page(report).encode()
     store.write_atomic(out / name, content)
     print(f"report: {out / name}", file=sys.stderr)
 
@@ -128,7 +122,7 @@ def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] |
         case "terminal":
             present.print_terminal(report)
         case "md":
-            sys.stdout.write(page(report))
+            sys.stdout.write(reporting.page(report))
         case _:
             single = sources[0] if sources and len(sources) == 1 else None
             sys.stdout.write(document.encode(_moved(whole, single, Path()) if single else whole).decode())

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness import document, machine, present, store, tables, verdict
-from harness.contract import Document
+from harness.contract import Document, Report
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.store import Store
 
@@ -62,7 +62,7 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
         known = [found for cell in plan.cells if (found := measured.get(cell.id) or _kept(opened, here.id, cell))]
         locate = _Files(opened, folder).place(known)
         report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate)
-        write(report, folder)
+        write(report, folder, wanted.pivot)
         made.append((folder, report))
     if wanted.json:
         here_now = [document.moved(report, seen_from_here(folder)) for folder, report in made]
@@ -75,14 +75,16 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
     return document.exit_code(document.combined([report for _, report in made]), wanted.fail_on)
 
 
-def write(report: Document, folder: Path) -> None:
+def write(report: Document, folder: Path, pivot: tuple[str, str] | None) -> None:
     """Write `report.json` and `report.md` into a folder."""
     store.write_atomic(folder / "report.json", document.encode(report))
-    store.write_atomic(folder / "report.md", present.markdown(tables.report(report), _template()).encode())
+    store.write_atomic(folder / "report.md", page(tables.report(report, pivot)).encode())
 
 
-def _template() -> str:
-    return (Path(present.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
+def page(report: Report) -> str:
+    """The report as Markdown."""
+    template = Path(present.__file__).parent / "templates" / present.TEMPLATE
+    return present.markdown(report, template.read_text(encoding="utf-8"))
 
 
 def _kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
