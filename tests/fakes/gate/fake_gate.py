@@ -1,0 +1,15 @@
+import os
+import time
+
+import fake_healthy
+import gymnasium
+
+
+class Gate(fake_healthy.Healthy):
+    def step(self, action):
+        while not os.path.exists(os.environ["FAKE_GATE"]):
+            time.sleep(0.05)
+        return super().step(action)
+
+
+gymnasium.register("Gate-v0", Gate)
