@@ -28,11 +28,14 @@ def markdown(report: Report, template: str) -> str:
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
     environment.filters |= {
         "cell": _table_cell,
-        "codes": lambda labels: ", ".join(f"`{label}`" for label in labels),
+        "codes": _codes,
         "counts": _counts,
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
         "number": _number,
         "rule": lambda columns, mark: " | ".join(mark for _ in columns),
+        "seen_in": lambda labels, rows: (
+            _codes(labels) if len(labels) < len(rows) else f"all {_number(len(rows), 'cell')}"
+        ),
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
         "square": _square,
     }
@@ -44,6 +47,10 @@ def _counts(sheet: Sheet) -> str:
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
     gone = sum(len(remark.cells) for remark in sheet.dropped)
     return counts + (f"; {_number(gone, 'combination')} left out." if gone else ".")
+
+
+def _codes(labels: Iterable[str]) -> str:
+    return ", ".join(f"`{label}`" for label in labels)
 
 
 def _table_cell(text: str) -> str:

@@ -211,8 +211,20 @@ def _grouped(said: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
 
 
 def _facts(facts: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Facts of a machine as words; what it does not have is left out."""
-    told = {
-        name: ", ".join(map(str, fact)) if isinstance(fact, (list, tuple)) else fact for name, fact in facts.items()
-    }
-    return tuple((name.replace("_", " "), str(fact)) for name, fact in sorted(told.items()) if fact not in (None, ""))
+    """Facts of a machine as words; what is not known is left out."""
+    told = {name.replace("_", " "): _words(fact) for name, fact in sorted(facts.items())}
+    return tuple((name, words) for name, words in told.items() if words)
+
+
+def _words(fact: Any) -> str:
+    match fact:
+        case None:
+            return ""
+        case {"missing": why}:
+            return f"none ({why})"
+        case dict():
+            return ", ".join(map(str, fact.values()))
+        case list() | tuple():
+            return ", ".join(map(_words, fact))
+        case _:
+            return str(fact)
