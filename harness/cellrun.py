@@ -39,12 +39,13 @@ LOOP, REPEAT, ACROSS = "single.loop", "single.repeat", "single.repeat.process"
 class Context:
     """What the cases of one cell share.
 
-    `site` makes the environment when a probe really has to run. `identity` is all that a result's key holds besides
-    case, phase and probe: environment key, variables, sandbox mode, machine. `places` names this machine's folders, for
-    evidence.
+    `python` is the version that probes must find, `site` makes the environment when one really has to run. `identity`
+    is all that a result's key holds besides case, phase and probe: environment key, variables, sandbox mode, machine.
+    `places` names this machine's folders, for evidence.
     """
 
     store: Store
+    python: str
     site: Callable[[], launch.Site]
     identity: tuple[object, ...]
     capabilities: frozenset[str]
@@ -159,15 +160,15 @@ class _Measurement:
             evidence = self._keep(run, name)
             replies = [reply for reply in run.reply.checks if reply.check in limits]
             self.findings += self._found(run, limits)
-            if not replies:
-                return {next(iter(limits)): self._never_started(run, next(iter(limits)), evidence)}
+            if not replies or self._python(run) != self.context.python:
+                return {next(iter(limits)): self._not_tried(run, next(iter(limits)), evidence)}
             judged = [self._judged(run, reply, limits, evidence) for reply in replies]
         return {ended.record.check: ended for ended in judged if ended}
 
     def _judged(
         self, run: launch.ProbeRun, reply: CheckReply, limits: Mapping[str, float], evidence: str
     ) -> _Ended | None:
-        record = outcomes.check_record(reply, run.ending(limits), self.context.capabilities)
+        record = outcomes.check_record(reply, run.ending(), self.context.capabilities)
         if record.outcome is Outcome.TIMED_OUT and reply.check not in self.overran:
             self.overran.add(reply.check)
             return None
@@ -177,14 +178,24 @@ class _Measurement:
             if frames.keep(array, picture)
         )
         attempts = 2 if reply.check in self.overran else 1
+        if reply.outcome is None:
+            before = sum(check.seconds for check in run.reply.checks)
+            record = replace(record, seconds=round(run.completed.seconds - before, 3))
         if record.decisive:
             record = replace(record, decisive=self._clean(run, record.decisive))
         return _Ended(record=record, attempts=attempts, frames=pictures, evidence=evidence)
 
-    def _never_started(self, run: launch.ProbeRun, check: str, evidence: str) -> _Ended:
-        """The probe ended before its first check: whatever it was, no package was tried."""
+    def _python(self, run: launch.ProbeRun) -> str:
+        """The version of the Python that ran; a build from a checkout calls itself 3.14.0+."""
+        return str(run.reply.facts.get("python", "")).removesuffix("+")
+
+    def _not_tried(self, run: launch.ProbeRun, check: str, evidence: str) -> _Ended:
+        """The probe ended before its first check, or another Python ran it: whatever it was, no package was tried."""
         told = run.completed.killed or "; ".join(run.reply.problems) or run.last_words()
-        record = CheckRecord(check=check, outcome=Outcome.INFRA, decisive=f"the probe did not start: {told}")
+        decisive = f"the probe did not start: {told}"
+        if run.reply.checks:
+            decisive = f"the environment's Python is {self._python(run)}, not {self.context.python}"
+        record = CheckRecord(check=check, outcome=Outcome.INFRA, decisive=self._clean(run, decisive))
         return _Ended(record=record, attempts=1, evidence=evidence)
 
     def _pictures(self, run: launch.ProbeRun, check: str, evidence: str) -> Iterable[tuple[Path, Path]]:
@@ -195,12 +206,13 @@ class _Measurement:
 
     def _found(self, run: launch.ProbeRun, limits: Mapping[str, float]) -> list[Finding]:
         phase = outcomes.phase_of(next(iter(limits)))
-        found = [replace(told, text=self._clean(run, told.text)) for told in run.reply.findings]
+        beside = outcomes.found_beside(run.reply, run.ending())
+        found = [replace(told, text=self._clean(run, told.text)) for told in (*run.reply.findings, *beside)]
         if run.completed.written:
             files = ", ".join(run.completed.written[:5])
             text = f"wrote into its own environment (kept from other runs): {files}"
             found.append(Finding(check=f"{phase}.written", level=Level.WARNING, text=text))
-        if run.completed.stray:
+        if run.completed.stray and run.reply.complete:
             text = f"left {run.completed.stray} process(es) behind at its end"
             found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
         return found

@@ -41,21 +41,21 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeRun:
-    """What came of one probe process. `overran` is the check whose limit ended it, `replies` the folder it wrote to."""
+    """What came of one probe process. `overran` is the limit (seconds) that ended it, `replies` where it wrote to."""
 
     reply: ProbeReply
     completed: process.Completed
-    overran: str | None
+    overran: float | None
     stacks: str
     replies: Path
     last_lines: str
     memory_mb: int
     places: Mapping[str, str]
 
-    def ending(self, limits: Mapping[str, float]) -> outcomes.Ending:
+    def ending(self) -> outcomes.Ending:
         """What the end of the process says about the check that was running then."""
         done = self.completed
-        overran = limits.get(self.overran or "", STARTUP_SECONDS) if self.overran or done.timed_out else None
+        overran = STARTUP_SECONDS if done.timed_out else self.overran
         trouble = f"needs more than the {self.memory_mb} MB of memory that a probe may use here"
         return outcomes.Ending(
             exit_code=done.exit_code,
@@ -92,19 +92,20 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         target = home / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
-    request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=dict(limits))
+    allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
+    request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed)
     (scratch / "request.json").write_text(wire.request_to_json(request))
     command = process.Command(
         argv=(str(site.python), "-s", str(INCELL / "bootstrap.py"), str(scratch / "request.json")),
         cwd=home,
         env={**site.variables, "PYTHONPYCACHEPREFIX": str(site.pycache)},
-        limits=process.Limits(seconds=STARTUP_SECONDS + sum(limits.values()), memory_mb=site.memory_mb),
+        limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=site.memory_mb),
         log=scratch / "log.txt",
         profile=process.Profile.CELL,
         home=home,
         sealed=(site.folder,),
     )
-    completed, overran = _watch(command, replies / "reply.jsonl", limits)
+    completed, overran = _watch(command, replies / "reply.jsonl", allowed)
     return ProbeRun(
         reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
         completed=completed,
@@ -124,32 +125,33 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
     )
 
 
-def _watch(command: process.Command, reply: Path, limits: Mapping[str, float]) -> tuple[process.Completed, str | None]:
-    """Wait for the end, ending the probe when one check takes longer than its own limit."""
-    follower = _Follower(reply)
+def _watch(command: process.Command, file: Path, limits: Mapping[str, float]) -> tuple[process.Completed, float | None]:
+    """Wait for the end, ending the probe when one check, or the end after the last one, takes longer than its limit."""
+    follower = _Follower(file)
     with process.start(command) as running:
         since = monotonic()
         while (completed := running.wait(POLL_SECONDS)) is None:
             if follower.advanced():
                 since = monotonic()
-            limit = limits.get(follower.check or "", STARTUP_SECONDS)
+            limit = limits.get(follower.latest or "", STARTUP_SECONDS)
             if monotonic() - since > limit:
                 running.kill(f"limit of {limit:g} s")
-                return running.wait(None), follower.check
+                return running.wait(None), limit
         return completed, None
 
 
 class _Follower:
-    """Reads the reply as it grows, to know which check is running."""
+    """Reads the reply as it grows, to know which check is running; `latest` is the one that started last."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.check: str | None = None
+        self.latest: str | None = None
+        self._records = 0
         self._seen = 0
 
     def advanced(self) -> bool:
         """Whether another check has started or ended since the last call."""
-        before = self.check
+        before = self._records
         try:
             with self.path.open("rb") as file:
                 file.seek(self._seen)
@@ -160,17 +162,16 @@ class _Follower:
         self._seen += len(whole)
         for line in whole.splitlines():
             self._take(line)
-        return self.check != before
+        return self._records != before
 
     def _take(self, line: bytes) -> None:
         try:
             record = msgspec.json.decode(line)
         except msgspec.DecodeError:
             return
-        if isinstance(record, dict) and record.get("kind") == "start":
-            self.check = str(record.get("check"))
-        elif isinstance(record, dict) and record.get("kind") in {"check", "end"}:
-            self.check = None
+        if isinstance(record, dict) and record.get("kind") in ("start", "check", "end"):
+            self.latest = str(record.get("check", self.latest))
+            self._records += 1
 
 
 def _lines(path: Path) -> Iterator[bytes]:

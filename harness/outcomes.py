@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from harness import normalise
-from harness.model import CheckRecord, CheckReply, Outcome, Phase
+from harness import normalise, wire
+from harness.model import CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 
 NEEDS = {Phase.SINGLE: Phase.IMPORT, Phase.VECTOR: Phase.SINGLE, Phase.RENDER: Phase.SINGLE}
 """The phase without which another says nothing new."""
@@ -59,6 +59,33 @@ def check_record(reply: CheckReply, ending: Ending, capabilities: frozenset[str]
         masked_by=mask,
         facts=reply.facts,
     )
+
+
+def found_beside(reply: ProbeReply, ending: Ending) -> Iterator[Finding]:
+    """What the end of a probe says besides its checks: of those that can only find, and of Python's own end."""
+    known = {check.check: check for check in reply.checks}
+    for leader, names in wire.FOLLOWERS.items():
+        led = leader in known and known[leader].outcome is Outcome.PASSED
+        for name in names if led else ():
+            if name not in known:
+                yield Finding(check=name, level=Level.WARNING, text="not looked at: the process ended before")
+            elif known[name].outcome is None:
+                _, decisive, _ = _died(known[name], ending)
+                yield Finding(check=name, level=Level.WARNING, text=f"{decisive}")
+    if known and not ending.trouble and all(check.outcome for check in known.values()):
+        text = _last_gasp(ending)
+        if text:
+            phase = phase_of(reply.checks[-1].check)
+            yield Finding(check=f"{phase}.teardown", level=Level.WARNING, text=text)
+
+
+def _last_gasp(ending: Ending) -> str | None:
+    """How Python ended after its last check, unless well."""
+    if ending.overran is not None:
+        return f"Python did not end within {ending.overran:g} s of its last check"
+    if ending.signal or ending.exit_code:
+        return f"Python {normalise.death(ending.exit_code, ending.signal, ending.stacks)}, after its last check"
+    return None
 
 
 def _outcome(reply: CheckReply, ending: Ending, capabilities: frozenset[str]) -> tuple[Outcome, str | None, str | None]:

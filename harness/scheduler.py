@@ -200,6 +200,7 @@ class Runner:
 
         return cellrun.Context(
             store=self.store,
+            python=record.python or "",
             site=site,
             identity=(record.key, sorted(given.items()), sorted(cell.files.items()), process.sandbox_mode(), facts.id),
             capabilities=facts.capabilities,

@@ -6,17 +6,17 @@ interpreter. In `request.folder`, which exists and is empty, the probe leaves:
 - `reply.jsonl`: one record a line, in one write, by the probe's own process. Each has `kind`, `seq` (0, 1, 2, ...) and
   `pid`. Kinds: `hello` first; for each check `start`, then `finding` and `frame` as they come, then `check` (findings
   on warnings and teardown follow it); `end` last, written when the interpreter exits. A check that was started and
-  never ended has the outcome None. Checks that can only find (`single.repeat.fresh`, `single.repeat.same`,
-  `single.check_env`) follow a passed `single.loop` in the same process without being asked for: they have `start` and
-  `check` records, too, and their exceptions are findings already; only their death or hang is left to the host.
+  never ended has the outcome None. Checks that can only find (`FOLLOWERS`) follow a passed `single.loop` in the same
+  process without being asked for: they have `start` and `check` records, too, and their exceptions are findings
+  already; only their death or hang is left to the host.
 - `NAME.npy`: frames, named by `frame` records.
 - `stacks.txt`: faulthandler's: on a fatal signal, and when nine tenths of a check's limit are spent.
 - `worker-PID.jsonl`, `worker-PID.txt`: the same from each worker of a vector environment: stages `reached`, the first
   exception `raised`, stacks. They outlive a parent that hangs or dies. Pass the content of these files to `read_reply`.
 
-After a failed `import.*` the probe tries nothing more. `single.repeat` only gives the trajectory, for a second process
-to be compared with the one that `single.loop` has among its facts (`trajectory`, a digest for each step). The facts
-of `render.rgb_array` hold `gl` where something was loaded that draws by OpenGL, whatever the outcome.
+After a failed `import.*` or `single.*` the probe tries nothing more. `single.repeat` only gives the trajectory, for a
+second process to be compared with the one that `single.loop` has among its facts (`trajectory`, a digest for each
+step). The facts of `render.rgb_array` hold `gl` where something was loaded that draws by OpenGL, whatever the outcome.
 """
 
 from __future__ import annotations
@@ -39,6 +39,11 @@ LONGEST_LINE = 1 << 20
 MOST_LINES = 20_000
 MOST_PROBLEMS = 20
 LONGEST_STACKS = 60_000
+FOLLOWERS: Mapping[str, tuple[str, ...]] = {
+    "single.loop": ("single.repeat.fresh", "single.repeat.same", "single.check_env")
+}
+"""Checks that can only find, by the check that they follow."""
+
 WORKER_FILE = re.compile(r"worker-(\d{1,9})\.(jsonl|txt)")
 
 Name = Annotated[str, Meta(min_length=1, max_length=100)]

@@ -63,13 +63,13 @@ class Probe:
         self._imported = {}
 
     def run(self):
-        """Run every check. Without the import the others would only say the same again."""
+        """Run every check. Without the import, or one environment, the others would only say the same again."""
         for check in self.checks:
             outcome = self._check(check)
             if outcome == "passed":
                 for follower in self._phase(check).FOLLOWERS.get(check, ()):
                     self._follow(follower)
-            elif check.startswith("import."):
+            elif outcome == "failed" and check.startswith(("import.", "single.")):
                 break
 
     def finding(self, check, text, level="warning"):
