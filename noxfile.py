@@ -29,4 +29,4 @@ def tests(session: nox.Session) -> None:
 def endurance(session: nox.Session) -> None:
     """Every combination measured by hand against the harness; writes the table of agreement."""
     session.install("-e", ".[dev]")
-    session.run("python", "-m", "tests.real.agreement", *session.posargs)
+    session.run("python", "tests/real/agreement.py", *session.posargs)
