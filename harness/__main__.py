@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import signal
 import sys
+import traceback
 from collections.abc import Sequence
+from difflib import get_close_matches
 from types import FrameType
 
+import harness
 from harness.errors import HarnessError
 
 VERBS = {
@@ -49,9 +53,13 @@ def main(arguments: Sequence[str]) -> int:
     except _Terminated:
         print("simmatrix: terminated; finished cells are kept, the same command goes on from there", file=sys.stderr)
         return TERMINATED
-    except BrokenPipeError:
-        sys.stderr.close()
+    except BrokenPipeError:  # whoever read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except Exception:
+        traceback.print_exc()
+        print("simmatrix: this is a bug of simmatrix, not of the packages; please report it", file=sys.stderr)
+        return HarnessError.exit_code
 
 
 class _Terminated(BaseException):
@@ -66,14 +74,17 @@ def _verb(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
     lines = "\n".join(f"  {name:<8} {text}" for name, (_, text) in VERBS.items())
     parser = argparse.ArgumentParser(
         prog="simmatrix",
-        description=__import__("harness").__doc__,
+        description=harness.__doc__,
         epilog=f"verbs:\n{lines}\n\n`simmatrix VERB --help` tells the rest.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         usage="simmatrix VERB [...]",
     )
-    parser.add_argument("verb", choices=VERBS, metavar="VERB", help=argparse.SUPPRESS)
-    parsed, _ = parser.parse_known_args(arguments[:1])
-    return str(parsed.verb), arguments[1:]
+    parser.add_argument("verb", metavar="VERB", help=argparse.SUPPRESS)
+    verb = str(parser.parse_args(arguments[:1]).verb)
+    if verb not in VERBS:
+        near = get_close_matches(verb, VERBS, n=1)
+        parser.error(f'there is no verb "{verb}"' + (f'; did you mean "{near[0]}"?' if near else ""))
+    return verb, arguments[1:]
 
 
 if __name__ == "__main__":
