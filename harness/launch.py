@@ -7,8 +7,10 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import islice
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 
@@ -20,7 +22,7 @@ from harness.model import Case, Phase, ProbeReply, ProbeRequest
 INCELL = Path(__file__).parent / "incell"
 POLL_SECONDS = 0.05
 STARTUP_SECONDS = 120.0
-MOST_REPLY, MOST_TEXT, MOST_WORKERS = 16 << 20, 200_000, 64
+MOST_REPLY, MOST_TEXT, MOST_WORKERS, MOST_WRITTEN = 16 << 20, 200_000, 64, 100
 """Bytes that are read of a reply and of another file, and files of workers: what a cell leaves is not trusted."""
 
 
@@ -93,19 +95,28 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
     allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
+    sealed = process.sandbox_mode() != process.UNSEALED
+    folder = site.folder if sealed else _copied(site.folder, scratch / "environment")
     request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed)
     (scratch / "request.json").write_text(wire.request_to_json(request))
     command = process.Command(
-        argv=(str(site.python), "-s", str(INCELL / "bootstrap.py"), str(scratch / "request.json")),
+        argv=(
+            str(folder / site.python.relative_to(site.folder)),
+            "-s",
+            str(INCELL / "bootstrap.py"),
+            str(scratch / "request.json"),
+        ),
         cwd=home,
         env={**site.variables, "PYTHONPYCACHEPREFIX": str(site.pycache)},
         limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=site.memory_mb),
         log=scratch / "log.txt",
         profile=process.Profile.CELL,
         home=home,
-        sealed=(site.folder,),
+        sealed=(folder,) if sealed else (),
     )
     completed, overran = _watch(command, replies / "reply.jsonl", allowed)
+    if not sealed:
+        completed = replace(completed, written=tuple(islice(_differences(site.folder, folder), MOST_WRITTEN)))
     return ProbeRun(
         reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
         completed=completed,
@@ -116,6 +127,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         memory_mb=site.memory_mb,
         places={
             str(site.folder): "$ENV",
+            str(folder): "$ENV",
             str(site.pycache): "$PYCACHE",
             str(home): "$HOME",
             str(home / "tmp"): "$TMP",
@@ -123,6 +135,23 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
             str(INCELL): "$INCELL",
         },
     )
+
+
+def _copied(folder: Path, target: Path) -> Path:
+    """A copy of an environment for one probe, where nothing keeps it from writing into the one of all."""
+    shutil.copytree(folder, target, symlinks=True)
+    return target
+
+
+def _differences(folder: Path, copy: Path) -> Iterator[str]:
+    """Files of the copy that are new, changed or gone; compiled bytecode is no change."""
+    before, after = _files(folder), _files(copy)
+    return (name for name in sorted({*before, *after}) if before.get(name) != after.get(name))
+
+
+def _files(folder: Path) -> dict[str, tuple[int, int]]:
+    found = ((path.relative_to(folder), path.lstat()) for path in folder.rglob("*") if not path.is_dir())
+    return {str(name): (at.st_size, at.st_mtime_ns) for name, at in found if "__pycache__" not in name.parts}
 
 
 def _watch(command: process.Command, file: Path, limits: Mapping[str, float]) -> tuple[process.Completed, float | None]:

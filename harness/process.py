@@ -27,6 +27,9 @@ SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
 SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")
 """Best first: how processes are held together, and how sealed folders are kept from writes."""
 
+UNSEALED = "subreaper"
+"""The sandbox in which nothing keeps sealed folders from writes."""
+
 FORCED = "HARNESS_SANDBOX"
 STUCK_SECONDS = 30.0  # beyond its deadline a supervisor itself is ended
 
