@@ -11,12 +11,14 @@ import csv
 import hashlib
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from time import monotonic
 
 import msgspec
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
@@ -61,7 +63,7 @@ class _Stamp:
 
 def mode() -> str:
     """How files come into environments: hard links to uv's cache only where a sealed folder takes no write."""
-    return "copy" if process.sandbox_mode() == "subreaper" else "hardlink"
+    return "copy" if process.sandbox_mode() == process.UNSEALED else "hardlink"
 
 
 def environment_key(interpreter: Interpreter, wheels: Iterable[Wheel]) -> str:
@@ -90,7 +92,7 @@ def ensure(
         installed=installed(path),
         reused=reused,
         seconds=monotonic() - started,
-        findings=tuple(_built_here(pin) for pin in lock.pins if not pin.artifact.is_wheel),
+        findings=(*_built_here(lock), *_beyond_python(path, interpreter)),
     )
 
 
@@ -155,9 +157,21 @@ def _wheels(
     return tuple(wheels)
 
 
-def _built_here(pin: Pin) -> Finding:
-    text = f"{pin.name} {pin.version} has no wheel for this Python and was built from its sdist"
-    return Finding(check="install.built", level=Level.NOTE, text=text)
+def _built_here(lock: Lock) -> Iterator[Finding]:
+    for pin in lock.pins:
+        if not pin.artifact.is_wheel:
+            text = f"{pin.name} {pin.version} has no wheel for this Python and was built from its sdist"
+            yield Finding(check="install.built", level=Level.NOTE, text=text)
+
+
+def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
+    """uv takes no notice of an upper bound in Requires-Python; pip does."""
+    for one in _distributions(path):
+        asked = one.metadata["Requires-Python"] if "Requires-Python" in one.metadata else ""
+        with suppress(InvalidSpecifier):
+            if not SpecifierSet(asked).contains(interpreter.version, prereleases=True):
+                text = f"{one.name} {one.version} requires Python {asked}: uv installs it on {interpreter.version}, pip refuses"
+                yield Finding(check="install.requires_python", level=Level.WARNING, text=text)
 
 
 # --- making ----------------------------------------------------------------------------------------------------
@@ -207,6 +221,8 @@ def _fill(call: uvcli.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: 
         kept = uvcli.keep_log(said, log)
         decisive = f"no environment could be made for Python {interpreter.version}: {line}"
         return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive, log=kept)
+    if not wheels:
+        return None
     pylock = call.folder / "pylock.toml"
     pylock.write_text(locks.to_install((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
     said = uvcli.install(call, path / "bin" / "python", pylock, mode())
