@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
-from itertools import islice
 from pathlib import Path
 from time import monotonic
 
