@@ -1,0 +1,164 @@
+"""The harness against combinations whose outcome was measured by hand: `python tests/real/agreement.py [GLOB]`.
+
+`measured.toml` says, for each case, in which phase it fails first (plain uv and Python, no harness). Every entry is run
+through the harness; the table of agreement is written to `agreement.md`. Exit 1 below 97 of 100, or for a single
+`works` that is none.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from harness import machine, plan, scheduler, store, verdict
+from harness.commands.progress import Progress
+from harness.commands.reporting import headline
+from harness.model import Cell, CellRecord, Outcome, Phase
+
+HERE = Path(__file__).parent
+GOAL = 0.97
+PROBED = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER)
+NONE = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """One case of one entry: its first failing phase by hand and by the harness, `none` where all passed."""
+
+    cell: str
+    python: str
+    requirements: tuple[str, ...]
+    env: str
+    by_hand: str
+    by_harness: str
+    fragment: str
+    decisive: str
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the first failing phase is the same."""
+        return self.by_hand == self.by_harness
+
+    @property
+    def wrong_works(self) -> bool:
+        """The worst error there is: green here, red by hand."""
+        return self.by_harness == NONE and not self.agrees
+
+    @property
+    def line_agrees(self) -> bool:
+        """Whether the decisive line holds the fragment that was seen by hand."""
+        return self.fragment in self.decisive
+
+
+def entries() -> list[dict]:
+    """What was measured by hand."""
+    return tomllib.loads((HERE / "measured.toml").read_text())["combination"]
+
+
+def cell_of(number: int, entry: dict) -> Cell:
+    """The cell that an entry stands for."""
+    asked = plan.Asked(
+        requirements=tuple(entry["requirements"]),
+        constraints=tuple(entry.get("constraints", ())),
+        python=entry["python"],
+        envs=tuple(case["env"] for case in entry["cases"]),
+        api=entry["cases"][0]["api"],
+        as_of=str(entry["snapshot"]),
+    )
+    (cell,) = plan.single(asked).cells
+    return replace(cell, matrix="measured", id=f"measured/{number:02}-{cell.label}"[:150])
+
+
+def run(cells: Sequence[Cell], opened: store.Store) -> tuple[CellRecord, ...]:
+    """Run the cells; what was measured before under the same keys is not run again."""
+    settings = scheduler.Settings(jobs=scheduler.default_jobs())
+    with Progress(len(cells), settings.jobs, headline) as board:
+        return scheduler.run(cells, opened, settings, board)
+
+
+def compare(entry: dict, record: CellRecord) -> list[Compared]:
+    """Each case of an entry beside what the harness says of it."""
+    judged = verdict.judge(record)
+    found = []
+    for case in entry["cases"]:
+        phase, decisive = first_failure(record, case["env"])
+        found.append(
+            Compared(
+                cell=record.cell.label,
+                python=entry["python"],
+                requirements=tuple(entry["requirements"]),
+                env=case["env"],
+                by_hand=case["first_failure"],
+                by_harness=phase if phase != NONE or judged.verdict not in verdict.UNTOLD else judged.verdict.value,
+                fragment=case.get("decisive", ""),
+                decisive=decisive or "",
+            )
+        )
+    return found
+
+
+def first_failure(record: CellRecord, env: str) -> tuple[str, str | None]:
+    """The first phase of a case that did not pass, and why."""
+    for step in (record.resolve, record.install):
+        if step and step.outcome is not Outcome.PASSED:
+            return step.phase.value, step.decisive
+    for case in (case for case in record.cases if case.env == env):
+        for phase in case.phases:
+            if phase.outcome not in {Outcome.PASSED, Outcome.SKIPPED}:
+                return phase.phase.value, phase.decisive
+    return NONE, record.unavailable
+
+
+def render(compared: Sequence[Compared], command: str) -> str:
+    """The table of agreement."""
+    agreeing = sum(one.agrees for one in compared)
+    red = [one for one in compared if one.by_hand != NONE]
+    lines = [
+        f"| {'' if one.agrees else '**differs**'} | {one.python} | `{' '.join(one.requirements)}` | {one.env} "
+        f"| {one.by_hand} | {one.by_harness} | {_cell(one.decisive)} |"
+        for one in compared
+    ]
+    return "\n".join([
+        "# The harness against what was measured by hand",
+        "",
+        f"{agreeing} of {len(compared)} cases agree in their first failing phase ({len(red)} of them fail somewhere); "
+        f"{sum(one.wrong_works for one in compared)} say `works` wrongly; "
+        f"{sum(one.line_agrees for one in red if one.agrees)} of {sum(one.agrees for one in red)} agreeing failures "
+        "have the decisive line that was seen by hand.",
+        "",
+        f"Made by `{command}` on {store.now()[:10]}, {machine.facts().id}, Python {platform.python_version()}, from "
+        "[measured.toml](measured.toml).",
+        "",
+        "| | python | requirements | environment | by hand | harness | decisive line |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        *lines,
+        "",
+    ])  # fmt: skip
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("<", "&lt;")[:160]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run and compare; the whole table is written only when everything was run."""
+    pattern = arguments[0] if arguments else "*"
+    known = [(entry, cell_of(number, entry)) for number, entry in enumerate(entries(), 1)]
+    chosen = [(entry, cell) for entry, cell in known if fnmatchcase(cell.label, pattern)]
+    records = run([cell for _, cell in chosen], store.open_store())
+    compared = [one for (entry, _), record in zip(chosen, records, strict=True) for one in compare(entry, record)]
+    text = render(compared, "python tests/real/agreement.py")
+    if pattern == "*":
+        (HERE / "agreement.md").write_text(text)
+    print(text)
+    agreed = sum(one.agrees for one in compared) / len(compared)
+    return 0 if agreed >= GOAL and not any(one.wrong_works for one in compared) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
