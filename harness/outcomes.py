@@ -82,9 +82,9 @@ def found_beside(reply: ProbeReply, ending: Ending) -> Iterator[Finding]:
 def _last_gasp(ending: Ending) -> str | None:
     """How Python ended after its last check, unless well."""
     if ending.overran is not None:
-        return f"Python did not end within {ending.overran:g} s of its last check"
+        return f"Python did not end within {ending.overran:g} s of the last check"
     if ending.signal or ending.exit_code:
-        return f"Python {normalise.death(ending.exit_code, ending.signal, ending.stacks)}, after its last check"
+        return f"after the last check: {normalise.death(ending.exit_code, ending.signal, ending.stacks)}"
     return None
 
 
