@@ -32,7 +32,9 @@ class Progress:
             from rich.console import Console  # noqa: PLC0415 - start-up
             from rich.live import Live  # noqa: PLC0415 - start-up
 
-            self._live = Live(console=Console(stderr=True), get_renderable=self._board, refresh_per_second=8)
+            self._live = Live(
+                console=Console(stderr=True), get_renderable=self._board, refresh_per_second=8, transient=True
+            )
             self._live.start()
         return self
 
