@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sysconfig
 import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -50,6 +51,7 @@ def default_jobs() -> int:
 
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
     """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
+    sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
     runner = Runner(store, settings, observer)
     results: dict[str, CellRecord] = {}
     with _pool(settings.jobs) as submit:
