@@ -24,7 +24,7 @@ from packaging.version import InvalidVersion, Version
 
 from harness import builds, downloads, locks, process, sdists, uvcli, uvsays
 from harness.exclusive import exclusive
-from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Pin, Question, Step
+from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest, open_store, write_atomic
 
 
@@ -167,10 +167,11 @@ def _built_here(lock: Lock) -> Iterator[Finding]:
 def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
     """uv takes no notice of an upper bound in Requires-Python; pip does."""
     for one in _distributions(path):
-        asked = one.metadata["Requires-Python"] if "Requires-Python" in one.metadata else ""
+        asked = str(one.metadata.json.get("requires_python", ""))
         with suppress(InvalidSpecifier):
             if not SpecifierSet(asked).contains(interpreter.version, prereleases=True):
-                text = f"{one.name} {one.version} requires Python {asked}: uv installs it on {interpreter.version}, pip refuses"
+                named = f"{one.name} {one.version}"
+                text = f"{named} requires Python {asked}: uv installs it on {interpreter.version}, pip refuses"
                 yield Finding(check="install.requires_python", level=Level.WARNING, text=text)
 
 

@@ -1,0 +1,56 @@
+"""What end-to-end tests share: an empty cache and state, no settings of this machine's user, a wheelhouse of fakes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import wheelhouse as fakes
+
+from harness import interpreters
+from harness.model import IndexSettings, Interpreter
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, an empty state, and no index settings but those of the test."""
+    for name in os.environ:
+        if name.startswith(("UV_", "PIP_")):
+            monkeypatch.delenv(name)
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setenv("UV_HTTP_RETRIES", "0")
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All fakes but those named torch, as wheels and sdists."""
+    names = [path.parent.name for path in fakes.FAKES.glob("*/fake.toml") if not path.parent.name.startswith("torch")]
+    return fakes.make(tmp_path_factory.mktemp("wheelhouse"), *names)
+
+
+@pytest.fixture
+def host() -> Interpreter:
+    """The Python that runs the tests."""
+    found = interpreters.find("host")
+    assert found
+    return found
+
+
+@pytest.fixture
+def other() -> Interpreter:
+    """Another Python than the host's."""
+    found = interpreters.find("3.9")
+    if found is None:
+        pytest.skip("unavailable: python3.9")
+    return found
+
+
+@pytest.fixture
+def offline_index(wheelhouse: Path) -> IndexSettings:
+    """The fakes and nothing else."""
+    return IndexSettings(no_index=True, find_links=(str(wheelhouse),))

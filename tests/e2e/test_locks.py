@@ -1,0 +1,419 @@
+"""Resolutions by the real uv, over fakes in a folder and over little indexes on the loopback."""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+
+import pytest
+import wheelhouse as fakes
+from asking import failed, locked, question
+
+from harness import uv
+from harness.errors import BadInput
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
+
+pytestmark = pytest.mark.usefixtures("workplace")
+
+BROKEN = {
+    "error": "HTTP status server error (500 Internal Server Error)",
+    "login": "could not be queried due to a lack of valid authentication credentials (401 Unauthorized)",
+    "forbidden": "returned a 403 Forbidden error",
+    "silent": "connection closed before message completed",
+    "short": "end of file before message length reached",
+}
+
+
+@pytest.fixture
+def ask(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Callable[..., Lock | Step]:
+    """Resolve with the host's Python over the fakes."""
+
+    def resolve(*requirements: str, python: Interpreter = host, **more: object) -> Lock | Step:
+        return uv.resolve(question(*requirements, **{"index": offline_index, **more}), python, tmp_path / "state" / "x")
+
+    return resolve
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[Callable[[BaseHTTPRequestHandler], None]], str]]:
+    """Start an index on the loopback whose answers a function writes; gives its address."""
+    servers = []
+
+    def start(answer: Callable[[BaseHTTPRequestHandler], None]) -> str:
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                answer(self)
+
+            do_HEAD = do_GET  # noqa: N815  (the name is the server's)
+
+            def log_message(self, *_: object) -> None:
+                pass
+
+        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.server_address[1]}/simple"
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+def send(handler: BaseHTTPRequestHandler, code: int, body: bytes = b"", *, announced: int | None = None) -> None:
+    """Answer with a page; `announced` is a length that the body does not have."""
+    handler.send_response(code)
+    handler.send_header("Content-Type", "text/html")
+    handler.send_header("Content-Length", str(len(body) if announced is None else announced))
+    handler.end_headers()
+    handler.wfile.write(body)
+
+
+def breaking(how: str) -> Callable[[BaseHTTPRequestHandler], None]:
+    """Break in one way."""
+    answers: dict[str, Callable[[BaseHTTPRequestHandler], None]] = {
+        "error": lambda handler: send(handler, 500),
+        "login": lambda handler: send(handler, 401),
+        "forbidden": lambda handler: send(handler, 403),
+        "silent": lambda handler: handler.connection.shutdown(2),
+        "short": lambda handler: send(handler, 200, b"<html>", announced=1000),
+    }
+    return answers[how]
+
+
+class TestLock:
+    def test_text_is_versions_and_hashes(
+        self, ask: Callable[..., Lock | Step], wheelhouse: Path, tmp_path: Path
+    ) -> None:
+        """A lock is sorted, hash-pinned requirements, without a place, a date or a name of this machine."""
+        lock = locked(ask("fake-needs-plain"))
+        needing, plain = (
+            hashlib.sha256((wheelhouse / name).read_bytes()).hexdigest()
+            for name in ("fake_needs_plain-1.0-py3-none-any.whl", "fake_plain-3.0-py3-none-any.whl")
+        )
+
+        assert lock.requirements == (
+            f"fake-needs-plain==1.0 \\\n    --hash=sha256:{needing}\nfake-plain==3.0 \\\n    --hash=sha256:{plain}\n"
+        )
+        assert lock.sha256 == hashlib.sha256(lock.requirements.encode()).hexdigest()
+        assert lock.instant == "2026-01-01T00:00:00Z"
+        assert (tmp_path / "state" / "x" / "pylock.toml").exists()
+
+    def test_same_question_same_bytes(
+        self, ask: Callable[..., Lock | Step], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The same snapshot locks to the same bytes again: with an empty cache, the files in another folder."""
+        first = locked(ask("fake-needs-plain", "fake-build-dependent"))
+        monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "other"))
+        moved = fakes.make(tmp_path / "moved", "needs-plain", "plain", "build-dependent", "build-tool")
+        second = locked(
+            ask(
+                "fake-needs-plain", "fake-build-dependent", index=IndexSettings(no_index=True, find_links=(str(moved),))
+            )
+        )
+
+        assert first.requirements == second.requirements
+
+    def test_identical_resolutions_are_one(self, ask: Callable[..., Lock | Step], other: Interpreter) -> None:
+        """Another question, on another Python, with the same answer has the same lock."""
+        one = locked(ask("fake-needs-plain"))
+        same = locked(ask("fake-plain==3.0", "fake-needs-plain", python=other))
+
+        assert one.sha256 == same.sha256
+
+    def test_settings_of_the_user_that_are_no_index_do_not_count(
+        self, ask: Callable[..., Lock | Step], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """`UV_RESOLUTION`, a constraint of the user's, a `uv.toml` in the working folder change no lock."""
+        (tmp_path / "constraints.txt").write_text("fake-plain==1.0\n")
+        (tmp_path / "uv.toml").write_text('[pip]\nresolution = "lowest"\n')
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("UV_RESOLUTION", "lowest")
+        monkeypatch.setenv("UV_CONSTRAINT", str(tmp_path / "constraints.txt"))
+        monkeypatch.setenv("UV_NO_BINARY", "1")
+
+        assert locked(ask("fake-plain")).versions == {"fake-plain": "3.0"}
+
+    def test_question_counts(self, ask: Callable[..., Lock | Step]) -> None:
+        """Constraints, overrides and the resolution are those of the question."""
+        constrained = locked(ask("fake-plain", constraints=("fake-plain<3",)))
+        overridden = locked(ask("fake-needs-plain", overrides=("fake-plain==1.0",)))
+        lowest = locked(ask("fake-plain", resolution="lowest-direct"))
+
+        assert constrained.versions["fake-plain"] == "2.0"
+        assert overridden.versions["fake-plain"] == "1.0"
+        assert lowest.versions["fake-plain"] == "1.0"
+
+    def test_own_address(self, ask: Callable[..., Lock | Step], wheelhouse: Path) -> None:
+        """A requirement that names a file is pinned by the file's hash."""
+        path = wheelhouse / "fake_plain-1.0-py3-none-any.whl"
+        pin = locked(ask(f"fake-plain @ {path.as_uri()}")).pins[0]
+
+        assert (pin.version, pin.artifact.filename) == ("1.0", path.name)
+        assert pin.hashes == (hashlib.sha256(path.read_bytes()).hexdigest(),)
+
+
+class TestMetadataOfSdists:
+    def test_cache_of_metadata_is_not_shared(self, ask: Callable[..., Lock | Step], other: Interpreter) -> None:
+        """One sdist under two build constraints, in both orders, has the requirements of its own build each time."""
+        found = [
+            locked(ask("fake-build-dependent", build_constraints=(f"fake-build-tool=={tool}",), python=python))
+            for python in (other,)
+            for tool in ("1.0", "2.0", "1.0")
+        ]
+
+        assert [lock.versions["fake-plain"] for lock in found] == ["1.0", "2.0", "1.0"]
+
+    def test_failing_metadata(self, ask: Callable[..., Lock | Step]) -> None:
+        """A build that fails while uv resolves is a failed install, with the backend's own line."""
+        assert failed(ask("fake-metadata-failure")) == (
+            Phase.INSTALL,
+            Outcome.FAILED,
+            "RuntimeError: this setup knows no such Python",
+        )
+
+    def test_invalid_metadata(self, ask: Callable[..., Lock | Step]) -> None:
+        """Metadata that no tool can read is a failed install that quotes the line."""
+        phase, outcome, decisive = failed(ask("fake-metadata-invalid"))
+
+        assert (phase, outcome) == (Phase.INSTALL, Outcome.FAILED)
+        assert decisive is not None
+        assert decisive.startswith("Metadata for `fake-metadata-invalid` (v1.0) could not be parsed: ")
+        assert decisive.endswith("fake-plain (>=3.)")
+
+
+class TestNoSolution:
+    @pytest.mark.parametrize(
+        ("requirements", "decisive"),
+        [
+            pytest.param(
+                ("fake-unresolvable", "fake-plain"),
+                "Because all versions of fake-unresolvable depend on fake-plain<1 and only fake-plain>=1.0 is available"
+                ", we can conclude that all versions of fake-unresolvable cannot be used. "
+                "And because you require fake-unresolvable",
+                id="conflict",
+            ),
+            pytest.param(
+                ("fake-nowhere",),
+                "Because fake-nowhere was not found in the provided package locations and you require fake-nowhere",
+                id="unknown",
+            ),
+            pytest.param(
+                ("fake-plain==9",),
+                "Because there is no version of fake-plain==9 and you require fake-plain==9",
+                id="version",
+            ),
+            pytest.param(
+                ("fake-new-python",),
+                "Because fake-new-python==1.0 requires Python >=3.99 and only fake-new-python==1.0 is available, "
+                "we can conclude that all versions of fake-new-python cannot be used. "
+                "And because you require fake-new-python",
+                id="python",
+            ),
+        ],
+    )
+    def test_resolver_explains(
+        self, ask: Callable[..., Lock | Step], requirements: tuple[str, ...], decisive: str
+    ) -> None:
+        """No solution is a failed resolution; uv's explanation is the decisive line."""
+        assert failed(ask(*requirements)) == (Phase.RESOLVE, Outcome.FAILED, decisive)
+
+    def test_no_wheel_for_this_python(self, ask: Callable[..., Lock | Step]) -> None:
+        """A release with wheels for other Pythons only, and no sdist, cannot be resolved."""
+        phase, outcome, decisive = failed(ask("fake-no-wheel"))
+
+        assert (phase, outcome) == (Phase.RESOLVE, Outcome.FAILED)
+        assert decisive is not None
+        assert "has no wheels with a matching Python implementation tag" in decisive
+
+    def test_only_binary(self, ask: Callable[..., Lock | Step]) -> None:
+        """Where only wheels may be used, a release with an sdist alone cannot be resolved."""
+        assert failed(ask("fake-build-dependent==1.0", only_binary=("fake-build-dependent",))) == (
+            Phase.RESOLVE,
+            Outcome.FAILED,
+            "Because fake-build-dependent==1.0 has no usable wheels and you require fake-build-dependent==1.0",
+        )
+
+    def test_absent(self, ask: Callable[..., Lock | Step]) -> None:
+        """A package that is to be absent names who requires it."""
+        by_another = ask("fake-needs-plain", absent=("fake_plain",))
+        by_us = ask("fake-needs-plain", "fake-plain>=2", absent=("fake-plain",))
+
+        assert failed(by_another)[2] == "fake-plain is to be absent, but fake-needs-plain requires it"
+        assert failed(by_us)[2] == "fake-plain is to be absent, but the requirements name it"
+        assert locked(ask("fake-plain", absent=("fake-needs-plain",))).versions == {"fake-plain": "3.0"}
+
+
+class TestIndexTrouble:
+    @pytest.mark.parametrize("how", BROKEN)
+    def test_broken_index(self, ask: Callable[..., Lock | Step], serve: Callable[..., str], how: str) -> None:
+        """An index that fails is infra, never a verdict about packages."""
+        phase, outcome, decisive = failed(ask("fake-plain", index=IndexSettings(default=serve(breaking(how)))))
+
+        assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
+        assert decisive is not None
+        assert BROKEN[how] in decisive
+
+    def test_unreachable_index(self, ask: Callable[..., Lock | Step]) -> None:
+        """An index that nobody serves is infra."""
+        phase, outcome, decisive = failed(ask("fake-plain", index=IndexSettings(default="http://127.0.0.1:9/simple")))
+
+        assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
+        assert decisive is not None
+        assert "Connection refused" in decisive
+
+    def test_build_requirements_from_a_broken_index(
+        self, ask: Callable[..., Lock | Step], serve: Callable[..., str], tmp_path: Path
+    ) -> None:
+        """An index that fails while the build requirements of an sdist are sought is infra too."""
+        alone = fakes.make(tmp_path / "alone", "build-dependent")
+        index = IndexSettings(default=serve(breaking("error")), find_links=(str(alone),))
+
+        assert failed(ask("fake-build-dependent", index=index))[:2] == (Phase.RESOLVE, Outcome.INFRA)
+
+    def test_offline(self, host: Interpreter, tmp_path: Path) -> None:
+        """What is not in the cache cannot be told of without the network."""
+        asked = question("fake-plain", index=IndexSettings(default="http://127.0.0.1:9/simple"))
+
+        assert failed(uv.resolve(asked, host, tmp_path / "state" / "x", offline=True)) == (
+            Phase.RESOLVE,
+            Outcome.INFRA,
+            "Packages were unavailable because the network was disabled. "
+            "When the network is disabled, registry packages may only be read from the cache.",
+        )
+
+    def test_bad_requirement(self, ask: Callable[..., Lock | Step]) -> None:
+        """A requirement that is none is the user's to correct."""
+        with pytest.raises(BadInput) as raised:
+            ask("fake-plain===")
+
+        assert str(raised.value) == (
+            "uv cannot use what it was given: Couldn't parse requirement in `requirements.in` at position 0: "
+            "Unexpected end of version specifier, expected version: fake-plain===; correct the requirement or setting"
+        )
+
+
+class TestCutoff:
+    def index(self, serve: Callable[..., str], wheelhouse: Path) -> IndexSettings:
+        """Two releases of a package with upload times, one without."""
+        times = {"1.0": "2024-01-01T00:00:00Z", "2.0": "2025-01-01T00:00:00Z", "3.0": None}
+
+        def answer(handler: BaseHTTPRequestHandler) -> None:
+            name = handler.path.rpartition("/")[2]
+            if name.endswith(".whl"):
+                send(handler, 200, (wheelhouse / name).read_bytes())
+                return
+            lines = []
+            for version, time in times.items():
+                path = wheelhouse / f"fake_plain-{version}-py3-none-any.whl"
+                digest = hashlib.sha256(path.read_bytes()).hexdigest()
+                date = f' data-upload-time="{time}"' if time else ""
+                lines.append(f'<a href="/files/{path.name}#sha256={digest}"{date}>{path.name}</a>')
+            send(handler, 200, f"<html><body>{''.join(lines)}</body></html>".encode())
+
+        return IndexSettings(default=serve(answer))
+
+    @pytest.mark.parametrize(
+        ("snapshot", "version"), [("2024-06-01T00:00:00Z", "1.0"), ("2025-06-01T00:00:00Z", "2.0")]
+    )
+    def test_snapshot(
+        self,
+        ask: Callable[..., Lock | Step],
+        serve: Callable[..., str],
+        wheelhouse: Path,
+        snapshot: str,
+        version: str,
+    ) -> None:
+        """A snapshot shuts out what was uploaded later, and what an index gives no upload time of."""
+        lock = locked(ask("fake-plain", index=self.index(serve, wheelhouse), snapshot=snapshot))
+
+        assert lock.versions == {"fake-plain": version}
+        assert lock.escaped == ()
+        assert lock.instant == snapshot
+
+    def test_find_links_escape(self, ask: Callable[..., Lock | Step]) -> None:
+        """Files of a find-links folder have no upload time; the lock says that they escaped the cutoff."""
+        assert locked(ask("fake-needs-plain", snapshot="2001-01-01T00:00:00Z")).escaped == (
+            "fake-needs-plain",
+            "fake-plain",
+        )
+
+
+class TestTorch:
+    @pytest.fixture
+    def gpu(self, tmp_path: Path) -> Path:
+        """Where the GPU builds lie."""
+        return fakes.make(tmp_path / "gpu", "torch")
+
+    def torch(
+        self, ask: Callable[..., Lock | Step], *links: Path, requirement: str = "torch", **more: object
+    ) -> object:
+        """Return the version of torch, or what is said instead."""
+        index = IndexSettings(no_index=True, find_links=tuple(map(str, links)))
+        answer = ask(requirement, index=index, **more)
+        return answer.versions["torch"] if isinstance(answer, Lock) else failed(answer)
+
+    def test_cpu_build_is_found(self, ask: Callable[..., Lock | Step], gpu: Path, tmp_path: Path) -> None:
+        """The newest CPU build of a find-links folder is taken, though a newer GPU build is there."""
+        cpu = fakes.make(tmp_path / "cpu", "torch-cpu")
+
+        assert self.torch(ask, gpu, cpu) == "2.5+cpu"
+        assert self.torch(ask, gpu, cpu, requirement="torch<2.5") == "2.4+cpu"
+
+    def test_user_settings_name_the_folder(
+        self, ask: Callable[..., Lock | Step], gpu: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The folder may be the user's own, set for pip or for uv."""
+        monkeypatch.setenv("PIP_FIND_LINKS", str(fakes.make(tmp_path / "cpu", "torch-cpu")))
+
+        assert self.torch(ask, gpu) == "2.5+cpu"
+
+    def test_no_cpu_build(self, ask: Callable[..., Lock | Step], gpu: Path, host: Interpreter) -> None:
+        """Where no CPU build can be reached, this machine lacks it; the line says what to set."""
+        assert self.torch(ask, gpu) == (
+            Phase.RESOLVE,
+            Outcome.UNAVAILABLE,
+            f"no CPU build of torch 2.6 for Python {host.minor} can be reached: set UV_FIND_LINKS to a folder that "
+            "holds one, or ask for a GPU build with torch_backend",
+        )
+
+    def test_gpu_build_where_asked_for(self, ask: Callable[..., Lock | Step], gpu: Path) -> None:
+        """A GPU build is taken where the question asks for any."""
+        assert self.torch(ask, gpu, torch_backend="any") == "2.6"
+
+
+class TestRestore:
+    def restored(self, lock: str, host: Interpreter, index: IndexSettings, tmp_path: Path) -> Lock | Step:
+        """Find the files of a lock again."""
+        asked: Question = question("anything", index=index)
+        return uv.restore(lock, asked, host, tmp_path / "state" / "x")
+
+    def test_same_lock(
+        self,
+        ask: Callable[..., Lock | Step],
+        host: Interpreter,
+        offline_index: IndexSettings,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """A committed lock, in a fresh clone with an empty cache, has the same packages, versions and hashes."""
+        before = locked(ask("fake-needs-plain", "fake-build-dependent", constraints=("fake-plain==2.0",)))
+        monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "empty"))
+        after = locked(self.restored(before.requirements, host, offline_index, tmp_path))
+
+        assert after.requirements == before.requirements
+        assert [pin.artifact.sha256 for pin in after.pins] == [pin.artifact.sha256 for pin in before.pins]
+
+    def test_another_file(
+        self, ask: Callable[..., Lock | Step], host: Interpreter, offline_index: IndexSettings, tmp_path: Path
+    ) -> None:
+        """An index that has the version with another file cannot tell anything about the lock."""
+        lock = locked(ask("fake-plain==1.0"))
+        text = lock.requirements.replace(lock.pins[0].artifact.sha256, "0" * 64)
+
+        assert failed(self.restored(text, host, offline_index, tmp_path)) == (
+            Phase.RESOLVE,
+            Outcome.INFRA,
+            "no index or find-links place that was asked has fake-plain 1.0 with a hash of the lock; lock anew",
+        )

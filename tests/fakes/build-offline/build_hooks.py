@@ -1,0 +1,5 @@
+from urllib.request import urlopen
+
+
+def files(found):
+    urlopen("http://vendor.invalid/archive.zip")

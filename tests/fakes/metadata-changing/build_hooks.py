@@ -1,0 +1,2 @@
+def requires(stage):
+    return ["fake-plain>=2"] if stage == "wheel" else []

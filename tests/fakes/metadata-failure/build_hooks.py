@@ -1,0 +1,1 @@
+raise RuntimeError("this setup knows no such Python")
