@@ -13,7 +13,7 @@ from time import monotonic
 from typing import Protocol
 
 from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
-from harness.model import Case, Cell, CellRecord, Interpreter, Lock, Outcome, Phase, PhaseRecord, Question, Step
+from harness.model import Case, CaseRecord, Cell, CellRecord, Interpreter, Lock, Outcome, Phase, PhaseRecord, Question, Step
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
 
 
@@ -117,10 +117,9 @@ class Runner:
     def _run(self, cell: Cell) -> CellRecord:
         record = CellRecord(cell=cell, machine=machine.facts().id, supplied=machine.supplied(cell.environment))
         interpreter = interpreters.obtain(cell.python, offline=self.settings.offline)
-        if interpreter is None:
-            return replace(record, unavailable=interpreters.hint(cell.python))
-        if missing := machine.missing_for(cell.needs):
-            return replace(record, unavailable=missing)
+        missing = machine.missing_for(cell.needs) if interpreter else interpreters.hint(cell.python)
+        if interpreter is None or missing:
+            return replace(record, unavailable=missing, cases=_not_reached(cell))
         record = replace(record, python=interpreter.version)
         self.observer.step(cell, Phase.RESOLVE)
         lock, step = self.lock(cell.question, interpreter)
@@ -269,13 +268,17 @@ class _Pool:
 
 def _stopped(record: CellRecord, step: Step) -> CellRecord:
     """A record whose resolve or install did not succeed: the cases are not reached."""
+    cases = _not_reached(record.cell)
     if step.outcome is Outcome.UNAVAILABLE:
-        return replace(record, unavailable=step.decisive)
-    cases = tuple(cellrun.not_reached(case) for case in record.cell.cases)
+        return replace(record, unavailable=step.decisive, cases=cases)
     if step.phase is Phase.INSTALL:
         resolve = record.resolve if record.lock else Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
         return replace(record, resolve=resolve, install=step, cases=cases)
     return replace(record, resolve=step, cases=cases)
+
+
+def _not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
+    return tuple(cellrun.not_reached(case) for case in cell.cases)
 
 
 def _with_modules(case: Case, installed: Installed) -> Case:
