@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,3 +88,36 @@ def _end_session(leader: int) -> None:
         os.killpg(leader, signal.SIGKILL)
     except ProcessLookupError:
         return
+
+
+# --- skips -----------------------------------------------------------------------------------------------------
+
+ALLOWED = "unavailable: "
+"""A GPU, a vendor's archive, an interpreter, torch: may be missing anywhere, and is counted."""
+MENDABLE = "missing library: "
+"""A system library: `.ci/run` installs those, so there none may be missing."""
+
+
+def skip_reasons(reporter: pytest.TerminalReporter) -> Counter[str]:
+    """Why tests were skipped, and how many for each reason."""
+    reports = reporter.stats.get("skipped", [])
+    return Counter(str(report.longrepr[2]).removeprefix("Skipped: ") for report in reports)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A skip without a reason of the two kinds fails everywhere, a missing library where CI could have installed it."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if reporter is None or hasattr(session.config, "workerinput"):
+        return
+    reasons = skip_reasons(reporter)
+    wrong = [reason for reason in reasons if not reason.startswith((ALLOWED, MENDABLE))]
+    mendable = [reason for reason in reasons if reason.startswith(MENDABLE)]
+    if wrong or (mendable and os.environ.get("CI")):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Count what was not verified here."""
+    for reason, count in sorted(skip_reasons(terminalreporter).items()):
+        terminalreporter.write_line(f"not verified here: {reason} ({count} tests)")
