@@ -38,7 +38,8 @@ def unpack(archive: Path, folder: Path) -> Path:
             with tarfile.open(archive) as tar:
                 tar.extractall(folder, filter="data")
     except (tarfile.TarError, zipfile.BadZipFile, EOFError) as error:
-        message = f"{archive.name} cannot be unpacked: {error}"
+        why = str(error).partition("\n")[0].rstrip(":")
+        message = f"{archive.name} cannot be unpacked: {why}"
         raise BadSdist(message) from None
     inside = [path for path in folder.iterdir() if path.is_dir()]
     if len(inside) != 1:

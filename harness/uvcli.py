@@ -69,9 +69,13 @@ def scratch() -> Iterator[Path]:
 
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
     """Resolve for an interpreter; uv logs to its output when it looks into an sdist."""
-    no_index = ("--no-index",) if sources.combined(call.index).no_index else ()
-    options = ("--python", interpreter.path, "--no-header", "--quiet", "--output-file", str(output), *no_index)
-    return _run(call, ("pip", "compile", *arguments, *options), {"RUST_LOG": "uv_distribution=debug"})
+    asked = sources.combined(call.index)
+    no_index = ("--no-index",) if asked.no_index else ()
+    options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
+    variables = {"RUST_LOG": "uv_distribution=debug"}
+    if links := ",".join(_existing(asked.find_links, call.index)):
+        variables["UV_FIND_LINKS"] = links
+    return _run(call, ("pip", "compile", *arguments, *options), variables)
 
 
 def create(call: Call, path: Path, interpreter: Interpreter) -> Said:
@@ -98,7 +102,7 @@ def places() -> dict[str, str]:
 
 
 def _run(call: Call, arguments: Iterable[str], more: Mapping[str, str] | None = None) -> Said:
-    common = ("--no-config", "--no-progress", "--color", "never", *(["--offline"] if call.offline else []))
+    common = ("--no-config", "--quiet", "--no-progress", "--color", "never", *(["--offline"] if call.offline else []))
     completed = process.run(
         process.Command(
             argv=(_binary(), *arguments, *common),
@@ -132,7 +136,6 @@ def _environment(call: Call) -> dict[str, str]:
     given = {
         "UV_DEFAULT_INDEX": asked.default,
         "UV_INDEX": " ".join(asked.extra),
-        "UV_FIND_LINKS": ",".join(_existing(asked.find_links, call.index)),
         "UV_INDEX_STRATEGY": asked.strategy,
         "SSL_CERT_FILE": asked.certificates,
         "ALL_PROXY": variables.get("ALL_PROXY") or asked.proxy,

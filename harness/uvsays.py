@@ -37,6 +37,7 @@ SOURCE_BUILD = re.compile(
     r"source distribution|(?:Prepared|Preparing|cached) metadata for|static `PKG-INFO`", re.IGNORECASE
 )
 LEAD = re.compile(r"^\W*(?:error:|cause:)?\s*")
+STATEMENT = re.compile(r"^\s*(?:error|cause): ")
 DEBUG = re.compile(r"^(?:DEBUG|TRACE|INFO) ")
 WARNING = re.compile(r"^warning: ")
 
@@ -124,7 +125,8 @@ def _trouble(words: _Words) -> str:
     hints = [line for line in words.own if line.startswith("hint: ") and TROUBLE.search(line)]
     if hints:
         return normalise.bounded(hints[0].removeprefix("hint: "))
-    lines = [stripped for line in words.own if (stripped := LEAD.sub("", line).strip())]
+    told = [line for line in words.own if STATEMENT.match(line)] or words.own
+    lines = [LEAD.sub("", line).strip() for line in told]
     return normalise.bounded(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
 
 

@@ -1,0 +1,329 @@
+"""Environments made of the fakes by the real uv: their keys, stamps, contents."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import wheelhouse as fakes
+from asking import failed, locked, question
+
+from harness import downloads, environments, exclusive, uv
+from harness.environments import Environment, Wheel, environment_key
+from harness.model import Artifact, IndexSettings, Interpreter, Lock, Outcome, Phase, Step
+
+pytestmark = pytest.mark.usefixtures("workplace")
+
+Make = Callable[..., Environment]
+
+
+@pytest.fixture
+def lock(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Callable[..., Lock]:
+    """Lock with the host's Python over the fakes."""
+
+    def resolve(*requirements: str, python: Interpreter = host) -> Lock:
+        return locked(uv.resolve(question(*requirements, index=offline_index), python, tmp_path / "state" / "x"))
+
+    return resolve
+
+
+@pytest.fixture
+def ensure(host: Interpreter, offline_index: IndexSettings) -> Callable[..., Environment | Step]:
+    """Make the environment of a lock."""
+
+    def make(lock: Lock, *, python: Interpreter = host, index: IndexSettings = offline_index) -> Environment | Step:
+        return environments.ensure(lock, python, question("anything", index=index))
+
+    return make
+
+
+def made(answer: Environment | Step) -> Environment:
+    """Expect an environment."""
+    assert isinstance(answer, Environment), answer
+    return answer
+
+
+def site(environment: Environment) -> Path:
+    """Where its packages lie."""
+    return next(environment.path.glob("lib/python*/site-packages"))
+
+
+class TestContent:
+    def test_lock_and_nothing_else(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
+        """An environment holds the versions of its lock and no package more: no pip, no setuptools."""
+        environment = made(ensure(lock("fake-needs-plain")))
+
+        assert environment.installed == {"fake-needs-plain": "1.0", "fake-plain": "3.0"}
+        assert sorted(path.name for path in site(environment).iterdir() if not path.name.startswith("_virtualenv")) == [
+            "fake_needs_plain-1.0.dist-info",
+            "fake_needs_plain.py",
+            "fake_plain-3.0.dist-info",
+            "fake_plain.py",
+        ]
+
+    @pytest.mark.parametrize("version", ["3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14"])
+    def test_every_python(
+        self, version: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
+    ) -> None:
+        """An environment can be made for every Python that is supported."""
+        from harness import interpreters
+
+        python = interpreters.find(version)
+        if python is None:
+            pytest.skip(f"unavailable: python{version}")
+        environment = made(ensure(lock("fake-plain", python=python), python=python))
+
+        assert site(environment).parent.name == f"python{version}"
+        assert environment.installed == {"fake-plain": "3.0"}
+
+    def test_without_packages(self, ensure: Callable[..., Environment | Step], lock: Callable[..., Lock]) -> None:
+        """A lock without packages has an environment without packages."""
+        empty = replace(lock("fake-plain"), pins=())
+
+        assert made(ensure(empty)).installed == {}
+
+    def test_bound_on_python_is_told(
+        self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step], host: Interpreter
+    ) -> None:
+        """An upper bound on the Python version, which uv takes no notice of, is a finding."""
+        assert [finding.text for finding in made(ensure(lock("fake-old-python"))).findings] == [
+            f"fake-old-python 1.0 requires Python <3.7: uv installs it on {host.version}, pip refuses"
+        ]
+
+
+class TestKey:
+    def wheel(self, name: str, mark: str, version: str = "1.0") -> Wheel:
+        """Describe a wheel."""
+        return Wheel(name=name, version=version, mark=mark, artifact=Artifact(filename="x", sha256="", source=""))
+
+    def test_function_of_interpreter_and_wheels(self, host: Interpreter) -> None:
+        """The key depends on the interpreter's identity and on name, version and mark of each wheel."""
+        a, b = self.wheel("a", "1"), self.wheel("b", "2")
+        key = environment_key(host, [a, b])
+
+        assert key == environment_key(host, [b, a])
+        others = [
+            environment_key(replace(host, identity="another"), [a, b]),
+            environment_key(host, [a]),
+            environment_key(host, [a, self.wheel("b", "3")]),
+            environment_key(host, [a, self.wheel("b", "2", version="2.0")]),
+        ]
+        assert len({key, *others}) == 5
+
+    def test_rebuilt_wheel_same_key(
+        self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step], tmp_path: Path
+    ) -> None:
+        """An sdist that is built again, after the cache was emptied, leads to the same key."""
+        pinned = lock("fake-build-dependent")
+        first = made(ensure(pinned)).key
+        shutil.rmtree(tmp_path / "cache")
+
+        assert made(ensure(pinned)).key == first
+
+
+class TestReuse:
+    def test_second_time(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
+        """An environment is made once and reused afterwards."""
+        pinned = lock("fake-needs-plain")
+        first, second = made(ensure(pinned)), made(ensure(pinned))
+
+        assert (first.reused, second.reused) == (False, True)
+        assert (first.path, first.installed) == (second.path, second.installed)
+
+    @pytest.mark.parametrize("defect", ["no-stamp", "another-key", "broken-stamp", "another-package", "no-python"])
+    def test_made_anew(self, defect: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
+        """An environment without the right stamp, or changed since, is removed and made anew, never synced over."""
+        pinned = lock("fake-needs-plain")
+        environment = made(ensure(pinned))
+        (site(environment) / "left_over.py").touch()
+        stamp = environment.path / "stamp.json"
+        match defect:
+            case "no-stamp":
+                stamp.unlink()
+            case "another-key":
+                stamp.write_text(stamp.read_text().replace(environment.key, "0" * 32))
+            case "broken-stamp":
+                stamp.write_text(stamp.read_text()[:-5])
+            case "another-package":
+                shutil.copytree(
+                    site(environment) / "fake_plain-3.0.dist-info", site(environment) / "fake_more-1.0.dist-info"
+                )
+                text = (site(environment) / "fake_more-1.0.dist-info" / "METADATA").read_text()
+                (site(environment) / "fake_more-1.0.dist-info" / "METADATA").unlink()
+                (site(environment) / "fake_more-1.0.dist-info" / "METADATA").write_text(
+                    text.replace("fake-plain", "fake-more")
+                )
+            case "no-python":
+                environment.python.unlink()
+        again = made(ensure(pinned))
+
+        assert not again.reused
+        assert again.path == environment.path
+        assert not (site(again) / "left_over.py").exists()
+        assert again.installed == environment.installed
+
+    def test_linked_files_are_not_kept_unsealed(
+        self,
+        lock: Callable[..., Lock],
+        ensure: Callable[..., Environment | Step],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """Where nothing can be sealed, files are copies: an environment of hard links is made anew."""
+        pinned = lock("fake-plain")
+        linked = made(ensure(pinned))
+        shared = (site(linked) / "fake_plain.py").stat().st_nlink
+        monkeypatch.setenv("HARNESS_SANDBOX", "subreaper")
+        copied = made(ensure(pinned))
+
+        assert shared > 1
+        assert not copied.reused
+        assert (site(copied) / "fake_plain.py").stat().st_nlink == 1
+
+    def test_two_at_once(
+        self, lock: Callable[..., Lock], host: Interpreter, offline_index: IndexSettings, tmp_path: Path
+    ) -> None:
+        """Of two processes that want one environment at once, one makes it and the other waits for it."""
+        code = (
+            "import sys, msgspec; from harness import environments; from harness.model import *\n"
+            "lock, python, question = msgspec.json.decode(sys.argv[1], type=tuple[Lock, Interpreter, Question])\n"
+            "print(environments.ensure(lock, python, question).reused)"
+        )
+        import msgspec
+
+        wanted = (lock("fake-needs-plain"), host, question("anything", index=offline_index))
+        argv = [sys.executable, "-c", code, msgspec.json.encode(wanted).decode()]
+        running = [subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+        said = sorted(process.communicate(timeout=60)[0].strip() for process in running)
+
+        assert said == ["False", "True"]
+
+
+class TestReinstall:
+    def test_empty_cache(
+        self,
+        lock: Callable[..., Lock],
+        ensure: Callable[..., Environment | Step],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """The same lock with an empty cache gives the same packages, file by file."""
+        pinned = lock("fake-needs-plain", "fake-build-dependent")
+        first = made(ensure(pinned))
+        monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "elsewhere"))
+        second = made(ensure(pinned))
+
+        def content(environment: Environment) -> dict[str, bytes]:
+            names = [path for path in site(environment).rglob("*") if path.is_file() and path.name != "uv_cache.json"]
+            return {
+                path.relative_to(site(environment)).as_posix(): path.read_bytes()
+                for path in names
+                if path.name != "RECORD"
+            }
+
+        assert not second.reused
+        assert second.path != first.path
+        assert second.installed == first.installed
+        assert content(second) == content(first)
+
+
+class TestVerify:
+    def test_changed_files(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
+        """What a cell wrote over, or removed, is found by the hashes of RECORD."""
+        environment = made(ensure(lock("fake-needs-plain")))
+        clean = environments.verify(environment)
+        changed, gone = site(environment) / "fake_plain.py", site(environment) / "fake_needs_plain.py"
+        changed.unlink()
+        changed.write_text("VERSION = '4.0'\n")
+        gone.unlink()
+        folder = site(environment).relative_to(environment.path).as_posix()
+
+        assert clean == ()
+        assert environments.verify(environment) == (f"{folder}/fake_needs_plain.py", f"{folder}/fake_plain.py")
+
+
+class TestTrouble:
+    def test_another_file(self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path) -> None:
+        """A wheel that is another file than the one locked is infra: no verdict about the package."""
+        folder = fakes.make(tmp_path / "wheels", "undeclared")
+        index = IndexSettings(no_index=True, find_links=(str(folder),))
+        pinned = locked(uv.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
+        about = {"name": "fake-undeclared"}
+        fakes.wheel(folder, "1.0", {"fake_undeclared.py": "another = 1\n"}, about)
+        shutil.rmtree(tmp_path / "cache")
+        phase, outcome, decisive = failed(ensure(pinned, index=index))
+
+        assert (phase, outcome) == (Phase.INSTALL, Outcome.INFRA)
+        assert decisive is not None
+        assert "Hash mismatch for `fake-undeclared==1.0`" in decisive
+
+    def test_gone_file(self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path) -> None:
+        """A wheel that is not in its place any more is infra, and leaves no environment behind."""
+        folder = fakes.make(tmp_path / "wheels", "undeclared")
+        index = IndexSettings(no_index=True, find_links=(str(folder),))
+        pinned = locked(uv.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
+        shutil.rmtree(folder)
+        shutil.rmtree(tmp_path / "cache")
+
+        assert failed(ensure(pinned, index=index))[:2] == (Phase.INSTALL, Outcome.INFRA)
+        assert not list((tmp_path / "cache" / "environments").glob("*/"))
+
+    def test_wheel_of_another_version(
+        self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
+    ) -> None:
+        """A wheel whose metadata contradict its name is the package's own fault."""
+        folder = tmp_path / "wheels"
+        folder.mkdir()
+        path = fakes.wheel(folder, "1.0", {"fake_odd.py": ""}, {"name": "fake-odd"})
+        index = IndexSettings(no_index=True, find_links=(str(folder),))
+        pinned = locked(uv.resolve(question("fake-odd", index=index), host, tmp_path / "state" / "x"))
+        odd = path.rename(folder / "fake_odd-2.0-py3-none-any.whl")
+        artifact = replace(pinned.pins[0].artifact, filename=odd.name, source=odd.as_uri())
+        phase, outcome, decisive = failed(
+            ensure(replace(pinned, pins=(replace(pinned.pins[0], version="2.0", artifact=artifact),)), index=index)
+        )
+
+        assert (phase, outcome) == (Phase.INSTALL, Outcome.FAILED)
+        assert decisive is not None
+        assert "Wheel version does not match filename (1.0 != 2.0)" in decisive
+
+
+class TestAnnouncement:
+    def test_large_download(self, caplog: pytest.LogCaptureFixture) -> None:
+        """More than 500 MB are told before they are fetched; what is here already does not count."""
+
+        def artifact(name: str, size: int) -> Artifact:
+            return Artifact(filename=f"{name}.whl", sha256=name, source=f"http://127.0.0.1:9/{name}.whl", size=size)
+
+        files = [artifact("big", 900_000_000), artifact("small", 100_000_000), artifact("known", 900_000_000)]
+        downloads.announce(files[1:], frozenset({"known"}))
+        quiet = caplog.messages.copy()
+        downloads.announce(files, frozenset({"known"}))
+
+        assert quiet == []
+        assert caplog.messages == ["about to download 1.0 GB (big.whl alone 0.9 GB)"]
+
+
+class TestLocksBetweenProcesses:
+    def test_without_flock(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        """Where the file system refuses flock, a lock file does, and that is said once."""
+        import errno
+        import fcntl
+
+        def refuse(*_: object) -> None:
+            raise OSError(errno.ENOLCK, "No locks available")
+
+        monkeypatch.setattr(fcntl, "flock", refuse)
+        for _ in range(2):
+            with exclusive.exclusive(tmp_path / "one.lock"):
+                assert (tmp_path / "one.lock-soft").exists()
+
+        assert not (tmp_path / "one.lock-soft").exists()
+        assert caplog.messages == [
+            f"{tmp_path} is on a file system without flock: lock files are used; "
+            "after a crash remove those that end in -soft"
+        ]
