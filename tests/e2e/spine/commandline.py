@@ -1,0 +1,152 @@
+"""The command line as a user types it: a process of its own in a folder of its own, the network closed."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wheelhouse import FAKES
+
+LONGEST = 240.0
+TOGETHER = ("fake-import-error", "fake-undeclared")
+"""Installed beside the environments, since they cost nothing until they are imported."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ran:
+    """How one command ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What `--json` printed."""
+        return dict(json.loads(self.out))
+
+    def cells(self, axis: str) -> dict[str, dict[str, Any]]:
+        """The cells of the document by their value of an axis."""
+        return {cell["axes"][axis]: cell for cell in self.document["cells"] if axis in cell["axes"]}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Desk:
+    """A working folder with an empty state; the cache and the wheels are shared with the other tests."""
+
+    folder: Path
+    cache: Path
+    wheels: Path
+
+    @property
+    def state(self) -> Path:
+        """Where results go."""
+        return self.folder / ".harness"
+
+    @property
+    def mark(self) -> str:
+        """A word that no other process of this machine knows."""
+        return "mark-" + hashlib.sha256(str(self.folder).encode()).hexdigest()[:16]
+
+    def matrix(self, name: str, text: str) -> Path:
+        """Write a matrix file, with what `@WHEELS@`, `@FOLDER@`, `@MARK@` and `@FAKES@` (all that runs) stand for."""
+        words = {
+            "@WHEELS@": str(self.wheels),
+            "@FOLDER@": str(self.folder),
+            "@MARK@": self.mark,
+            "@FAKES@": json.dumps(runtime_fakes())[1:-1],
+        }
+        for word, meaning in words.items():
+            text = text.replace(word, meaning)
+        path = self.folder / f"{name}.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def run(self, *arguments: str | Path, **variables: str) -> Ran:
+        """Run one command to its end."""
+        with self.started(*arguments, **variables) as process:
+            out, err = process.communicate(timeout=LONGEST)
+        return Ran(code=process.returncode, out=out, err=err)
+
+    @contextmanager
+    def started(self, *arguments: str | Path, **variables: str) -> Iterator[subprocess.Popen[str]]:
+        """Start one command; it is ended with the block."""
+        process = subprocess.Popen(
+            (*closed_network(), sys.executable, "-m", "harness", *map(str, arguments)),
+            cwd=self.folder,
+            env=self._environment(variables),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.communicate()
+
+    def _environment(self, variables: Mapping[str, str]) -> dict[str, str]:
+        """The tests' own, without what would point the harness elsewhere."""
+        foreign = ("UV_", "PIP_", "HARNESS_", "VIRTUAL_ENV", "CONDA_PREFIX")
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(foreign)}
+        own = {
+            "HARNESS_CACHE": str(self.cache),
+            "XDG_CONFIG_HOME": str(self.folder / "config"),
+            "PIP_CONFIG_FILE": os.devnull,
+            "COLUMNS": "200",
+        }
+        return kept | own | variables
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Measured:
+    """A run, and where it left what it found."""
+
+    desk: Desk
+    ran: Ran
+
+
+@functools.cache
+def runtime_fakes() -> list[str]:
+    """The fakes that go wrong at run time: tests that ask for all of them share one installed environment."""
+    known = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(FAKES.glob("*/fake.toml"))]
+    return [
+        about["name"]
+        for about in known
+        if about["name"] in TOGETHER or {"gymnasium", "fake-healthy"} & {*about.get("requires", ())}
+    ]
+
+
+@functools.cache
+def closed_network() -> tuple[str, ...]:
+    """What to put before a command so that it has no network, where this machine allows it."""
+    for prefix in (("unshare", "-n"), ("unshare", "-r", "-n")):
+        try:
+            if subprocess.run((*prefix, "true"), capture_output=True, check=False).returncode == 0:
+                return prefix
+        except FileNotFoundError:
+            return ()
+    return ()
+
+
+def processes_of(mark: str) -> list[int]:
+    """Processes that have a text in their variables or in their command line."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            told = (folder / "environ").read_bytes() + (folder / "cmdline").read_bytes()
+        except OSError:  # it has ended, or is somebody else's
+            continue
+        if mark.encode() in told:
+            found.append(int(folder.name))
+    return found

@@ -1,0 +1,109 @@
+"""What tests of the whole spine share: one shelf of wheels, one cache, one run over all defects."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+import wheelhouse as fakes
+from commandline import Desk, Measured, Ran
+from filelock import FileLock
+
+from harness import index, interpreters, uv
+from harness.errors import CouldNotTell
+from harness.model import Lock, Question
+
+REAL = ("gymnasium==1.2.3", "numpy==2.2.6")
+"""What the fakes need of the real index."""
+
+
+@pytest.fixture(scope="session")
+def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that all workers of this session have in common, empty at its start."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "spine"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def wheels(together: Path, pytestconfig: pytest.Config) -> Path:
+    """The fakes, and the few real wheels that they need: downloaded once, then kept in pytest's own cache."""
+    shelf = together / "wheels"
+    with FileLock(together / "wheels.lock"):
+        if not shelf.exists():
+            kept = pytestconfig.cache.mkdir("wheels")  # type: ignore[union-attr]
+            _download(kept, together)
+            fakes.make(together / "making")
+            for wheel in kept.glob("*/*.whl"):
+                shutil.copy(wheel, together / "making")
+            (together / "making").rename(shelf)
+    return shelf
+
+
+def _download(kept: Path, together: Path) -> None:
+    host = interpreters.find("host")
+    assert host
+    done = kept / f"{'-'.join(REAL)}-{host.minor}"
+    if done.exists():
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HARNESS_CACHE", str(together / "downloads"))
+        question = Question(requirements=REAL, only_binary=(":all:",), snapshot="2026-01-01T00:00:00Z")
+        lock = uv.resolve(question, host, together / "log")
+        try:
+            if not isinstance(lock, Lock):
+                pytest.skip("unavailable: package index")
+            for pin in lock.pins:
+                index.fetch(pin.artifact, kept)
+        except CouldNotTell:
+            pytest.skip("unavailable: package index")
+    done.touch()
+
+
+@pytest.fixture
+def desk(together: Path, wheels: Path, tmp_path: Path) -> Desk:
+    """A working folder with an empty state."""
+    return Desk(folder=tmp_path, cache=together / "cache", wheels=wheels)
+
+
+@pytest.fixture(scope="session")
+def once(together: Path, wheels: Path) -> Callable[[str, Callable[[Desk], Ran]], Measured]:
+    """Run something once for all workers of the session; the others read how it ended."""
+
+    def once(name: str, measure: Callable[[Desk], Ran]) -> Measured:
+        desk = Desk(folder=together / name, cache=together / "cache", wheels=wheels)
+        kept = together / f"{name}.json"
+        with FileLock(together / f"{name}.lock"):
+            if not kept.exists():
+                desk.folder.mkdir()
+                kept.write_text(json.dumps(asdict(measure(desk))), encoding="utf-8")
+        return Measured(desk=desk, ran=Ran(**json.loads(kept.read_text(encoding="utf-8"))))
+
+    return once
+
+
+@pytest.fixture(scope="session")
+def defects(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+    """Every defect that shows at run time."""
+    text = (Path(__file__).parent / "defects.toml").read_text(encoding="utf-8")
+    return once("defects", lambda desk: desk.run("run", desk.matrix("defects", text), "--json", "-j", "2"))
+
+
+@pytest.fixture(scope="session")
+def verdicts(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+    """The verdicts that no defect at run time leads to; each failure is confirmed, `left-out` is left out."""
+
+    def measure(desk: Desk) -> Ran:
+        matrices = [
+            desk.matrix(path.stem, path.read_text(encoding="utf-8"))
+            for path in sorted(Path(__file__).parent.glob("verdict-*.toml"))
+        ]
+        return desk.run("run", *matrices, "--verify", "-k", "*[!t]", "--json", "-j", "2", UV_HTTP_RETRIES="0")
+
+    return once("verdicts", measure)

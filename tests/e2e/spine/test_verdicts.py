@@ -1,0 +1,152 @@
+"""The verdicts that come before anything runs, or say nothing about packages; with the defects, all there are."""
+
+from __future__ import annotations
+
+import re
+import shutil
+
+import pytest
+from commandline import Desk, Measured
+
+from harness import cellrun, environments, interpreters, launch, machine, uv, verdict
+from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
+from harness.store import Store
+
+EARLY = {
+    "works": ("works", None, None, None),
+    "builds": ("works", None, None, None),
+    "flaky": ("broken", "single", "flaky", "passed 2 of 3 runs; else: OSError: the device is busy"),
+    "unresolvable": (
+        "unresolvable",
+        "resolve",
+        "failed",
+        "Because only fake-plain>=1.0 is available and all versions of fake-unresolvable depend on fake-plain<1, "
+        "we can conclude that all versions of fake-unresolvable cannot be used. And because you require "
+        "fake-unresolvable",
+    ),
+    "no-wheel": (
+        "unresolvable",
+        "resolve",
+        "failed",
+        r"Because fake-no-wheel==1\.0 has no wheels with a matching Python implementation tag \(e\.g\., `cp\d+`\).*",
+    ),
+    "build-failure": (
+        "uninstallable",
+        "install",
+        "failed",
+        "RuntimeError: FAKE_PATH environment variable is not set",
+    ),
+    "left-out": ("not_run", None, None, None),
+}
+"""Cell to verdict, the phase that decided it, how that ended, and the decisive line."""
+
+
+@pytest.mark.parametrize("what", EARLY)
+def test_verdicts_about_packages(verdicts: Measured, what: str) -> None:
+    """No solution, no wheel, a build that fails, a failure that comes and goes: each is told as what it is."""
+    cell = verdicts.ran.cells("what")[what]
+    wanted, phase, outcome, decisive = EARLY[what]
+    assert (cell["verdict"], cell["phase"], cell["phases"].get(phase)) == (wanted, phase, outcome)
+    assert cell["decisive"] is None if decisive is None else re.fullmatch(decisive, cell["decisive"])
+
+
+def test_a_python_that_nobody_has_is_unavailable(verdicts: Measured) -> None:
+    """A cell whose interpreter cannot be had says what to do, and blames no package."""
+    cell = _cell(verdicts, "verdict-python")
+    assert (cell["verdict"], cell["as_expected"], cell["python"]) == ("unavailable", None, None)
+    assert cell["decisive"] == (
+        "python 3.99 is not on this machine and uv could not download it; "
+        "install it with `uv python install 3.99` or pyenv, then run again"
+    )
+
+
+def test_an_index_that_does_not_answer_is_inconclusive(verdicts: Measured) -> None:
+    """An index failure is infra: never a verdict about packages."""
+    cell = _cell(verdicts, "verdict-index")
+    assert (cell["verdict"], cell["as_expected"], cell["phases"]["resolve"]) == ("inconclusive", None, "infra")
+    assert re.search("Network is unreachable|Connection refused", cell["decisive"])
+
+
+def test_a_capability_that_is_missing_is_unavailable(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cell that needs what this machine lacks is not tried."""
+    monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
+    missing = sorted({"gpu", "display", "osmesa", "egl"} - machine.facts().capabilities)
+    if not missing:
+        pytest.skip("unavailable: a capability that is missing")
+    text = f'needs = ["{missing[0]}"]\ncases = [{{ imports = ["fake_plain"] }}]\n[axes]\npython = ["host"]\n'
+    ran = desk.run("run", desk.matrix("needs", text), "--json")
+    (cell,) = ran.document["cells"]
+    assert (ran.code, cell["verdict"]) == (0, "unavailable")
+    assert cell["decisive"].startswith("no " + machine.HINTS[missing[0]][0])
+
+
+def test_more_memory_than_allowed_is_inconclusive(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A memory hog is ended at the limit; that the limit is ours makes it infra, whatever the package."""
+    record = _probed(desk, monkeypatch, "fake_memory_hog:MemoryHog-v0", memory_mb=300)
+    judged = verdict.judge(record)
+    assert (judged.verdict, judged.phases[Phase.SINGLE]) == (Verdict.INCONCLUSIVE, Outcome.INFRA)
+    assert judged.decisive == "needs more than the 300 MB of memory that a probe may use here"
+
+
+def test_another_python_than_the_lock_s_is_inconclusive(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An environment whose Python was changed under it says nothing about packages."""
+    other = interpreters.find("3.9")
+    if other is None:
+        pytest.skip("unavailable: python3.9")
+    record = _probed(desk, monkeypatch, "fake_healthy:Healthy-v0", python=other.path)
+    judged = verdict.judge(record)
+    assert (judged.verdict, judged.phases[Phase.IMPORT]) == (Verdict.INCONCLUSIVE, Outcome.INFRA)
+    assert judged.decisive == f"the environment's Python is {other.version}, not {record.python}"
+
+
+def test_every_verdict_and_outcome_is_reached(defects: Measured, verdicts: Measured) -> None:
+    """Between them the two runs show everything that the harness can say."""
+    cells = [*defects.ran.document["cells"], *verdicts.ran.document["cells"]]
+    assert {cell["verdict"] for cell in cells} == set(Verdict)
+    assert {outcome for cell in cells for outcome in cell["phases"].values()} == set(Outcome)
+
+
+def _cell(measured: Measured, matrix: str) -> dict[str, object]:
+    (cell,) = (cell for cell in measured.ran.document["cells"] if cell["matrix"] == matrix)
+    return dict(cell)
+
+
+def _probed(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch, env: str, *, memory_mb: int = 6000, python: str | None = None
+) -> CellRecord:
+    """The record of an environment that is run in a way that no command line asks for."""
+    monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
+    monkeypatch.setenv("HARNESS_STATE", str(desk.state))
+    host = interpreters.find("host")
+    assert host
+    index = IndexSettings(no_index=True, find_links=(str(desk.wheels),))
+    question = Question(requirements=("fake-memory-hog",), index=index)
+    lock = uv.resolve(question, host, desk.folder / "lock")
+    assert not isinstance(lock, Step)
+    made = environments.ensure(lock, host, question)
+    assert not isinstance(made, Step)
+    folder = shutil.copytree(made.path, desk.folder / "environment", symlinks=True)
+    if python:
+        (folder / "bin" / "python").unlink()
+        (folder / "bin" / "python").symlink_to(python)
+    case = Case(id="c", env=env, api="gymnasium", checks=("import.modules", "single.loop"))
+    cell = Cell(id="m/c", matrix="m", axes={}, python="host", question=question, environment={}, cases=(case,))
+    context = cellrun.Context(
+        store=Store(desk.state),
+        python=host.version,
+        site=lambda: launch.Site(
+            folder=folder,
+            python=folder / "bin" / "python",
+            pycache=desk.folder / "pycache",
+            variables=machine.base_environment(),
+            files={},
+            memory_mb=memory_mb,
+        ),
+        identity=(),
+        capabilities=frozenset(),
+        places={},
+    )
+    passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
+    install = Step(phase=Phase.INSTALL, outcome=Outcome.PASSED)
+    cases = (cellrun.run_case(context, case),)
+    return CellRecord(cell=cell, machine="m", python=host.version, resolve=passed, install=install, cases=cases)

@@ -1,0 +1,12 @@
+import fake_healthy
+import gymnasium
+
+
+class NeedsGl(fake_healthy.Healthy):
+    def render(self):
+        import pyglet
+
+        raise RuntimeError("%s: no display to draw on" % pyglet.__name__)
+
+
+gymnasium.register("NeedsGl-v0", NeedsGl)
