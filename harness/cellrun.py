@@ -94,7 +94,7 @@ def _absent(phase: Phase, asked: bool) -> PhaseRecord:
 
 def _key(context: Context, case: Case, phase: Phase, checks: tuple[str, ...]) -> str:
     limits = {check: _limit(case, check) for check in checks}
-    asked = (case.env, case.api, case.kwargs, case.imports, case.steps, case.seed, limits)
+    asked = (case.env, case.api, case.kwargs, case.imports, case.providers, case.steps, case.seed, limits)
     return digest("phase", context.identity, asked, phase, launch.probe_hash(case.api, phase))
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from time import monotonic
 
 import msgspec
+from packaging.requirements import Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
@@ -119,6 +120,12 @@ def installed(path: Path) -> dict[str, str]:
 def modules(path: Path) -> dict[str, tuple[str, ...]]:
     """The top-level modules of each package, as its RECORD lists files: name to modules, sorted."""
     return {canonicalize_name(one.name): _top_level(one) for one in _distributions(path)}
+
+
+def requiring(path: Path, name: str) -> tuple[str, ...]:
+    """The packages that declare, in whatever extra, that they need this one."""
+    found = ((canonicalize_name(one.name), map(Requirement, one.requires or ())) for one in _distributions(path))
+    return tuple(sorted(asker for asker, needs in found if name in {canonicalize_name(need.name) for need in needs}))
 
 
 def verify(environment: Environment) -> tuple[str, ...]:

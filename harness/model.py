@@ -89,7 +89,9 @@ class Case:
 
     `checks` are names like `vector.sync`, the part before the dot being their phase. `required` names finding
     checks whose warnings turn the case red. `timeouts` maps a phase to seconds per check, `imports` are module
-    names imported first, `packages` distributions whose own top-level modules are imported, too.
+    names imported first. `packages` are distributions asked for: without an environment their modules are imported,
+    else those of the ones that speak the API, where the environment is not registered without them (`providers`, which
+    the host fills in after the install).
     """
 
     id: str
@@ -100,6 +102,7 @@ class Case:
     required: tuple[str, ...] = ()
     imports: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
+    providers: tuple[str, ...] = ()
     timeouts: Mapping[Phase, float] = field(default_factory=dict)
     steps: int = 100
     seed: int = 7

@@ -13,8 +13,21 @@ from time import monotonic
 from typing import Protocol
 
 from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
-from harness.model import Case, CaseRecord, Cell, CellRecord, Interpreter, Lock, Outcome, Phase, PhaseRecord, Question, Step
+from harness.model import (
+    Case,
+    CaseRecord,
+    Cell,
+    CellRecord,
+    Interpreter,
+    Lock,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Question,
+    Step,
+)
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
+from harness.words import Api
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -248,6 +261,7 @@ class _Pool:
             key=made.key,
             versions=made.installed,
             modules=environments.modules(made.path),
+            speaking={api: environments.requiring(made.path, api) for api in Api},
             seconds=round(made.seconds, 3),
             findings=made.findings,
         )
@@ -282,9 +296,13 @@ def _not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
 
 
 def _with_modules(case: Case, installed: Installed) -> Case:
-    """The case with the modules of its packages among its imports; a package without any is left to fail by name."""
-    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in case.packages)
-    return replace(case, imports=(*case.imports, *(module for modules in found for module in modules)))
+    """The case with the modules of its packages; one that installs none is left to fail by its name."""
+    speaking = [name for name in case.packages if not case.api or name in installed.speaking.get(case.api, ())]
+    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in speaking)
+    modules = tuple(module for modules in found for module in modules)
+    if case.env is None:
+        return replace(case, imports=(*case.imports, *modules))
+    return replace(case, providers=modules)
 
 
 def _phases(record: CellRecord) -> Iterator[PhaseRecord]:

@@ -14,6 +14,10 @@ class Family:
         prefix, colon, _ = (case["env"] or "").partition(":")
         return [self.name] + ([prefix] if colon else [])
 
+    def knows(self, case):
+        """Whether the environment of a case is registered."""
+        return case["env"] in importlib.import_module(self.name + ".envs.registration").registry
+
     @property
     def spaces(self):
         """The module of space classes."""

@@ -94,15 +94,24 @@ class Probe:
         self.reply.write("end", modules=_own_modules(), versions=versions)
 
     def import_modules(self):
-        """Import what the case names, then what its API needs: seconds by module. Done once."""
+        """Import what the case names, then what its API needs: seconds by module. Done once.
+
+        An environment that is not registered by then is looked for in the modules that may bring it.
+        """
         names = list(self.case["imports"]) + (self.api.modules(self.case) if self.api else [])
         for name in names:
-            if name not in self._imported:
-                began = time.monotonic()
-                with library:
-                    importlib.import_module(name)
-                self._imported[name] = round(time.monotonic() - began, 4)
+            self._import(name)
+        for name in self.case["providers"] if self.api else ():
+            if not self.api.knows(self.case):
+                self._import(name)
         return dict(self._imported)
+
+    def _import(self, name):
+        if name not in self._imported:
+            began = time.monotonic()
+            with library:
+                importlib.import_module(name)
+            self._imported[name] = round(time.monotonic() - began, 4)
 
     def _phase(self, check):
         return importlib.import_module(".phase_" + check.partition(".")[0], __package__)

@@ -131,15 +131,16 @@ def cases_for(asked: Asked) -> tuple[Case, ...]:
     envs = dict.fromkeys(asked.envs, CHECKS) or (_suggested(asked, api) if api else {})
     if not envs and imports:
         return (_import_case(imports=imports),)
+    asked_for = dict.fromkeys(map(required_name, asked.requirements))
     if not envs:
-        names = dict.fromkeys(map(required_name, asked.requirements))
-        return tuple(_import_case(packages=(name,)) for name in names)
+        return tuple(_import_case(packages=(name,)) for name in asked_for)
+    packages = tuple(name for name in asked_for if name not in set(Api))
     cases: dict[str, Case] = {}
     for env, checks in envs.items():
         with located("--env"):
             name = _free(case_id(env, ()), cases)
             spoken = api_of(env, asked.api) or api or Api.GYMNASIUM
-        cases[name] = Case(id=name, env=env, api=spoken.value, imports=imports, checks=checks)
+        cases[name] = Case(id=name, env=env, api=spoken.value, imports=imports, packages=packages, checks=checks)
     return tuple(cases.values())
 
 

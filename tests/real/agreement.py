@@ -64,14 +64,25 @@ def cell_of(number: int, entry: dict) -> Cell:
     """The cell that an entry stands for."""
     asked = plan.Asked(
         requirements=tuple(entry["requirements"]),
-        constraints=tuple(entry.get("constraints", ())),
+        only_binary=tuple(entry.get("only_binary", ())),
         python=entry["python"],
         envs=tuple(case["env"] for case in entry["cases"]),
         api=entry["cases"][0]["api"],
         as_of=str(entry["snapshot"]),
     )
     (cell,) = plan.single(asked).cells
-    return replace(cell, matrix="measured", id=f"measured/{number:02}-{cell.label}"[:150])
+    told = {case["env"]: case for case in entry["cases"]}
+    cases = tuple(
+        replace(
+            case,
+            imports=tuple(told[case.env].get("imports", ())),
+            kwargs=told[case.env].get("kwargs", {}),
+            packages=(),  # by hand nothing was imported but what the entry says
+        )
+        for case in cell.cases
+        if case.env
+    )
+    return replace(cell, matrix="measured", id=f"measured/{number:02}-{cell.label}"[:150], cases=cases)
 
 
 def run(cells: Sequence[Cell], opened: store.Store) -> tuple[CellRecord, ...]:

@@ -203,6 +203,7 @@ def test_request() -> None:
             "required": [],
             "imports": [],
             "packages": [],
+            "providers": [],
             "timeouts": {"single": 3.0},
             "steps": 100,
             "seed": 7,
