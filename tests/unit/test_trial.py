@@ -40,7 +40,9 @@ def test_one_cell_named_by_what_is_pinned() -> None:
     assert cell.id == "try/py3.11-gymnasium1.2.3-mujoco3.3.7-scipy"
     assert cell.axes == {"python": "3.11", "gymnasium": "1.2.3", "mujoco": "3.3.7"}
     assert cell.environment == {"MUJOCO_GL": "egl"}
-    assert cell.cases == (Case(id="Ant-v5", env="Ant-v5", api="gymnasium", packages=("mujoco",), checks=CHECKS),)
+    assert cell.cases == (
+        Case(id="Ant-v5", env="Ant-v5", api="gymnasium", packages=("mujoco", "scipy"), checks=CHECKS),
+    )
     assert cell.question == Question(
         requirements=("gymnasium[mujoco]==1.2.3", "mujoco==3.3.7", "scipy>=1"),
         constraints=("numpy<2",),
