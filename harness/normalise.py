@@ -81,6 +81,7 @@ REPORT = re.compile(HEADER.pattern + r"|^Exception (?:ignored )?in|^Process \S+:
 EXCEPTION = re.compile(r"^[A-Za-z_][\w.<>]*(?:$|: ?)")
 FRAME = re.compile(r'File "([^"]+)", line (\d+)(?:,)? in (.+)')
 MESSAGE_LINES = 4
+MISSING_MODULE = re.compile(r"^ModuleNotFoundError: No module named '([^'.]+)")
 CLEANING_UP = frozenset({"close", "__exit__", "__del__", "terminate"})
 CAUSE = "The above exception was the direct cause of the following exception:"
 CONTEXT = "During handling of the above exception, another exception occurred:"
@@ -116,12 +117,18 @@ def _root(chain: Sequence[_Block]) -> _Block:
     chosen = chain[-1]
     for earlier, later in zip(reversed(chain[:-1]), reversed(chain[1:]), strict=True):
         told_by_earlier = (
-            earlier.kind not in LOOKUPS if later.link == CAUSE else later.kind in MASKS or later.cleaning_up
+            not _says_less(earlier, later) if later.link == CAUSE else later.kind in MASKS or later.cleaning_up
         )
         if not told_by_earlier:
             break
         chosen = earlier
     return chosen
+
+
+def _says_less(cause: _Block, raised: _Block) -> bool:
+    """Whether a cause is only a bare key, or names a missing module that the exception raised from it names, too."""
+    missing = MISSING_MODULE.search(cause.text)
+    return cause.kind in LOOKUPS or bool(missing and missing[1].casefold() in raised.text.casefold())
 
 
 def _chains(lines: Sequence[str]) -> Iterator[tuple[_Block, ...]]:

@@ -113,6 +113,35 @@ gymnasium.error.NameNotFound: Environment `Ant` in version 9 doesn't exist.
 """,
         "gymnasium.error.NameNotFound: Environment `Ant` in version 9 doesn't exist.",
     ),
+    "a missing module that the exception names with its remedy": (
+        """\
+Traceback (most recent call last):
+  File "x.py", line 1, in <module>
+ModuleNotFoundError: No module named 'pygame'
+
+The above exception was the direct cause of the following exception:
+
+Traceback (most recent call last):
+  File "x.py", line 1, in <module>
+gymnasium.error.DependencyNotInstalled: pygame is not installed, run `pip install "gymnasium[classic-control]"`
+""",
+        "gymnasium.error.DependencyNotInstalled: pygame is not installed, "
+        'run `pip install "gymnasium[classic-control]"`',
+    ),
+    "a missing module that the exception does not name": (
+        """\
+Traceback (most recent call last):
+  File "x.py", line 1, in <module>
+ModuleNotFoundError: No module named 'packaging.version'
+
+The above exception was the direct cause of the following exception:
+
+Traceback (most recent call last):
+  File "x.py", line 1, in <module>
+gymnasium.error.DependencyNotInstalled: MuJoCo is not installed
+""",
+        "ModuleNotFoundError: No module named 'packaging.version'",
+    ),
     "a first try that was handled": (
         """\
 Traceback (most recent call last):
