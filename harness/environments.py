@@ -60,6 +60,7 @@ class _Stamp:
     link_mode: str
     installed: dict[str, str]
     hashes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def mode() -> str:
@@ -82,34 +83,27 @@ def ensure(
     """
     started = monotonic()
     wheels = _wheels(lock, interpreter, question, offline=offline, chain=chain)
-    made = wheels if isinstance(wheels, Step) else _ensured(wheels, interpreter, question, offline=offline)
-    if isinstance(made, Step):
-        return replace(made, seconds=monotonic() - started)
-    path, reused = made
+    if isinstance(wheels, Step):
+        return replace(wheels, seconds=monotonic() - started)
+    path = cache_folder() / "environments" / environment_key(interpreter, wheels)
+    stamp, reused = _usable(path), True
+    if stamp is None:
+        with exclusive(path.with_name(f"{path.name}.lock")):
+            stamp = _usable(path)  # it may have been made while we waited
+            if stamp is None:
+                made, reused = _make(path, wheels, interpreter, question, offline=offline), False
+                if isinstance(made, Step):
+                    return replace(made, seconds=monotonic() - started)
+                stamp = made
     return Environment(
         path=path,
         python=path / "bin" / "python",
         key=path.name,
-        installed=installed(path),
+        installed=stamp.installed,
         reused=reused,
         seconds=monotonic() - started,
-        findings=(*_built_here(lock), *_beyond_python(path, interpreter)),
+        findings=(*_built_here(lock), *stamp.findings),
     )
-
-
-def _ensured(
-    wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, *, offline: bool
-) -> tuple[Path, bool] | Step:
-    """The folder of the environment, and whether it was there; of two processes one makes it and the other waits."""
-    key = environment_key(interpreter, wheels)
-    path = cache_folder() / "environments" / key
-    if _usable(path, key):
-        return path, True
-    with exclusive(path.with_name(f"{key}.lock")):
-        if _usable(path, key):
-            return path, True
-        failed = _make(path, key, wheels, interpreter, question, offline=offline)
-    return failed or (path, False)
 
 
 def installed(path: Path) -> dict[str, str]:
@@ -185,19 +179,24 @@ def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
 # --- making ----------------------------------------------------------------------------------------------------
 
 
-def _usable(path: Path, key: str) -> bool:
-    """Whether the environment stands as it was made, as far as a look at its metadata tells."""
+def _stamp(path: Path) -> _Stamp | None:
     try:
-        stamp = msgspec.json.decode((path / "stamp.json").read_bytes(), type=_Stamp)
-    except (OSError, msgspec.DecodeError):
-        return False
-    fitting = stamp.key == key and stamp.link_mode in {mode(), "copy"}
-    return fitting and (path / "bin" / "python").exists() and stamp.installed == installed(path)
+        return msgspec.json.decode((path / "stamp.json").read_bytes(), type=_Stamp)
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+def _usable(path: Path) -> _Stamp | None:
+    """The stamp of an environment that stands as it was made, as far as a look at its metadata tells."""
+    stamp = _stamp(path)
+    if stamp is None or stamp.key != path.name or stamp.link_mode not in {mode(), "copy"}:
+        return None
+    return stamp if (path / "bin" / "python").exists() and stamp.installed == installed(path) else None
 
 
 def _make(
-    path: Path, key: str, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, *, offline: bool
-) -> Step | None:
+    path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, *, offline: bool
+) -> _Stamp | Step:
     """Make it in its own place, since scripts name their interpreter by path; what is left of another goes first."""
     shutil.rmtree(path, ignore_errors=True)
     if not offline:
@@ -210,16 +209,21 @@ def _make(
             cache=uvcli.shared_cache(),
             offline=offline,
         )
-        failed = _fill(call, path, wheels, interpreter, open_store().evidence(f"install-{key}") / "uv.log")
+        failed = _fill(call, path, wheels, interpreter, open_store().evidence(f"install-{path.name}") / "uv.log")
     found = installed(path)
     failed = failed or _difference(found, {one.name: _plain(one.version) for one in wheels})
     if failed:
         shutil.rmtree(path, ignore_errors=True)
         return failed
-    hashes = tuple(sorted(one.artifact.sha256 for one in wheels))
-    stamp = _Stamp(key=key, link_mode=mode(), installed=found, hashes=hashes)
+    stamp = _Stamp(
+        key=path.name,
+        link_mode=mode(),
+        installed=found,
+        hashes=tuple(sorted(one.artifact.sha256 for one in wheels)),
+        findings=tuple(_beyond_python(path, interpreter)),
+    )
     write_atomic(path / "stamp.json", msgspec.json.encode(stamp))
-    return None
+    return stamp
 
 
 def _fill(call: uvcli.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path) -> Step | None:
@@ -257,8 +261,8 @@ def _difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> Step | N
 
 def _known_hashes(folder: Path) -> frozenset[str]:
     """Wheels that some environment here was made of, and so lie in uv's cache."""
-    stamps = (msgspec.json.decode(path.read_bytes(), type=_Stamp) for path in folder.glob("*/stamp.json"))
-    return frozenset(sha256 for stamp in stamps for sha256 in stamp.hashes)
+    stamps = (_stamp(path) for path in folder.iterdir()) if folder.exists() else ()
+    return frozenset(sha256 for stamp in stamps if stamp for sha256 in stamp.hashes)
 
 
 # --- reading ---------------------------------------------------------------------------------------------------

@@ -84,8 +84,11 @@ def create(call: Call, path: Path, interpreter: Interpreter) -> Said:
 
 
 def install(call: Call, python: Path, pylock: Path, link_mode: str) -> Said:
-    """Install exactly the wheels of a pylock into an environment; no index is asked, nothing is built."""
-    options = ("--no-deps", "--no-build", "--no-index", "--preview-features", "pylock", "--link-mode", link_mode)
+    """Install exactly the wheels of a pylock into an environment; nothing is built.
+
+    No index is asked for packages; uv is still told of them, since their logins are for the files too.
+    """
+    options = ("--no-deps", "--no-build", "--preview-features", "pylock", "--link-mode", link_mode)
     return _run(call, ("pip", "install", "--python", str(python), "-r", str(pylock), *options))
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 
 import pytest
 import wheelhouse as fakes
@@ -54,3 +57,29 @@ def other() -> Interpreter:
 def offline_index(wheelhouse: Path) -> IndexSettings:
     """The fakes and nothing else."""
     return IndexSettings(no_index=True, find_links=(str(wheelhouse),))
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[Callable[[BaseHTTPRequestHandler], None]], str]]:
+    """Start an index on the loopback whose answers a function writes; gives its address."""
+    servers = []
+
+    def start(answer: Callable[[BaseHTTPRequestHandler], None]) -> str:
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                answer(self)
+
+            do_HEAD = do_GET  # noqa: N815  (the name is the server's)
+
+            def log_message(self, *_: object) -> None:
+                pass
+
+        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.server_address[1]}/simple"
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()

@@ -3,13 +3,16 @@
 import shutil
 import subprocess
 import sys
+from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import replace
+from hashlib import sha256
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
 import pytest
 import wheelhouse as fakes
-from asking import failed, locked, question
+from asking import failed, locked, question, send
 
 from harness import downloads, environments, exclusive, uv
 from harness.environments import Environment, Wheel, environment_key
@@ -227,6 +230,40 @@ class TestReinstall:
         assert second.path != first.path
         assert second.installed == first.installed
         assert content(second) == content(first)
+
+
+class TestLogin:
+    def test_files_of_a_private_index(
+        self,
+        host: Interpreter,
+        ensure: Callable[..., Environment | Step],
+        serve: Callable[..., str],
+        wheelhouse: Path,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """The login of an index is used for its files too, and is written down nowhere."""
+        login = "Basic " + b64encode(b"me:secret").decode()
+
+        def answer(handler: BaseHTTPRequestHandler) -> None:
+            if handler.headers.get("Authorization") != login:
+                send(handler, 401)
+                return
+            name = handler.path.rpartition("/")[2]
+            path = wheelhouse / "fake_plain-1.0-py3-none-any.whl"
+            page = (
+                f'<a href="/files/{path.name}#sha256={sha256(path.read_bytes()).hexdigest()}" '
+                f'data-upload-time="2024-01-01T00:00:00Z">{path.name}</a>'
+            )
+            send(handler, 200, path.read_bytes() if name == path.name else page.encode())
+
+        monkeypatch.setenv("UV_DEFAULT_INDEX", serve(answer).replace("//", "//me:secret@"))
+        pinned = locked(uv.resolve(question("fake-plain", index=IndexSettings()), host, tmp_path / "state" / "x"))
+        environment = made(ensure(pinned, index=IndexSettings()))
+
+        assert environment.installed == {"fake-plain": "1.0"}
+        kept = [path.read_text() for path in (tmp_path / "state").rglob("*") if path.is_file()]
+        assert not any("secret" in text for text in kept)
 
 
 class TestVerify:

@@ -1,14 +1,13 @@
 """Resolutions by the real uv, over fakes in a folder and over little indexes on the loopback."""
 
 import hashlib
-from collections.abc import Callable, Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
-from threading import Thread
 
 import pytest
 import wheelhouse as fakes
-from asking import failed, locked, question
+from asking import failed, locked, question, send
 
 from harness import uv
 from harness.errors import BadInput
@@ -33,41 +32,6 @@ def ask(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Call
         return uv.resolve(question(*requirements, **{"index": offline_index, **more}), python, tmp_path / "state" / "x")
 
     return resolve
-
-
-@pytest.fixture
-def serve() -> Iterator[Callable[[Callable[[BaseHTTPRequestHandler], None]], str]]:
-    """Start an index on the loopback whose answers a function writes; gives its address."""
-    servers = []
-
-    def start(answer: Callable[[BaseHTTPRequestHandler], None]) -> str:
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                answer(self)
-
-            do_HEAD = do_GET  # noqa: N815  (the name is the server's)
-
-            def log_message(self, *_: object) -> None:
-                pass
-
-        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        Thread(target=server.serve_forever, daemon=True).start()
-        servers.append(server)
-        return f"http://127.0.0.1:{server.server_address[1]}/simple"
-
-    yield start
-    for server in servers:
-        server.shutdown()
-        server.server_close()
-
-
-def send(handler: BaseHTTPRequestHandler, code: int, body: bytes = b"", *, announced: int | None = None) -> None:
-    """Answer with a page; `announced` is a length that the body does not have."""
-    handler.send_response(code)
-    handler.send_header("Content-Type", "text/html")
-    handler.send_header("Content-Length", str(len(body) if announced is None else announced))
-    handler.end_headers()
-    handler.wfile.write(body)
 
 
 def breaking(how: str) -> Callable[[BaseHTTPRequestHandler], None]:
