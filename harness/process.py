@@ -218,6 +218,11 @@ def stop() -> None:
             running.kill("interrupted")
 
 
+def stopped() -> bool:
+    """Whether all was ended: what comes back now says nothing."""
+    return _stopped.is_set()
+
+
 def sandbox_mode() -> str:
     """The best of `SANDBOXES` that this machine allows, found by trying; `HARNESS_SANDBOX` takes another."""
     forced = os.environ.get(FORCED)

@@ -13,6 +13,7 @@ from time import monotonic
 from typing import Protocol
 
 from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
+from harness.errors import CouldNotTell
 from harness.model import (
     Case,
     CaseRecord,
@@ -121,6 +122,9 @@ class Runner:
         """Take one cell through its phases and keep its record."""
         self.observer.started(cell)
         record = self._run(cell)
+        if process.stopped():
+            message = f"{cell.id}: interrupted"
+            raise CouldNotTell(message)
         measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
         record = replace(record, measured=measured, seconds=_seconds(record), reused=_reused(record))
         self.store.save_cell(record)

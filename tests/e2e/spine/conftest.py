@@ -18,6 +18,8 @@ from harness import index, interpreters, uv
 from harness.errors import CouldNotTell
 from harness.model import Lock, Question
 
+SMALL = Path(__file__).parent / "small.toml"
+
 REAL = ("gymnasium==1.2.3", "numpy==2.2.6")
 """What the fakes need of the real index."""
 
@@ -86,6 +88,20 @@ def once(together: Path, wheels: Path) -> Callable[[str, Callable[[Desk], Ran]],
         return Measured(desk=desk, ran=Ran(**json.loads(kept.read_text(encoding="utf-8"))))
 
     return once
+
+
+@pytest.fixture(scope="session")
+def small(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+    """A matrix with a cell that works and one that is red."""
+    return once("small", lambda desk: desk.run("run", desk.matrix("small", SMALL.read_text()), "--json"))
+
+
+@pytest.fixture
+def kept(desk: Desk, small: Measured) -> Desk:
+    """A working folder in which the small matrix was run before."""
+    shutil.copytree(small.desk.state, desk.state)
+    desk.matrix("small", SMALL.read_text())
+    return desk
 
 
 @pytest.fixture(scope="session")

@@ -39,7 +39,12 @@ RED = {
     "sys-exit": ("broken", "single", "failed", "SystemExit: no licence file"),
     "liar": ("broken", "single", "crashed", "exited with code 0 without a word"),
     "hang": ("broken", "single", "timed_out", r"no end within 3 s, in step, site-packages/fake_hang\.py line \d+"),
-    "hang-making": ("broken", "single", "timed_out", r"no end within 3 s, in wait, python3\.\d+/threading\.py line \d+"),
+    "hang-making": (
+        "broken",
+        "single",
+        "timed_out",
+        r"no end within 3 s, in wait, python3\.\d+/threading\.py line \d+",
+    ),
     "flood": ("broken", "single", "timed_out", r"no end within 3 s, in step, site-packages/fake_flood\.py line \d+"),
     "wrong-arity": (
         "broken",

@@ -1,0 +1,68 @@
+"""A run that is ended in the middle leaves no process, and the next one goes on from there."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+
+import pytest
+from commandline import Desk, processes_of
+
+MATRIX = """
+requirements = [@FAKES@]
+index = { no_index = true, find_links = ["@WHEELS@"] }
+environment = { FAKE_GATE = "@FOLDER@/gate", FAKE_MARK = "@MARK@" }
+
+[axes]
+python = ["host"]
+
+[axes.which.first]
+cases = [{ env = "fake_healthy:Healthy-v0", api = "gymnasium" }]
+
+[axes.which.second]
+cases = [{ env = "fake_gate:Gate-v0", api = "gymnasium" }]
+
+[axes.which.third]
+cases = [{ env = "fake_pictureless:Pictureless-v0", api = "gymnasium" }]
+"""
+PATIENCE = 60.0
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "said"),
+    [
+        (signal.SIGINT, 130, "simmatrix: interrupted; finished cells are kept, the same command goes on from there\n"),
+        (signal.SIGTERM, 143, "simmatrix: terminated; finished cells are kept, the same command goes on from there\n"),
+        (signal.SIGKILL, -signal.SIGKILL, ""),
+    ],
+    ids=["SIGINT", "SIGTERM", "SIGKILL"],
+)
+def test_ended_in_the_middle(desk: Desk, number: signal.Signals, code: int, said: str) -> None:
+    """The first cell is done and kept, the second is in the middle of a step, the third was not begun."""
+    matrix = desk.matrix("m", MATRIX)
+    with desk.started("run", matrix, "-j", "1", "--json", FAKE_MARK=desk.mark) as process:
+        assert process.stderr
+        told = process.stderr.readline()
+        _wait_for(lambda: (desk.folder / "gate.reached").exists())
+        assert len(processes_of(desk.mark)) >= 4
+        process.send_signal(number)
+        out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out, err) == (code, "", said)
+    assert "first: works" in told
+    assert not any(desk.state.glob("cells/*/m/*-second.json"))
+    _wait_for(lambda: not processes_of(desk.mark))
+    (desk.folder / "gate").touch()
+    cells = desk.run("run", matrix, "-j", "1", "--json").cells("which")
+    assert [(cell["verdict"], cell["reused"]) for cell in cells.values()] == [
+        ("works", True),
+        ("works", False),
+        ("works", False),
+    ]
+
+
+def _wait_for(happened: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)

@@ -1,0 +1,256 @@
+"""What a run leaves: the document of the contract, files beside it, exit codes, and nothing to do the second time."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from commandline import Desk, Measured
+from conftest import SMALL
+from PIL import Image
+
+TOP = {"schema", "generated", "machines", "cells", "dropped"}
+CELL = {
+    "id", "matrix", "axes", "requested_python", "python", "machine", "environment", "supplied", "installed", "lock",
+    "lock_sha256", "key", "measured", "reused", "inferred", "attempts", "seconds", "verdict", "unverified", "expected",
+    "as_expected", "repairs", "findings", "phases", "cases", "decisive", "diagnoses", "evidence",
+}  # fmt: skip
+CASE = {"case", "env", "api", "phases", "checks", "frames", "decisive"}
+PHASES = ["resolve", "install", "import", "single", "vector", "render"]
+"""The keys of the contract; more may be there."""
+
+RED = """
+[[expect]]
+when = { which = "blank" }
+verdict = "partial"
+phase = "render"
+match = "blank frame"
+reason = "it paints black"
+"""
+
+
+# --- the document ----------------------------------------------------------------------------------------------
+
+
+def test_the_document_has_the_keys_of_the_contract(defects: Measured, verdicts: Measured) -> None:
+    """Every cell, whatever became of it, has every key, every phase, and the id that was asked for."""
+    for document in (defects.ran.document, verdicts.ran.document):
+        assert document.keys() >= TOP
+        for cell in document["cells"]:
+            assert cell.keys() >= CELL
+            assert set(cell["phases"]) == set(PHASES)
+            for case in cell["cases"]:
+                assert case.keys() >= CASE
+                assert all(check.partition(".")[0] in PHASES for check in case["checks"])
+
+
+def test_the_document_is_valid_by_its_schema(desk: Desk, defects: Measured, verdicts: Measured) -> None:
+    """`schema report` publishes the shape that `run --json` prints."""
+    schema = json.loads(desk.run("schema", "report").out)
+    for document in (defects.ran.document, verdicts.ran.document):
+        jsonschema.Draft202012Validator(schema).validate(document)
+
+
+def test_cells_stand_in_the_order_of_the_plan(defects: Measured) -> None:
+    """However many cells run at a time, the report keeps the order of the plan."""
+    planned = defects.desk.run("plan", "defects.toml", "--json").document
+    assert [cell["id"] for cell in defects.ran.document["cells"]] == [cell["id"] for cell in planned["cells"]]
+
+
+def test_facts_of_a_working_cell(small: Measured) -> None:
+    """A cell names its machine, its Python, what is installed and what was supplied."""
+    cell = small.ran.cells("which")["good"]
+    assert cell["machine"] in small.ran.document["machines"]
+    assert cell["python"] == cell["axes"]["python"]
+    assert (cell["installed"]["gymnasium"], cell["installed"]["fake-healthy"]) == ("1.2.3", "1.0")
+    assert not {"pip", "setuptools", "pytest"} & set(cell["installed"])
+    assert cell["supplied"]["SDL_VIDEODRIVER"] == "dummy"
+    assert (cell["reused"], cell["as_expected"], cell["expected"]) == (False, True, "works")
+    assert cell["cases"][0]["env"] == "fake_healthy:Healthy-v0"
+    assert small.ran.document["dropped"] == [
+        {"id": cell["id"].replace("good", "odd"), "reason": "nobody wants it"},
+    ]
+
+
+def test_locks_are_pinned_with_hashes(small: Measured) -> None:
+    """The lock beside the report holds what was installed, each version with its hashes."""
+    cell = small.ran.cells("which")["good"]
+    text = (small.desk.folder / cell["lock"]).read_text()
+    pins = dict(re.findall(r"(?m)^(\S+)==(\S+) \\\n    --hash=sha256:[0-9a-f]{64}", text))
+    assert pins == cell["installed"]
+
+
+def test_frames_are_small_pictures(small: Measured) -> None:
+    """The first and the last frame are kept as PNGs beside the report."""
+    (case,) = small.ran.cells("which")["good"]["cases"]
+    paths = [small.desk.folder / frame for frame in case["frames"]]
+    assert [path.name.rpartition("-")[2] for path in paths] == ["first.png", "last.png"]
+    for path in paths:
+        with Image.open(path) as image:
+            assert (image.format, image.size) == ("PNG", (48, 32))
+
+
+def test_the_folder_holds_the_same(small: Measured) -> None:
+    """`report.json` is the document with paths of its own; `report.md` has a row for every cell."""
+    folder = small.desk.state / "reports" / "small"
+    document = json.loads((folder / "report.json").read_text())
+    assert _without_paths(document) == _without_paths(small.ran.document)
+    for cell in document["cells"]:
+        assert (folder / cell["lock"]).is_file()
+        assert (folder / cell["evidence"]).exists()
+        assert all((folder / frame).is_file() for case in cell["cases"] for frame in case["frames"])
+        assert f"`{cell['id'].partition('/')[2]}`" in (folder / "report.md").read_text()
+
+
+# --- exit codes ------------------------------------------------------------------------------------------------
+
+
+def test_a_red_cell_that_nobody_expects_is_1(small: Measured) -> None:
+    """A cell without expectation is expected to work."""
+    assert small.ran.code == 1
+    assert small.ran.cells("which")["blank"]["as_expected"] is False
+
+
+@pytest.mark.parametrize(
+    ("expect", "options", "code"),
+    [
+        (RED, (), 0),
+        (RED.replace("blank frame", "no display"), (), 1),
+        (RED.replace('"render"', '"vector"'), (), 1),
+        (RED.replace('"partial"', '"broken"').replace('phase = "render"', ""), (), 1),
+        (RED + 'until = "2020-01-01"', (), 1),
+        (RED + 'until = "2999-01-01"', (), 0),
+        (RED + RED.replace("blank", "good", 1), (), 1),
+        (RED + 'until = "2020-01-01"', ("--fail-on", "unexpected"), 0),
+        (RED, ("-k", "*-good", "--fail-on", "not_run"), 0),
+    ],
+    ids=["fits", "line", "phase", "verdict", "past", "future", "better", "stale-allowed", "kept-cells-count"],
+)
+def test_expectations(kept: Desk, expect: str, options: tuple[str, ...], code: int) -> None:
+    """An expectation holds for verdict, phase and line, until its date; one that is stale fails unless allowed."""
+    matrix = kept.matrix("small", SMALL.read_text() + expect)
+    assert kept.run("run", matrix, "--json", *options).code == code
+
+
+def test_an_expectation_of_no_cell_is_stale(kept: Desk) -> None:
+    """An expectation that nothing fits is named, and fails."""
+    kept.matrix("small", SMALL.read_text() + RED + RED.replace('when = { which = "blank" }', 'cells = "*-x"'))
+    ran = kept.run("run", "small.toml", "--json")
+    assert ran.code == 1
+    assert ran.document["stale"] == ['small.toml: expect[1] matches no cell (reason: "it paints black")']
+
+
+def test_what_cannot_be_told_is_3(desk: Desk) -> None:
+    """An index that does not answer is nobody's fault but the network's."""
+    text = 'requirements = ["fake-plain"]\nindex = { default = "http://127.0.0.1:9/" }\n'
+    matrix = desk.matrix("m", text + 'cases = [{ imports = ["fake_plain"] }]\n[axes]\npython = ["host"]\n')
+    ran = desk.run("run", matrix, UV_HTTP_RETRIES="0")
+    assert ran.code == 3
+    assert "inconclusive" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("run", "nowhere.toml"), "nowhere.toml: cannot be read: No such file or directory"),
+        (
+            ("run", "typo.toml"),
+            'typo.toml: requirments: unknown key; did you mean "requirements"?',
+        ),
+        (("run", "small.toml", "-k", "*mujoco*"), None),
+        (("run", "quickstrat"), 'quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?'),
+        (("show", "small/nothing"), "show small/nothing: nothing was run here yet; `simmatrix run quickstart` measures"),
+        (("report",), "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json"),
+    ],
+    ids=["absent", "typo", "no-cell", "no-matrix", "show", "report"],
+)  # fmt: skip
+def test_bad_input_is_2(desk: Desk, arguments: tuple[str, ...], message: str | None) -> None:
+    """Bad input is one sentence on stderr, and leaves no result behind."""
+    desk.matrix("small", SMALL.read_text())
+    desk.matrix("typo", SMALL.read_text().replace("requirements", "requirments"))
+    ran = desk.run(*arguments)
+    version = ".".join(map(str, sys.version_info[:3]))
+    wanted = message or f"-k *mujoco*: none of the 2 cells matches; one of them is small/py{version}-good"
+    assert (ran.code, ran.out, ran.err) == (2, "", f"simmatrix: {wanted}\n")
+    assert not {path.name for path in desk.state.glob("*")} & {"cells", "results", "evidence", "locks", "reports"}
+
+
+# --- again -----------------------------------------------------------------------------------------------------
+
+
+def test_a_second_run_has_nothing_to_do(kept: Desk) -> None:
+    """What was measured is reused, even without the cache and the network, and the run says so."""
+    ran = kept.run("run", "small.toml", "--offline", HARNESS_CACHE=str(kept.folder / "empty"))
+    assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
+    assert ran.out.splitlines()[-1] == "report: .harness/reports/small"
+    document = json.loads((kept.state / "reports" / "small" / "report.json").read_text())
+    assert [cell["reused"] for cell in document["cells"]] == [True, True]
+
+
+def test_the_second_report_says_the_same(kept: Desk, small: Measured) -> None:
+    """Reuse changes nothing of what a report says but that it was reused."""
+    again = kept.run("run", "small.toml", "--json")
+    assert again.code == small.ran.code
+    assert _without_paths(again.document) == _without_paths(small.ran.document)
+
+
+def test_fresh_measures_again_from_the_caches(kept: Desk) -> None:
+    """`--fresh --offline` takes environments and packages from the caches, and results from nowhere."""
+    ran = kept.run("run", "small.toml", "--fresh", "--offline", "-k", "*-good", "--json")
+    cell = ran.cells("which")["good"]
+    assert (cell["verdict"], cell["reused"]) == ("works", False)
+
+
+def test_a_changed_case_is_measured_again(kept: Desk) -> None:
+    """What a case asks for is part of its results' key; the other cell is reused."""
+    matrix = kept.matrix("small", SMALL.read_text().replace('BlankFrame-v0"', 'BlankFrame-v0", seed = 8'))
+    cells = kept.run("run", matrix, "--json").cells("which")
+    assert (cells["good"]["reused"], cells["blank"]["reused"]) == (True, False)
+    assert cells["blank"]["verdict"] == "partial"
+
+
+def test_until_stops_and_a_later_run_goes_on(desk: Desk) -> None:
+    """`--until import` is no verdict; the run after it measures what is missing."""
+    matrix = desk.matrix("small", SMALL.read_text())
+    first = desk.run("run", matrix, "--until", "import", "-k", "*-good", "--json")
+    cell = first.cells("which")["good"]
+    assert (first.code, cell["verdict"], cell["decisive"]) == (0, "not_run", "only the import was tried")
+    assert [cell["phases"][phase] for phase in PHASES] == ["passed"] * 3 + ["not_reached"] * 3
+    measured = cell["measured"]
+    second = desk.run("run", matrix, "-k", "*-good", "--json").cells("which")["good"]
+    assert (second["verdict"], second["reused"]) == ("works", False)
+    assert second["measured"] >= measured
+
+
+def test_out_goes_elsewhere(kept: Desk) -> None:
+    """`--out DIR` is where the report goes, whole."""
+    ran = kept.run("run", "small.toml", "--out", "there")
+    document = json.loads((kept.folder / "there" / "report.json").read_text())
+    assert ran.out.splitlines()[-1] == "report: there"
+    assert all((kept.folder / "there" / cell["lock"]).is_file() for cell in document["cells"])
+
+
+def test_progress_is_plain_lines(small: Measured) -> None:
+    """Where the output is no terminal each finished cell is one line on stderr."""
+    lines = small.ran.err.splitlines()
+    assert len(lines) == 2
+    assert all(
+        re.match(r"\[[12]/2\] small/py\S+-(good: works|blank: partial in render) \(\d+\.\d s\)", x) for x in lines
+    )
+
+
+def _without_paths(document: dict[str, Any]) -> dict[str, Any]:
+    """A document without what differs between two that say the same: paths, instants, whether it was reused."""
+    kept: dict[str, Any] = json.loads(json.dumps(document))
+    for cell in kept["cells"]:
+        for key in ("lock", "evidence", "reused", "seconds"):
+            cell[key] = None
+        for case in cell["cases"]:
+            case["frames"] = [Path(frame).name for frame in case["frames"]]
+            case["evidence"] = sorted(case["evidence"])
+    return {**kept, "generated": None}
