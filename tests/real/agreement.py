@@ -36,7 +36,7 @@ class Compared:
     env: str
     by_hand: str
     by_harness: str
-    fragment: str
+    fragments: tuple[str, ...]
     decisive: str
 
     @property
@@ -51,8 +51,8 @@ class Compared:
 
     @property
     def line_agrees(self) -> bool:
-        """Whether the decisive line holds the fragment that was seen by hand."""
-        return self.fragment in self.decisive
+        """Whether the decisive line holds what was seen by hand: the exception, or the one beneath it."""
+        return not self.fragments or any(fragment[:120] in self.decisive for fragment in self.fragments)
 
 
 def entries() -> list[dict]:
@@ -106,7 +106,7 @@ def compare(entry: dict, record: CellRecord) -> list[Compared]:
                 env=case["env"],
                 by_hand=case["first_failure"],
                 by_harness=phase if phase != NONE or judged.verdict not in verdict.UNTOLD else judged.verdict.value,
-                fragment=case.get("decisive", ""),
+                fragments=tuple(case[key] for key in ("decisive", "cause") if key in case),
                 decisive=decisive or "",
             )
         )
