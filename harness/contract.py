@@ -146,7 +146,7 @@ class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Document(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a report says."""
+    """Everything that a report says. `probes` are hashes of the in-cell files that it was measured with."""
 
     schema: Literal[1] = 1
     generated: str
@@ -155,6 +155,7 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     dropped: tuple[DroppedEntry, ...]
     matrices: dict[str, MatrixEntry] = {}
     stale: tuple[str, ...] = ()
+    probes: dict[str, str] = {}
 
 
 # --- the tables --------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -45,6 +46,7 @@ def build(
     machines: Mapping[str, Mapping[str, Any]],
     generated: str,
     locate: Locate = str,
+    probes: Mapping[str, str] = MappingProxyType({}),
 ) -> Document:
     """Judge every planned cell on every machine it was measured on; one without a record has a row that says so."""
     known: dict[str, list[CellRecord]] = {}
@@ -66,6 +68,7 @@ def build(
         dropped=tuple(DroppedEntry(id=gone.id, reason=gone.reason) for plan in plans for gone in plan.dropped),
         matrices={plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown) for plan in plans},
         stale=tuple(dict.fromkeys(stale)),
+        probes=dict(probes),
     )
 
 
@@ -212,6 +215,7 @@ def combined(documents: Sequence[Document]) -> Document:
         dropped=tuple({gone.id: gone for document in documents for gone in document.dropped}.values()),
         matrices={name: matrix for document in documents for name, matrix in document.matrices.items()},
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),
+        probes={name: probe for document in documents for name, probe in document.probes.items()},
     )
 
 

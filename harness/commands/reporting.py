@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from harness import document, machine, present, store, tables, verdict
+from harness import document, launch, machine, outcomes, present, store, tables, verdict
 from harness.contract import Document, Report
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.store import Store
@@ -61,7 +61,7 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
         folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
         known = [found for cell in plan.cells if (found := measured.get(cell.id) or _kept(opened, here.id, cell))]
         locate = _Files(opened, folder).place(known)
-        report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate)
+        report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, probes(plan))
         write(report, folder, wanted.pivot)
         made.append((folder, report))
     if wanted.json:
@@ -73,6 +73,12 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
         for folder, _ in made:
             print(f"report: {os.path.relpath(folder)}")
     return document.exit_code(document.combined([report for _, report in made]), wanted.fail_on)
+
+
+def probes(plan: Plan) -> dict[str, str]:
+    """What the cases of a plan are measured with: API and phase to the hash of the in-cell files that run."""
+    used = {(case.api, outcomes.phase_of(check)) for cell in plan.cells for case in cell.cases for check in case.checks}
+    return {f"{api or 'none'}.{phase}": launch.probe_hash(api, phase) for api, phase in sorted(used)}
 
 
 def write(report: Document, folder: Path, pivot: tuple[str, str] | None) -> None:

@@ -78,7 +78,8 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         here = machine.facts()
         locate = reporting.seen_from_here(opened.folder)
-        made = document.build([record], [planned], {here.id: here.facts}, store.now(), locate)
+        facts = {here.id: here.facts}
+        made = document.build([record], [planned], facts, store.now(), locate, reporting.probes(planned))
         sys.stdout.write(document.encode(made).decode())
     else:
         print(answer(record, judged))
