@@ -9,9 +9,10 @@ import configparser
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote, urlsplit
 
 from harness.errors import BadInput
@@ -31,6 +32,7 @@ class UserIndex:
     `default` None is the index that pypi-simple and uv know by themselves. `extra` are asked before it, `find_links`
     are folders or pages of files. Logins that a variable gives (`UV_INDEX_NAME_PASSWORD`) are inside the addresses.
     `strategy` is uv's: pip's extra indexes mean `unsafe-best-match`, uv's own default is `first-index`.
+    `trust` are uv's variables for certificates and hosts that its file speaks of.
     """
 
     default: str | None = None
@@ -40,6 +42,7 @@ class UserIndex:
     strategy: str | None = None
     certificates: str | None = None
     proxy: str | None = None
+    trust: Mapping[str, str] = field(default_factory=dict)
 
 
 def settings() -> UserIndex:
@@ -53,6 +56,7 @@ def settings() -> UserIndex:
         strategy=uv.strategy or ("unsafe-best-match" if pip.extra else "first-index"),
         certificates=uv.certificates or pip.certificates,
         proxy=pip.proxy,
+        trust=uv.trust,
     )
 
 
@@ -67,6 +71,7 @@ def combined(matrix: IndexSettings) -> UserIndex:
         strategy=user.strategy,
         certificates=user.certificates,
         proxy=user.proxy,
+        trust=user.trust,
     )
 
 
@@ -83,6 +88,7 @@ def _uv_settings() -> UserIndex:
         no_index=any(one.no_index for one in files),
         strategy=given("UV_INDEX_STRATEGY") or next((one.strategy for one in files if one.strategy), None),
         certificates=given("SSL_CERT_FILE"),
+        trust={name: value for one in reversed(files) for name, value in one.trust.items()},
     )
 
 
@@ -116,7 +122,15 @@ def _uv_file(path: Path) -> UserIndex:
         find_links=(*flat, *(_located(value, path.parent) for value in table.get("find-links", ()))),
         no_index=bool(table.get("no-index")),
         strategy=table.get("index-strategy"),
+        trust=_trust(table),
     )
+
+
+def _trust(table: Mapping[str, Any]) -> dict[str, str]:
+    """Whom uv trusts, as the variables that say so to it."""
+    system = table.get("system-certs") or table.get("native-tls")
+    hosts = " ".join(table.get("allow-insecure-host", ()))
+    return ({"UV_SYSTEM_CERTS": "true"} if system else {}) | ({"UV_INSECURE_HOST": hosts} if hosts else {})
 
 
 def _pip_settings() -> UserIndex:

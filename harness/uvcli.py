@@ -135,7 +135,7 @@ def _trouble(completed: process.Completed) -> str | None:
 
 def _environment(call: Call) -> dict[str, str]:
     asked = sources.combined(call.index)
-    variables = {name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}
+    variables = {**asked.trust, **{name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}}
     given = {
         "UV_DEFAULT_INDEX": asked.default,
         "UV_INDEX": " ".join(asked.extra),
