@@ -223,7 +223,7 @@ def _words(fact: Any) -> str:
         case {"missing": why}:
             return f"none ({why})"
         case dict():
-            return ", ".join(map(str, fact.values()))
+            return ", ".join(str(value) for _, value in sorted(fact.items()))  # report.json keeps no other order
         case list() | tuple():
             return ", ".join(map(_words, fact))
         case _:

@@ -11,14 +11,12 @@ from pathlib import Path
 
 import pytest
 import wheelhouse as fakes
-from commandline import Desk, Measured, Ran
+from commandline import SMALL, Desk, Measured, Ran
 from filelock import FileLock
 
 from harness import index, interpreters, uv
 from harness.errors import CouldNotTell
 from harness.model import Lock, Question
-
-SMALL = Path(__file__).parent / "small.toml"
 
 REAL = ("gymnasium==1.2.3", "numpy==2.2.6")
 """What the fakes need of the real index."""

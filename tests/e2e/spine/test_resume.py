@@ -44,7 +44,7 @@ def test_ended_in_the_middle(desk: Desk, number: signal.Signals, code: int, said
     with desk.started("run", matrix, "-j", "1", "--json", FAKE_MARK=desk.mark) as process:
         assert process.stderr
         told = process.stderr.readline()
-        _wait_for(lambda: (desk.folder / "gate.reached").exists())
+        _wait_for((desk.folder / "gate.reached").exists)
         assert len(processes_of(desk.mark)) >= 4
         process.send_signal(number)
         out, err = process.communicate(timeout=PATIENCE)

@@ -1,0 +1,108 @@
+"""`try` answers in one line what was really tried, or why it does not work and what to type next."""
+
+from __future__ import annotations
+
+import platform
+
+import pytest
+from commandline import Desk
+
+from harness import machine
+
+HERE = platform.python_version()
+
+
+def test_what_works_is_one_line(desk: Desk) -> None:
+    """The answer names the phases that passed, the environment and the Python."""
+    ran = _try(desk, "fake-healthy==1.0", "--env", "fake_healthy:Healthy-v0")
+    assert ran == (0, f"works: import, single, vector, render of fake_healthy:Healthy-v0 on Python {HERE}\n")
+
+
+def test_what_does_not_says_why_and_what_next(desk: Desk) -> None:
+    """A red answer ends with the decisive line and the next command, and that command works."""
+    code, out = _try(desk, "fake-blank-frame==1.0", "--env", "fake_blank_frame:BlankFrame-v0")
+    cell = f"try/py{HERE}-fake-blank-frame1.0"
+    assert code == 1
+    assert out.splitlines() == [
+        "partial: import, single, vector of fake_blank_frame:BlankFrame-v0; "
+        f"render failed of fake_blank_frame:BlankFrame-v0 on Python {HERE}",
+        "ContractViolation: blank frame: every pixel is [0, 0, 0]",
+        f"next: simmatrix show {cell}",
+    ]
+    assert desk.run("show", cell).code == 0
+
+
+def test_what_could_not_be_shown_is_named(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing can draw here, the rest works and the render is not verified."""
+    hidden = {"__EGL_VENDOR_LIBRARY_DIRS": str(desk.folder), "LIBGL_DRIVERS_PATH": str(desk.folder)}
+    monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
+    if "osmesa" in machine.facts().capabilities:
+        pytest.skip("unavailable: a machine without OSMesa")
+    code, out = _try(desk, "fake-needs-gl==1.0", "--env", "fake_needs_gl:NeedsGl-v0", **hidden)
+    assert (code, out) == (
+        0,
+        "works: import, single, vector of fake_needs_gl:NeedsGl-v0; render not verified: "
+        f"no EGL and no OSMesa here: RuntimeError: pyglet: no display to draw on on Python {HERE}\n",
+    )
+
+
+def test_a_failed_drawing_is_red_where_egl_is(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With EGL here, an environment that cannot draw is at fault itself."""
+    monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
+    if not machine.facts().capabilities & {"egl", "osmesa"}:
+        pytest.skip("missing library: EGL")
+    code, out = _try(desk, "fake-needs-gl==1.0", "--env", "fake_needs_gl:NeedsGl-v0")
+    assert code == 1
+    assert out.splitlines()[1] == "RuntimeError: pyglet: no display to draw on"
+
+
+def test_a_python_that_nobody_has_is_3(desk: Desk) -> None:
+    """What cannot be tried here is no answer about packages; it says what to do."""
+    ran = desk.run("try", "fake-plain", "--python", "3.99", "--import", "fake_plain", **_index(desk))
+    assert ran.code == 3
+    assert ran.out == (
+        "unavailable: python 3.99 is not on this machine and uv could not download it; "
+        "install it with `uv python install 3.99` or pyenv, then run again\n"
+    )
+
+
+def test_a_contradiction_is_1(desk: Desk) -> None:
+    """Requirements without a solution are answered with uv's explanation."""
+    code, out = _try(desk, "fake-plain", "fake-unresolvable", "--import", "fake_plain")
+    assert code == 1
+    assert out.startswith(f"unresolvable: resolve failed on Python {HERE}\nBecause only fake-plain>=1.0 is available")
+
+
+def test_no_requirement_is_2(desk: Desk) -> None:
+    """Nothing to try is bad input, in one sentence."""
+    ran = desk.run("try", **_index(desk))
+    assert (ran.code, ran.out, ran.err) == (
+        2,
+        "",
+        "simmatrix: try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'\n",
+    )
+
+
+def test_the_document_is_that_of_a_run(desk: Desk) -> None:
+    """`--json` prints the same document; the second time everything is reused."""
+    arguments = ("fake-healthy==1.0", "--env", "fake_healthy:Healthy-v0", "--json", "--python", "host")
+    first, second = (desk.run("try", *arguments, **_index(desk)) for _ in range(2))
+    (one,), (two,) = first.document["cells"], second.document["cells"]
+    assert (first.code, one["verdict"], one["id"], one["reused"]) == (
+        0,
+        "works",
+        f"try/py{HERE}-fake-healthy1.0",
+        False,
+    )
+    assert (second.code, two["verdict"], two["reused"]) == (0, "works", True)
+    assert (desk.folder / one["lock"]).is_file()
+
+
+def _try(desk: Desk, *arguments: str, **variables: str) -> tuple[int, str]:
+    """Try with the Python of the tests, and packages from the shelf as the user's settings name it."""
+    ran = desk.run("try", *arguments, "--python", "host", **_index(desk), **variables)
+    return ran.code, ran.out
+
+
+def _index(desk: Desk) -> dict[str, str]:
+    return {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(desk.wheels)}
