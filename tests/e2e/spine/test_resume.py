@@ -66,3 +66,14 @@ def _wait_for(happened: Callable[[], bool]) -> None:
     while not happened():
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def test_a_timeout_is_never_reused(desk: Desk) -> None:
+    """What did not end in time may do so the next time: it is measured again."""
+    text = MATRIX.replace('Gate-v0", api', 'Gate-v0", timeouts = { single = 1 }, api')
+    matrix = desk.matrix("m", text)
+    first = desk.run("run", matrix, "-k", "*-second", "--json").cells("which")["second"]
+    (desk.folder / "gate").touch()
+    second = desk.run("run", matrix, "-k", "*-second", "--json").cells("which")["second"]
+    assert (first["verdict"], first["phases"]["single"]) == ("broken", "timed_out")
+    assert (second["verdict"], second["reused"]) == ("works", False)

@@ -1,0 +1,117 @@
+"""How a check ended, and what a probe's end tells beside its checks."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+import harness
+from harness import wire
+from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply, Raised
+from harness.outcomes import Ending, check_record, found_beside, reachable
+
+PASSED = Outcome.PASSED
+NO_GL: frozenset[str] = frozenset()
+
+
+def reply(checks: Mapping[str, Outcome | None]) -> ProbeReply:
+    """A reply with these checks, in whatever way they ended."""
+    told = tuple(CheckReply(check=name, outcome=outcome) for name, outcome in checks.items())
+    return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=False)
+
+
+def raised(text: str, *, blame: str = "library") -> CheckReply:
+    """A check that failed by an exception."""
+    error = Raised(type="RuntimeError", message=text, traceback="", blame=blame)
+    return CheckReply(check="render.rgb_array", outcome=Outcome.FAILED, raised=error, facts={"gl": {"modules": ["x"]}})
+
+
+def warning(check: str, text: str) -> Finding:
+    """A finding as it is expected here."""
+    return Finding(check=check, level=Level.WARNING, text=text)
+
+
+def test_followers_are_those_of_the_cell() -> None:
+    """The host knows which checks follow which, as the in-cell module has it."""
+    source = (Path(harness.__file__).parent / "incell" / "phase_single.py").read_text()
+    (known,) = (
+        node.value
+        for node in ast.parse(source).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "FOLLOWERS"
+    )
+    assert ast.literal_eval(known) == wire.FOLLOWERS
+
+
+@pytest.mark.parametrize(
+    ("ending", "outcome", "decisive"),
+    [
+        (Ending(exit_code=3), Outcome.CRASHED, "exited with code 3 without a word"),
+        (Ending(signal=11), Outcome.CRASHED, "killed by SIGSEGV"),
+        (Ending(signal=9, overran=2.0), Outcome.TIMED_OUT, "no end within 2 s"),
+        (Ending(signal=9, trouble="interrupted"), Outcome.INFRA, "interrupted"),
+        (Ending(signal=9, overran=2.0, trouble="interrupted"), Outcome.INFRA, "interrupted"),
+    ],
+)
+def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: str) -> None:
+    """Its process died, hung, or was ended by us: the last says nothing about packages."""
+    record = check_record(CheckReply(check="single.loop", outcome=None), ending, NO_GL)
+    assert (record.outcome, record.decisive) == (outcome, decisive)
+
+
+@pytest.mark.parametrize(
+    ("check", "capabilities", "outcome"),
+    [
+        (raised("[Errno 28] No space left on device"), {"egl"}, Outcome.INFRA),
+        (raised("list index out of range", blame="harness"), {"egl"}, Outcome.INFRA),
+        (raised("no display"), {"egl"}, Outcome.FAILED),
+        (raised("no display"), {"osmesa"}, Outcome.FAILED),
+        (raised("no display"), set(), Outcome.UNAVAILABLE),
+    ],
+)
+def test_whose_fault_an_exception_is(check: CheckReply, capabilities: set[str], outcome: Outcome) -> None:
+    """A full disk, a fault of ours and a machine that cannot draw are none of the packages'."""
+    assert check_record(check, Ending(), frozenset(capabilities)).outcome is outcome
+
+
+def test_a_follower_that_ends_the_process_is_told() -> None:
+    """The check that died is a warning of its own, and those it kept from running are named."""
+    ended = reply({"single.loop": PASSED, "single.repeat.fresh": None})
+    assert list(found_beside(ended, Ending(signal=11))) == [
+        warning("single.repeat.fresh", "killed by SIGSEGV"),
+        warning("single.repeat.same", "not looked at: the process ended before"),
+        warning("single.check_env", "not looked at: the process ended before"),
+    ]
+
+
+def test_followers_of_a_failed_check_are_not_missed() -> None:
+    """After a failed loop nobody expects a comparison."""
+    assert list(found_beside(reply({"single.loop": Outcome.FAILED}), Ending(exit_code=0))) == []
+
+
+@pytest.mark.parametrize(
+    ("ending", "text"),
+    [
+        (Ending(exit_code=120), "after the last check: exited with code 120 without a word"),
+        (Ending(signal=6), "after the last check: killed by SIGABRT"),
+        (Ending(signal=9, overran=5.0), "Python did not end within 5 s of the last check"),
+    ],
+)
+def test_python_s_own_end_is_told(ending: Ending, text: str) -> None:
+    """A crash or a hang after the last check stops no loop, and is not passed over."""
+    assert list(found_beside(reply({"render.rgb_array": PASSED}), ending)) == [warning("render.teardown", text)]
+
+
+@pytest.mark.parametrize("ending", [Ending(exit_code=0), Ending(signal=9, trouble="interrupted")])
+def test_a_good_end_and_one_of_ours_are_not_told(ending: Ending) -> None:
+    """Nothing is said of a probe that ended well, nor of one that was interrupted."""
+    assert list(found_beside(reply({"render.rgb_array": PASSED}), ending)) == []
+
+
+def test_what_needs_what() -> None:
+    """Vector and render need single, which needs the import; what is not known yet keeps nothing back."""
+    assert reachable(Phase.RENDER, {})
+    assert not reachable(Phase.RENDER, {Phase.IMPORT: Outcome.FAILED})
+    assert reachable(Phase.RENDER, {Phase.VECTOR: Outcome.FAILED})
