@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -18,8 +18,8 @@ from harness import index, interpreters, uv
 from harness.errors import CouldNotTell
 from harness.model import Lock, Question
 
-REAL = ("gymnasium==1.2.3", "numpy==2.2.6")
-"""What the fakes need of the real index."""
+REAL, AS_OF = "gymnasium==1.2.3", "2026-01-01T00:00:00Z"
+"""What the fakes need of the real index, with all that it needs itself."""
 
 
 @pytest.fixture(scope="session")
@@ -37,33 +37,33 @@ def wheels(together: Path, pytestconfig: pytest.Config) -> Path:
     shelf = together / "wheels"
     with FileLock(together / "wheels.lock"):
         if not shelf.exists():
-            kept = pytestconfig.cache.mkdir("wheels")  # type: ignore[union-attr]
-            _download(kept, together)
-            fakes.make(together / "making")
-            for wheel in kept.glob("*/*.whl"):
-                shutil.copy(wheel, together / "making")
-            (together / "making").rename(shelf)
+            making = fakes.make(together / "making")
+            for wheel in _downloaded(pytestconfig.cache.mkdir("wheels"), together):  # type: ignore[union-attr]
+                shutil.copy(wheel, making)
+            making.rename(shelf)
     return shelf
 
 
-def _download(kept: Path, together: Path) -> None:
+def _downloaded(kept: Path, together: Path) -> Iterable[Path]:
     host = interpreters.find("host")
     assert host
-    done = kept / f"{'-'.join(REAL)}-{host.minor}"
-    if done.exists():
-        return
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("HARNESS_CACHE", str(together / "downloads"))
-        question = Question(requirements=REAL, only_binary=(":all:",), snapshot="2026-01-01T00:00:00Z")
-        lock = uv.resolve(question, host, together / "log")
-        try:
-            if not isinstance(lock, Lock):
+    folder = kept / f"{REAL}-{AS_OF[:10]}-{host.minor}"
+    if not folder.exists():
+        making = kept / "making"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("HARNESS_CACHE", str(together / "downloads"))
+            lock = uv.resolve(
+                Question(requirements=(REAL,), only_binary=(":all:",), snapshot=AS_OF), host, together / "log"
+            )
+            try:
+                for pin in lock.pins if isinstance(lock, Lock) else ():
+                    index.fetch(pin.artifact, making)
+            except CouldNotTell:
                 pytest.skip("unavailable: package index")
-            for pin in lock.pins:
-                index.fetch(pin.artifact, kept)
-        except CouldNotTell:
+        if not isinstance(lock, Lock):
             pytest.skip("unavailable: package index")
-    done.touch()
+        making.rename(folder)
+    return folder.glob("*/*.whl")
 
 
 @pytest.fixture

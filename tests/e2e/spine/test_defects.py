@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -232,7 +233,7 @@ def test_every_cell_has_its_evidence(defects: Measured) -> None:
 
 def test_evidence_names_no_place_of_this_machine(defects: Measured) -> None:
     """Evidence and reports can be published: the folders of the run are names like $ENV in them."""
-    places = [str(defects.desk.folder), str(defects.desk.cache), "/tmp/simmatrix-"]
+    places = [str(defects.desk.folder), str(defects.desk.cache), f"{tempfile.gettempdir()}/simmatrix-"]
     texts = [path for path in defects.desk.state.glob("evidence/*/*") if path.suffix in {".txt", ".jsonl"}]
     reports = list((defects.desk.state / "reports" / "defects").glob("report.*"))
     assert texts
