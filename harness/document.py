@@ -200,6 +200,18 @@ def moved(document: Document, locate: Locate) -> Document:
     return replace(document, cells=tuple(cell(entry) for entry in document.cells))
 
 
+def paths(document: Document) -> frozenset[str]:
+    """Every file and folder that a document names."""
+    found: set[str] = set()
+
+    def keep(path: str) -> str:
+        found.add(path)
+        return path
+
+    moved(document, keep)
+    return frozenset(found)
+
+
 def combined(documents: Sequence[Document]) -> Document:
     """Several documents as one; of a cell measured twice on one machine the later measurement stands."""
     cells: dict[tuple[str, str | None], CellEntry] = {}

@@ -30,6 +30,7 @@ PATH_END = r"(?![\w-])(?!\.\w)"
 """`/tmp` is no part of `/var/tmp` or `/tmp2`, and is a part of `-I/tmp/include`."""
 
 CHANGING = (
+    (re.compile(r"\bhttps?://[^/\s\"'<>]+(?=/(?:simple|packages)/)"), "$INDEX"),
     (re.compile(r"\b0x[0-9a-fA-F]{6,}\b"), "0x…"),
     (re.compile(r"\b(pid)([ =:]+)\d+", re.IGNORECASE), r"\1\2…"),
     (re.compile(r"(/builds-v\d+/)\.tmp\w+"), r"\1.tmp…"),
@@ -37,7 +38,7 @@ CHANGING = (
     (re.compile(r"\b(localhost|127\.0\.0\.1|0\.0\.0\.0|\[::1\]):\d+"), r"\1:…"),
     (re.compile(r"\b(in|took|after) \d+(?:\.\d+)? ?(?:ns|us|µs|ms|s|seconds)\b"), r"\1 … s"),
 )
-"""What differs between two runs of the same thing: addresses, processes, temporary names, ports, timings."""
+"""What differs between machines and runs: index mirrors, addresses, processes, temporary names, ports, timings."""
 
 
 def strip_ansi(text: str) -> str:

@@ -20,7 +20,7 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-from harness import locks, sources, uvcli, uvsays
+from harness import index, locks, sources, uvcli, uvsays
 from harness.errors import CouldNotTell
 from harness.model import Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest
@@ -168,14 +168,31 @@ def _options(asking: _Asking) -> Iterator[str]:
 
 def _read(said: uvcli.Said, asking: _Asking) -> Lock | Step:
     kept = uvcli.keep_log(said, asking.folder / "uv.log")
-    if said.trouble:
-        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=said.trouble, log=kept)
+    trouble = said.trouble or uvsays.unreadable(said.text)
+    if trouble:
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=trouble, log=kept)
     if not said.ok:
-        return replace(uvsays.failure(said.text, Phase.RESOLVE), log=kept)
+        return replace(_failure(said, asking), log=kept)
     try:
         return locks.read(_pylock(asking.scratch), asking.interpreter, asking.question.snapshot or "")
     except CouldNotTell as error:
         return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error), log=kept)
+
+
+def _failure(said: uvcli.Said, asking: _Asking) -> Step:
+    """What uv's failure means: an index that lists no file at all of a package (a login page, say) is no verdict."""
+    step = uvsays.failure(said.text, Phase.RESOLVE)
+    name = uvsays.unlisted(said.text)
+    if step.outcome is not Outcome.FAILED or name is None or asking.offline:
+        return step
+    try:
+        listed = index.releases(name, asking.question.index)
+    except index.UnknownPackage:
+        return step
+    except CouldNotTell as error:
+        return replace(step, outcome=Outcome.INFRA, decisive=str(error))
+    message = f"the index answers, but lists no file of {name}; check the index settings of uv and pip"
+    return step if listed else replace(step, outcome=Outcome.INFRA, decisive=message)
 
 
 def _pylock(folder: Path) -> dict[str, Any]:

@@ -68,11 +68,11 @@ def scratch() -> Iterator[Path]:
 
 
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
-    """Resolve for an interpreter; uv logs to its output when it looks into an sdist."""
+    """Resolve for an interpreter; uv logs to its output when it looks into an sdist, or cannot read a file."""
     asked = sources.combined(call.index)
     no_index = ("--no-index",) if asked.no_index else ()
     options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
-    variables = {"RUST_LOG": "uv_distribution=debug"}
+    variables = {"RUST_LOG": "uv_distribution=debug,uv_resolver=warn"}
     if links := ",".join(_existing(asked.find_links, call.index)):
         variables["UV_FIND_LINKS"] = links
     return _run(call, ("pip", "compile", *arguments, *options), variables)

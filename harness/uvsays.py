@@ -36,9 +36,13 @@ METADATA = re.compile(r"has invalid metadata|could not be parsed|Failed to parse
 SOURCE_BUILD = re.compile(
     r"source distribution|(?:Prepared|Preparing|cached) metadata for|static `PKG-INFO`", re.IGNORECASE
 )
+UNREADABLE = re.compile(
+    r"^WARN `?([^`\s]+)`? has an invalid package format: (.*\b(?:zip|archive|stream)\b.*)", re.MULTILINE
+)
+NO_VERSION = re.compile(r"there (?:is|are) no versions? of ([A-Za-z0-9][A-Za-z0-9._-]*)")
 LEAD = re.compile(r"^\W*(?:error:|cause:)?\s*")
 STATEMENT = re.compile(r"^\s*(?:error|cause): ")
-DEBUG = re.compile(r"^(?:DEBUG|TRACE|INFO) ")
+DEBUG = re.compile(r"^(?:DEBUG|TRACE|INFO|WARN) ")
 WARNING = re.compile(r"^warning: ")
 
 
@@ -56,6 +60,18 @@ class _Words:
 def met_source(text: str) -> bool:
     """Whether uv looked into an sdist (its log is on for `uv_distribution`), be it in the end chosen or not."""
     return any(DEBUG.match(line) and SOURCE_BUILD.search(line) for line in text.splitlines())
+
+
+def unreadable(text: str) -> str | None:
+    """What file uv could not read and so passed over, be it for an older version: what a cut download leaves behind."""
+    found = UNREADABLE.search(normalise.strip_ansi(text))
+    return f"{found[1]} came broken from its index: {normalise.bounded(found[2])}; try again" if found else None
+
+
+def unlisted(text: str) -> str | None:
+    """The package of which uv saw no version at all that is asked for."""
+    found = NO_VERSION.search(str(_words(text)))
+    return found[1] if found else None
 
 
 def failure(text: str, phase: Phase) -> Step:

@@ -93,17 +93,15 @@ def _moved(made: Document, source: Path, target: Path) -> Document:
 
 
 def _carried(folder: Path, out: Path) -> document.Locate:
-    """Copy the locks and frames that lie beside a report into another folder, under the same names."""
+    """Copy what lies beside a report into another folder, under the same names."""
 
-    def carry(path: str) -> str:
-        source, target = folder / path, out / path
+    def carried(path: str) -> str:
         if ".." in Path(path).parts:
-            return os.path.relpath(source, out)
-        if source.is_file() and source.resolve() != target.resolve():
-            store.write_atomic(target, source.read_bytes())
+            return os.path.relpath(folder / path, out)
+        reporting.carry(folder / path, out / path)
         return path
 
-    return carry
+    return carried
 
 
 # --- what is made of them --------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,6 +12,7 @@ from pathlib import Path
 
 from harness import document, launch, machine, outcomes, present, store, tables, verdict
 from harness.contract import Document, Report
+from harness.errors import HarnessError
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.store import Store
 
@@ -82,9 +84,22 @@ def probes(plan: Plan) -> dict[str, str]:
 
 
 def write(report: Document, folder: Path, pivot: tuple[str, str] | None) -> None:
-    """Write `report.json` and `report.md` into a folder."""
+    """Write `report.json` and `report.md` into a folder; files that only its last report named go."""
+    _sweep(folder, document.paths(report))
     store.write_atomic(folder / "report.json", document.encode(report))
     store.write_atomic(folder / "report.md", page(tables.report(report, pivot)).encode())
+
+
+def _sweep(folder: Path, named: frozenset[str]) -> None:
+    try:
+        before = document.read((folder / "report.json").read_bytes(), str(folder / "report.json"))
+    except (FileNotFoundError, HarnessError):
+        return
+    for path in (folder / name for name in document.paths(before) - named if ".." not in Path(name).parts):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def page(report: Report) -> str:
@@ -103,7 +118,7 @@ def _kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
 
 @dataclass(slots=True)
 class _Files:
-    """Locks and frames of a report, copied beside it; logs stay in the store and are named from there."""
+    """Locks, frames and logs of a report, copied beside it."""
 
     opened: Store
     folder: Path
@@ -112,22 +127,31 @@ class _Files:
     def place(self, records: Iterable[CellRecord]) -> document.Locate:
         """Copy what the records name and return how to name it from the report."""
         for record in records:
-            if record.lock:
-                self._copy(record.lock, Path(record.lock).as_posix())
-            shown = ((case.case, frame) for case in record.cases for phase in case.phases for frame in phase.frames)
-            for case, frame in shown:
+            phases = [(case.case, phase) for case in record.cases for phase in case.phases]
+            for frame, case in ((frame, case) for case, phase in phases for frame in phase.frames):
                 self._copy(frame, f"frames/{record.cell.label}--{case}--{Path(frame).name}")
+            logs = [step.log for step in (record.resolve, record.install) if step]
+            for path in (record.lock, *logs, *(phase.evidence for _, phase in phases)):
+                self._copy(path, path)
         return self.locate
 
     def locate(self, path: str) -> str:
         """A path of the store as the report names it."""
         return self.placed.get(path) or os.path.relpath(self.opened.folder / path, self.folder)
 
-    def _copy(self, path: str, name: str) -> None:
-        source, target = self.opened.folder / path, self.folder / name
-        if path not in self.placed and source.is_file():
-            store.write_atomic(target, source.read_bytes())
+    def _copy(self, path: str | None, name: str | None) -> None:
+        if path and name and path not in self.placed and carry(self.opened.folder / path, self.folder / name):
             self.placed[path] = name
+
+
+def carry(source: Path, target: Path) -> bool:
+    """Copy a file, or the texts of a folder; False where there is nothing."""
+    if source.is_dir():
+        texts = [path for path in sorted(source.iterdir()) if path.suffix in {".jsonl", ".log", ".txt"}]
+        return bool([carry(text, target / text.name) for text in texts])
+    if source.is_file() and source.resolve() != target.resolve():
+        store.write_atomic(target, source.read_bytes())
+    return source.is_file()
 
 
 def seen_from_here(folder: Path) -> document.Locate:

@@ -25,6 +25,7 @@ MACHINE_SPECIFIC = {
     "timings": ("Resolved 10 packages in 628ms", "Resolved 10 packages in … s"),
     "colours": ("\x1b[1m\x1b[31merror\x1b[39m\x1b[0m: no", "error: no"),
     "what a carriage return wrote over": ("10%\r50%\rdone\r\nnext", "done\nnext"),
+    "mirrors of the index": ("https://pkgs.lab.test/simple/gym/ is", "$INDEX/simple/gym/ is"),
     "versions stay": ("mujoco 3.3.7 needs numpy 2.2.6", "mujoco 3.3.7 needs numpy 2.2.6"),
 }
 

@@ -1,0 +1,62 @@
+"""What is committed below `reports/` is whole, explained, and regenerates to the byte."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+import pytest
+
+from harness import document, tables
+from harness.commands import reporting
+from harness.contract import Document
+
+REPORTS = Path(__file__).parents[2] / "reports"
+FOLDERS = sorted(path.parent for path in REPORTS.glob("*/report.json"))
+FOREIGN = re.compile(r"https?://[^ \"]*/(?:simple|packages)/|/(?:root|home|tmp|work)/")
+"""Addresses of an index, folders of a machine."""
+
+
+def read(folder: Path) -> Document:
+    return document.read((folder / "report.json").read_bytes(), "report.json")
+
+
+def test_quickstart_is_there() -> None:
+    """The report that the README points at is committed."""
+    assert "quickstart" in {folder.name for folder in FOLDERS}
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+class TestCommittedReport:
+    """One committed report."""
+
+    def test_page_is_made_from_the_document(self, folder: Path) -> None:
+        """`report.md` is what its `report.json` gives."""
+        assert reporting.page(tables.report(read(folder))) == (folder / "report.md").read_text()
+
+    def test_every_cell_is_as_expected(self, folder: Path) -> None:
+        """No red cell without an expectation, no expectation out of date."""
+        whole = read(folder)
+
+        assert [cell.id for cell in whole.cells if cell.as_expected is not True] == []
+        assert whole.stale == ()
+
+    def test_locks_are_those_that_were_measured(self, folder: Path) -> None:
+        """Each cell's lock lies beside the report, with the hash that the report gives."""
+        for cell in read(folder).cells:
+            assert cell.lock
+            assert hashlib.sha256((folder / cell.lock).read_bytes()).hexdigest() == cell.lock_sha256
+
+    def test_frames_are_there(self, folder: Path) -> None:
+        """Each frame that is named lies beside the report."""
+        frames = [frame for cell in read(folder).cells for case in cell.cases for frame in case.frames]
+
+        assert frames
+        assert all((folder / frame).is_file() for frame in frames)
+
+    def test_nothing_of_a_machine_or_an_index(self, folder: Path) -> None:
+        """No file names an index's address or a folder of the machine that it was made on."""
+        for path in folder.rglob("*"):
+            if path.suffix in {".json", ".md", ".txt"}:
+                assert not FOREIGN.search(path.read_text()), path
