@@ -13,10 +13,15 @@ NEEDS = {Phase.SINGLE: Phase.IMPORT, Phase.VECTOR: Phase.SINGLE, Phase.RENDER: P
 """The phase without which another says nothing new."""
 
 MACHINE_TROUBLE = re.compile(
-    r"No space left on device|Disk quota exceeded|Cannot allocate memory|Too many open files"
+    r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
     r"|Temporary failure in name resolution|Name or service not known|Network is unreachable"
 )
-"""What the operating system says when this machine or its network is short of something, whatever the package."""
+NO_DISPLAY = re.compile(r"DISPLAY environment variable is missing|[Ff]ailed to open display|[Cc]annot open display")
+
+"""What the operating system says when this machine or its network is short of something, whatever the package.
+
+A file system is read-only by the doing of this machine, or by ours where an environment cannot be sealed otherwise.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -107,9 +112,18 @@ def _failed(reply: CheckReply, capabilities: frozenset[str]) -> tuple[Outcome, s
         return Outcome.INFRA, f"a fault of the harness, not of the packages: {told}", mask
     if MACHINE_TROUBLE.search(told):
         return Outcome.INFRA, told, mask
-    if phase_of(reply.check) is Phase.RENDER and reply.facts.get("gl") and not capabilities & {"egl", "osmesa"}:
-        return Outcome.UNAVAILABLE, f"no EGL and no OSMesa here: {told}", mask
+    if phase_of(reply.check) is Phase.RENDER and (lacking := _lacking(reply, told, capabilities)):
+        return Outcome.UNAVAILABLE, f"no {lacking} here: {told}", mask
     return Outcome.FAILED, decisive, mask
+
+
+def _lacking(reply: CheckReply, told: str, capabilities: frozenset[str]) -> str | None:
+    """What this machine lacks for rendering, where that can be why it failed."""
+    if reply.facts.get("gl") and not capabilities & {"egl", "osmesa"}:
+        return "EGL and no OSMesa"
+    if NO_DISPLAY.search(told) and "display" not in capabilities:
+        return "display"
+    return None
 
 
 def _died(reply: CheckReply, ending: Ending) -> tuple[Outcome, str | None, str | None]:

@@ -65,6 +65,7 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
     ("check", "capabilities", "outcome"),
     [
         (raised("[Errno 28] No space left on device"), {"egl"}, Outcome.INFRA),
+        (raised("[Errno 30] Read-only file system: 'cache.txt'"), {"egl"}, Outcome.INFRA),
         (raised("list index out of range", blame="harness"), {"egl"}, Outcome.INFRA),
         (raised("no display"), {"egl"}, Outcome.FAILED),
         (raised("no display"), {"osmesa"}, Outcome.FAILED),

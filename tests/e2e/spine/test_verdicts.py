@@ -8,7 +8,7 @@ import shutil
 import pytest
 from commandline import Desk, Measured
 
-from harness import cellrun, environments, interpreters, launch, machine, uv, verdict
+from harness import cellrun, environments, interpreters, launch, machine, process, uv, verdict
 from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
 from harness.store import Store
 
@@ -97,6 +97,19 @@ def test_another_python_than_the_lock_s_is_inconclusive(desk: Desk, monkeypatch:
     judged = verdict.judge(record)
     assert (judged.verdict, judged.phases[Phase.IMPORT]) == (Verdict.INCONCLUSIVE, Outcome.INFRA)
     assert judged.decisive == f"the environment's Python is {other.version}, not {record.python}"
+
+
+def test_a_write_that_we_refuse_is_inconclusive(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where an environment can only be sealed by making it read-only, a probe that writes is not at fault for it."""
+    monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
+    if process.sandbox_mode() != "pid+overlay":
+        pytest.skip("unavailable: namespaces")
+    text = 'requirements = [@FAKES@]\nindex = { no_index = true, find_links = ["@WHEELS@"] }\n'
+    text += 'cases = [{ env = "fake_writer:Writer-v0", api = "gymnasium" }]\n[axes]\npython = ["host"]\n'
+    ran = desk.run("run", desk.matrix("m", text), "--json", HARNESS_SANDBOX="pid+readonly")
+    (cell,) = ran.document["cells"]
+    assert (ran.code, cell["verdict"], cell["phases"]["import"]) == (3, "inconclusive", "infra")
+    assert "Read-only file system: '$ENV/lib/" in cell["decisive"]
 
 
 def test_every_verdict_and_outcome_is_reached(defects: Measured, verdicts: Measured) -> None:
