@@ -21,6 +21,7 @@ BROKEN = {
     "forbidden": "returned a 403 Forbidden error",
     "silent": "connection closed before message completed",
     "short": "end of file before message length reached",
+    "portal": "the index answers, but lists no file of fake-plain; check the index settings of uv and pip",
 }
 
 
@@ -42,6 +43,7 @@ def breaking(how: str) -> Callable[[BaseHTTPRequestHandler], None]:
         "forbidden": lambda handler: send(handler, 403),
         "silent": lambda handler: handler.connection.shutdown(2),
         "short": lambda handler: send(handler, 200, b"<html>", announced=1000),
+        "portal": lambda handler: send(handler, 200, b"<html><a href='/login'>Sign in to go on</a></html>"),
     }
     return answers[how]
 
@@ -218,6 +220,23 @@ class TestIndexTrouble:
         assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
         assert decisive is not None
         assert BROKEN[how] in decisive
+
+    def test_file_cut_short(self, ask: Callable[..., Lock | Step], serve: Callable[..., str], wheelhouse: Path) -> None:
+        """A wheel that comes broken is infra, and no reason to take an older version without a word."""
+
+        def answer(handler: BaseHTTPRequestHandler) -> None:
+            name = handler.path.rpartition("/")[2]
+            if name.endswith(".whl"):
+                content = (wheelhouse / name).read_bytes()
+                send(handler, 200, b"PK\3\4, then nothing" * 50 if "-2.0-" in name else content)
+                return
+            names = [f"fake_plain-{version}-py3-none-any.whl" for version in ("1.0", "2.0")]
+            send(handler, 200, "".join(f'<a href="/files/{name}">{name}</a>' for name in names).encode())
+
+        answered = ask("fake-plain", index=IndexSettings(default=serve(answer)), snapshot=None)
+
+        told = "fake-plain==2.0 came broken from its index: Failed to read from zip file; try again"
+        assert failed(answered) == (Phase.RESOLVE, Outcome.INFRA, told)
 
     def test_unreachable_index(self, ask: Callable[..., Lock | Step]) -> None:
         """An index that nobody serves is infra."""
