@@ -226,12 +226,17 @@ class TestIndexTrouble:
 
         def answer(handler: BaseHTTPRequestHandler) -> None:
             name = handler.path.rpartition("/")[2]
+            if handler.command == "HEAD":  # as an index that serves no parts of files, so that uv takes the whole wheel
+                send(handler, 405)
+                return
             if name.endswith(".whl"):
                 content = (wheelhouse / name).read_bytes()
-                send(handler, 200, b"PK\3\4, then nothing" * 50 if "-2.0-" in name else content)
+                send(handler, 200, content[:99] if "-2.0-" in name else content)
                 return
             names = [f"fake_plain-{version}-py3-none-any.whl" for version in ("1.0", "2.0")]
-            send(handler, 200, "".join(f'<a href="/files/{name}">{name}</a>' for name in names).encode())
+            mark = "0" * 64  # with which uv reads no more of a wheel than its metadata
+            links = (f'<a href="/files/{name}#sha256={mark}">{name}</a>' for name in names)
+            send(handler, 200, "".join(links).encode())
 
         answered = ask("fake-plain", index=IndexSettings(default=serve(answer)), snapshot=None)
 
