@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import signal
@@ -13,7 +14,7 @@ from difflib import get_close_matches
 from types import FrameType
 
 import harness
-from harness.errors import HarnessError
+from harness.errors import CouldNotTell, HarnessError
 
 VERBS = {
     "plan": ("harness.commands.plan", "list the cells of a matrix, and what was dropped and why"),
@@ -25,6 +26,12 @@ VERBS = {
     "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
 }
 """Verb: module and one line of help. A module is imported only when its verb is used."""
+
+SHORTAGES = frozenset(
+    getattr(errno, f"E{name}")
+    for name in ("NOSPC", "DQUOT", "ROFS", "IO", "ACCES", "PERM", "MFILE", "NFILE", "NOMEM", "AGAIN")
+)
+"""What the system answers when it is full, broken, forbids something or has too little left: no bug of ours."""
 
 INTERRUPTED = 130
 TERMINATED = 143
@@ -56,10 +63,18 @@ def main(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # whoever read the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except Exception:
-        traceback.print_exc()
-        print("simmatrix: this is a bug of simmatrix, not of the packages; please report it", file=sys.stderr)
-        return HarnessError.exit_code
+    except Exception as error:
+        return _unforeseen(error)
+
+
+def _unforeseen(error: Exception) -> int:
+    """Tell a machine that is short of something from a bug of ours."""
+    if isinstance(error, OSError) and error.errno in SHORTAGES:
+        print(f"simmatrix: this machine got in the way: {error}; mend that and type the same again", file=sys.stderr)
+        return CouldNotTell.exit_code
+    traceback.print_exception(error)
+    print("simmatrix: this is a bug of simmatrix, not of the packages; please report it", file=sys.stderr)
+    return HarnessError.exit_code
 
 
 class _Terminated(BaseException):

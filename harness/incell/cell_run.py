@@ -10,7 +10,7 @@ import json
 import os
 import platform
 import sys
-import time
+from time import monotonic
 
 from .cell_errors import Skip, blame, describe, library, summary
 from .cell_lines import Lines, bounded
@@ -108,10 +108,10 @@ class Probe:
 
     def _import(self, name):
         if name not in self._imported:
-            began = time.monotonic()
+            began = monotonic()
             with library:
                 importlib.import_module(name)
-            self._imported[name] = round(time.monotonic() - began, 4)
+            self._imported[name] = round(monotonic() - began, 4)
 
     def _phase(self, check):
         return importlib.import_module(".phase_" + check.partition(".")[0], __package__)
@@ -145,7 +145,7 @@ class Probe:
         self.stacks.disarm()
         if os.getpid() != self.reply.pid:  # a child that a library forked and let come back here
             os._exit(0)
-        seconds = round(time.monotonic() - began, 4)
+        seconds = round(monotonic() - began, 4)
         record = {"outcome": outcome, "seconds": seconds, "raised": raised, "reason": reason}
         self.reply.write("check", check=check, workers=self.workers, facts=facts, **record)
         library.raised = None
@@ -159,7 +159,7 @@ class Probe:
         self.import_modules()
 
     def _arm(self, check):
-        began = time.monotonic()
+        began = monotonic()
         limit = self.limits.get(check, DEFAULT_SECONDS)
         self.deadline = began + limit
         self.stacks.arm(0.9 * limit)

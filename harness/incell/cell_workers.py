@@ -6,7 +6,7 @@ worker, and in gym 0.26 a `TypeError` for any exception of step().
 
 import functools
 import os
-import time
+from time import monotonic
 
 from .cell_errors import describe, library
 from .cell_lines import Lines
@@ -30,7 +30,7 @@ class Maker:
             return self.make(self.case)
         name = os.path.join(self.folder, "worker-{}".format(os.getpid()))
         stacks = Stacks(name + ".txt")
-        stacks.arm(0.9 * (self.deadline - time.monotonic()))
+        stacks.arm(0.9 * (self.deadline - monotonic()))
         diary = Diary(Lines(name + ".jsonl"), self.check)
         env = diary.kept("constructor", self.make)(self.case)
         diary.reached("constructed")
@@ -86,14 +86,14 @@ def processes(env, error):
     while found is None and step is not None:
         found = getattr(step.tb_frame.f_locals.get("self"), "processes", None)
         step = step.tb_next
-    return [process for process in found or () if hasattr(process, "exitcode")]
+    return [process for process in found or () if getattr(process, "pid", None)]  # those that could be started
 
 
 def endings(workers, patience):
     """Wait for the workers, `patience` seconds for all together: their exit codes, None for those still running."""
-    deadline = time.monotonic() + patience
+    deadline = monotonic() + patience
     for worker in workers:
-        worker.join(max(0.0, deadline - time.monotonic()))
+        worker.join(max(0.0, deadline - monotonic()))
     return [{"pid": worker.pid, "exit_code": worker.exitcode} for worker in workers]
 
 
