@@ -240,10 +240,12 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
                 raise ValueError(message)
     with located(file, *path, "kwargs"):
         _check_finite(case.kwargs)
+    with located(file, *path, "timeouts"):
+        _check_finite(case.timeouts)
 
 
 def _check_finite(plain: Any) -> None:
-    """JSON, in which a cell is told its arguments, has no infinities."""
+    """JSON, in which a cell is told its arguments and limits, has no infinities."""
     if isinstance(plain, float) and not math.isfinite(plain):
         message = f"{plain} cannot be handed to a cell"
         raise ValueError(message)
@@ -259,6 +261,8 @@ def _check_expect(expected: ExpectTable) -> None:
         message = f'"{expected.verdict}" says nothing about packages and cannot be expected'
     elif expected.phase is not None and expected.phase not in CELL_PHASES:
         message = f'no cell goes through the phase "{expected.phase}" yet'
+    elif expected.signature is not None:
+        message = f'no signature "{expected.signature}" is known; say with "match" what the decisive line is like'
     if message:
         raise ValueError(message)
 

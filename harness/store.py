@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import msgspec
 import platformdirs
 
+from harness.errors import BadInput
 from harness.model import CellRecord, Finding, Interpreter, Lock, PhaseRecord, Question, Step
 
 T = TypeVar("T")
@@ -40,8 +41,22 @@ def ignored_by_git(folder: Path) -> Path:
     """Make the folder and let it ignore itself."""
     marker = folder / ".gitignore"
     if not marker.exists():
+        write_atomic(writable(folder) / marker.name, b"*\n")
+    return folder
+
+
+def writable(folder: Path) -> Path:
+    """Make the folder; where it cannot be one, or cannot be written to, the user named a wrong one."""
+    trouble = None
+    try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomic(marker, b"*\n")
+    except OSError as error:
+        trouble = error.strerror
+    else:
+        trouble = None if os.access(folder, os.W_OK | os.X_OK) else "Permission denied"
+    if trouble:
+        message = f"{folder}: no folder to write to: {trouble}; name another one"
+        raise BadInput(message)
     return folder
 
 

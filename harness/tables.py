@@ -29,16 +29,21 @@ NOTHING = "-"
 def report(document: Document, pivot: tuple[str, str] | None = None) -> Report:
     """Everything that a presentation shows; `pivot` names the axes of the small table, down and across."""
     matrices = {name: document.matrices.get(name) or _guessed(document.cells, name) for name in _names(document)}
-    if pivot and not any(set(pivot) <= set(matrix.axes) for matrix in matrices.values()):
-        known = sorted({axis for matrix in matrices.values() for axis in matrix.axes})
-        message = f"--pivot {' '.join(pivot)}: takes two axes of one matrix; known here: {', '.join(known) or 'none'}"
-        raise BadInput(message)
+    check_pivot(pivot, [matrix.axes for matrix in matrices.values()])
     return Report(
         generated=document.generated,
         sheets=tuple(_sheet(document, name, matrix, pivot) for name, matrix in matrices.items()),
         machines=tuple((name, _facts(facts)) for name, facts in sorted(document.machines.items())),
         stale=document.stale,
     )
+
+
+def check_pivot(pivot: Sequence[str] | None, axes: Sequence[Sequence[str]]) -> None:
+    """Refuse two names that are not axes of one of the matrices; `axes` are those of each."""
+    if pivot and not any(set(pivot) <= set(names) for names in axes):
+        known = sorted({name for names in axes for name in names})
+        message = f"--pivot {' '.join(pivot)}: takes two axes of one matrix; known here: {', '.join(known) or 'none'}"
+        raise BadInput(message)
 
 
 def _names(document: Document) -> tuple[str, ...]:

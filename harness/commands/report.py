@@ -37,6 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Show what was measured; the exit code is that of `run`."""
     sources = [_found(name) for name in args.sources] or _all()
+    if args.out:
+        store.writable(args.out)
     whole = _read(sources, args.out)
     report = tables.report(whole, tuple(args.pivot) if args.pivot else None)
     for form in ["json"] if args.json else args.format or (["md", "json"] if args.out else ["terminal"]):

@@ -18,8 +18,10 @@ from harness.contract import UNTOLD, word
 from harness.errors import BadInput
 from harness.inputfiles import Inputs
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Plan, Question, Verdict
+from harness.schema import located
 from harness.store import Store
 from harness.verdict import Judgement
+from harness.words import HOST, version_text
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
 REUSED_FOR_HOURS = 24.0
@@ -90,7 +92,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: scheduler.Runner) -> Plan:
-    """The one-cell plan, its Python chosen and its instant set."""
+    """The one-cell plan, its Python chosen and its instant set; what is wrong is said before anything is kept."""
     asked = plan.Asked(
         requirements=(*args.requirements, *given.requirements),
         python="host",
@@ -103,12 +105,16 @@ def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: schedu
         build_constraints=tuple(args.build_constraint),
         only_binary=(*args.only_binary, *given.only_binary),
         torch_backend=args.torch_backend,
-        as_of=args.as_of or opened.instant(plan.TRY_MATRIX, renew=args.fresh, hours=REUSED_FOR_HOURS),
+        as_of=args.as_of,
     )
+    plan.single(asked)
+    if args.as_of is None:
+        instant = opened.instant(plan.TRY_MATRIX, renew=args.fresh, hours=REUSED_FOR_HOURS)
+        asked = replace(asked, as_of=instant)
     question = replace(plan.single(asked).cells[0].question, index=given.index)
     if given.prerelease:
         question = replace(question, prerelease=given.prerelease)
-    python = args.python or _python(question, given, runner)
+    python = _asked_python(args.python) if args.python else _python(question, given, runner)
     planned = plan.single(replace(asked, python=_version(python)))
     (cell,) = planned.cells
     return replace(planned, cells=(replace(cell, python=python, question=question),))
@@ -122,9 +128,21 @@ def _variable(text: str) -> tuple[str, str]:
     return name, value
 
 
+def _asked_python(text: str) -> str:
+    """The value of `--python`."""
+    if "/" in text:
+        if interpreters.find(text) is None:
+            message = f"--python {text}: there is no Python here that can be run"
+            raise BadInput(message)
+    elif text != HOST:
+        with located("--python"):
+            version_text(text)
+    return text
+
+
 def _version(python: str) -> str:
     """What cells are named after: the version of an interpreter given by its path."""
-    found = interpreters.find(python) if "/" in python or python == "host" else None
+    found = interpreters.find(python) if "/" in python or python == HOST else None
     return found.version if found else python
 
 
@@ -169,9 +187,9 @@ def _tried(record: CellRecord, judged: Judgement) -> str:
         parts.append(
             f"{judged.phase} {judged.phases[judged.phase]}" + (f" of {' and '.join(failed)}" if failed else "")
         )
-    parts += [f"{phase} not verified: {_why(record, Phase(phase))}" for phase in judged.unverified]
     where = f" on Python {record.python}" if record.python else ""
-    return "; ".join(parts or ["nothing was tried"]) + where
+    tried = "; ".join(parts or ["nothing was tried"]) + where
+    return "; ".join([tried, *(f"{name} not verified: {_why(record, Phase(name))}" for name in judged.unverified)])
 
 
 def _name(case: CaseRecord) -> str:

@@ -250,6 +250,14 @@ MISTAKES: dict[str, tuple[str, str]] = {
         AXES + CASE + "kwargs = { range = [0, inf] }",
         "demo.toml: cases[0].kwargs: inf cannot be handed to a cell",
     ),
+    "endless-timeout": (
+        AXES + CASE + "timeouts = { single = inf }",
+        "demo.toml: cases[0].timeouts: inf cannot be handed to a cell",
+    ),
+    "signature": (
+        AXES + CASE + '[[expect]]\ncells = "*"\nverdict = "broken"\nsignature = "numpy2"\nreason = "known"',
+        'demo.toml: expect[0]: no signature "numpy2" is known; say with "match" what the decisive line is like',
+    ),
     "when-axis": (
         AXES + CASE + 'when = { gymnasum = ">=1" }',
         'demo.toml: cases[0].when.gymnasum: there is no such axis; did you mean "gymnasium"?',

@@ -70,6 +70,14 @@ def test_report_has_the_document_of_the_run(kept: Desk) -> None:
     assert all((kept.folder / cell["evidence"]).exists() for cell in document["cells"])
 
 
+def test_a_file_is_no_folder_for_a_report(kept: Desk) -> None:
+    """Where nothing can be written, that is said at once and in one sentence."""
+    taken = kept.folder / "taken"
+    taken.write_text("")
+    ran = kept.run("report", "small", "--out", taken)
+    assert (ran.code, ran.err) == (2, f"simmatrix: {taken}: no folder to write to: File exists; name another one\n")
+
+
 def test_the_table_pivots(kept: Desk) -> None:
     """The terminal's table has a square for each pair of values, and a row for each cell with why it is red."""
     ran = kept.run("report", "small", "--pivot", "python", "which")
