@@ -23,16 +23,23 @@ def built_in() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def load(name: str, store: Store, say: Callable[[str], None], *, offline: bool = False, renew: bool = False) -> Plan:
+def load(name: str, say: Callable[[str], None], *, offline: bool = False, renew: bool = False) -> Plan:
     """Plan a matrix; a range that was never expanded (or is to be renewed) is expanded from the index and kept."""
     path = _locate(name)
     matrix = matrixfile.read(_text(path), str(path))
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew) if matrix.ranges else None
     sources = {source: _text(path.parent / source) for source in matrixfile.sources(matrix)}
     planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources)
-    dated = all(cell.question.snapshot for cell in planned.cells)
-    instant = None if dated else store.instant(matrix.name, renew=renew)
-    return _completed(planned, instant, _located(plan.index_settings(matrix), path.parent))
+    index = _located(plan.index_settings(matrix), path.parent)
+    return _with_questions(planned, lambda question: replace(question, index=index))
+
+
+def dated(planned: Plan, store: Store, *, renew: bool = False) -> Plan:
+    """The plan with an instant in every question: the matrix's own, else that of its first lock, which is kept."""
+    if all(cell.question.snapshot for cell in planned.cells):
+        return planned
+    instant = store.instant(planned.matrix, renew=renew)
+    return _with_questions(planned, lambda question: replace(question, snapshot=question.snapshot or instant))
 
 
 def _locate(name: str) -> Path:
@@ -94,10 +101,8 @@ def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
     return replace(settings, find_links=links)
 
 
-def _completed(planned: Plan, instant: str | None, index: IndexSettings) -> Plan:
-    """The plan with the instant and the places of packages in every question; equal questions stay one object."""
-    made: dict[int, Question] = {}
-    for question in (cell.question for cell in planned.cells):
-        if id(question) not in made:
-            made[id(question)] = replace(question, snapshot=question.snapshot or instant, index=index)
+def _with_questions(planned: Plan, change: Callable[[Question], Question]) -> Plan:
+    """The plan with each question changed; equal questions stay one object."""
+    distinct = {id(cell.question): cell.question for cell in planned.cells}
+    made = {key: change(question) for key, question in distinct.items()}
     return replace(planned, cells=tuple(replace(cell, question=made[id(cell.question)]) for cell in planned.cells))

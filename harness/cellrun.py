@@ -6,8 +6,10 @@ same key are not run again.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 from harness import frames, launch, normalise, outcomes
@@ -41,14 +43,14 @@ class Context:
 
     `python` is the version that probes must find, `site` makes the environment when one really has to run. `identity`
     is all that a result's key holds besides case, phase and probe: environment key, variables, sandbox mode, machine.
-    `places` names this machine's folders, for evidence.
+    `undrawable` is why nothing can be drawn by OpenGL here, `places` names this machine's folders, for evidence.
     """
 
     store: Store
     python: str
     site: Callable[[], launch.Site]
     identity: tuple[object, ...]
-    capabilities: frozenset[str]
+    undrawable: str | None
     places: Mapping[str, str]
     until: Phase = Phase.RENDER
     fresh: bool = False
@@ -93,9 +95,16 @@ def _absent(phase: Phase, asked: bool) -> PhaseRecord:
 
 
 def _key(context: Context, case: Case, phase: Phase, checks: tuple[str, ...]) -> str:
-    limits = {check: _limit(case, check) for check in checks}
-    asked = (case.env, case.api, case.kwargs, case.imports, case.providers, case.steps, case.seed, limits)
-    return digest("phase", context.identity, asked, phase, launch.probe_hash(case.api, phase))
+    limits = ({check: _limit(case, check) for check in checks}, case.memory_mb)
+    asked = (case.env, case.api, case.kwargs, case.imports, case.providers, case.steps, case.seed)
+    probe = (launch.probe_hash(case.api, phase), _judging())
+    return digest("phase", context.identity, context.verify, asked, limits, phase, probe)
+
+
+@cache
+def _judging() -> str:
+    """A hash of what turns a reply into an outcome: results judged in another way are measured again."""
+    return digest(*(inspect.getsource(module) for module in (normalise, outcomes)))
 
 
 def _stored(context: Context, case: Case, wanted: Mapping[Phase, tuple[str, ...]]) -> dict[Phase, PhaseRecord]:
@@ -159,7 +168,7 @@ class _Measurement:
         with launch.probe(self.context.site(), self.case, limits) as run:
             evidence = self._keep(run, name)
             replies = [reply for reply in run.reply.checks if reply.check in limits]
-            self.findings += self._found(run, limits)
+            self.findings += [] if REPEAT in limits else self._found(run, limits)
             if not replies or self._python(run) != self.context.python:
                 return {next(iter(limits)): self._not_tried(run, next(iter(limits)), evidence)}
             judged = [self._judged(run, reply, limits, evidence) for reply in replies]
@@ -168,7 +177,7 @@ class _Measurement:
     def _judged(
         self, run: launch.ProbeRun, reply: CheckReply, limits: Mapping[str, float], evidence: str
     ) -> _Ended | None:
-        record = outcomes.check_record(reply, run.ending(), self.context.capabilities)
+        record = outcomes.check_record(reply, run.ending(), self.context.undrawable)
         if record.outcome is Outcome.TIMED_OUT and reply.check not in self.overran:
             self.overran.add(reply.check)
             return None

@@ -37,7 +37,6 @@ class Site:
     pycache: Path
     variables: Mapping[str, str]
     files: Mapping[str, bytes]
-    memory_mb: int = 6000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,7 +56,7 @@ class ProbeRun:
         """What the end of the process says about the check that was running then."""
         done = self.completed
         overran = STARTUP_SECONDS if done.timed_out else self.overran
-        trouble = f"needs more than the {self.memory_mb} MB of memory that a probe may use here"
+        trouble = f"needs more than the {self.memory_mb} MB that its case allows; `memory_mb` of the case raises that"
         return outcomes.Ending(
             exit_code=done.exit_code,
             signal=done.signal,
@@ -107,7 +106,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         ),
         cwd=home,
         env={**site.variables, "PYTHONPYCACHEPREFIX": str(site.pycache)},
-        limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=site.memory_mb),
+        limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
         log=scratch / "log.txt",
         profile=process.Profile.CELL,
         home=home,
@@ -123,7 +122,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         stacks=_text(replies / "stacks.txt"),
         replies=replies,
         last_lines=_tail(command.log),
-        memory_mb=site.memory_mb,
+        memory_mb=case.memory_mb,
         places={
             str(site.folder): "$ENV",
             str(folder): "$ENV",

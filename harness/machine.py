@@ -79,6 +79,10 @@ def facts() -> Machine:
     )
 
 
+DRAWN_WITH = {"egl": "egl", "osmesa": "osmesa", "glfw": "display", "glx": "display"}
+"""Values of MUJOCO_GL, and what each draws with."""
+
+
 def supplied(given: Mapping[str, str]) -> dict[str, str]:
     """The variables that rendering needs here, never over one that was given, be it empty."""
     capabilities = facts().capabilities
@@ -90,6 +94,18 @@ def supplied(given: Mapping[str, str]) -> dict[str, str]:
         found["PYOPENGL_PLATFORM"] = "osmesa"
     found["SDL_VIDEODRIVER"] = "dummy"
     return {name: value for name, value in found.items() if name not in given}
+
+
+def drawing_needs(variables: Mapping[str, str]) -> tuple[str, ...]:
+    """The capability that the way of drawing chosen by these variables needs."""
+    need = DRAWN_WITH.get(variables.get("MUJOCO_GL", "").casefold())
+    return (need,) if need else ()
+
+
+def undrawable(variables: Mapping[str, str]) -> str | None:
+    """Why nothing that needs OpenGL can be drawn here with these variables, in a sentence; None if it can."""
+    anything = facts().capabilities & set(DRAWN_WITH.values())
+    return missing_for(drawing_needs(variables) or (() if anything else ("egl",)))
 
 
 def base_environment(needs: Sequence[str] = ()) -> dict[str, str]:

@@ -126,6 +126,7 @@ class CaseTable(Table, frozen=True, kw_only=True):
     ] = {}
     steps: Annotated[int, Meta(ge=1)] = 100
     seed: Annotated[int, Meta(ge=0)] = 7
+    memory_mb: Annotated[int, Meta(ge=64, description="of all processes of a probe together")] = 6000
 
 
 class VersionTable(Changes, frozen=True, kw_only=True):

@@ -106,6 +106,7 @@ class Case:
     timeouts: Mapping[Phase, float] = field(default_factory=dict)
     steps: int = 100
     seed: int = 7
+    memory_mb: int = 6000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

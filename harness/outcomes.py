@@ -16,12 +16,10 @@ MACHINE_TROUBLE = re.compile(
     r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
     r"|Temporary failure in name resolution|Name or service not known|Network is unreachable"
 )
-NO_DISPLAY = re.compile(r"DISPLAY environment variable is missing|[Ff]ailed to open display|[Cc]annot open display")
+"""What the operating system says when this machine or its network is short of something, whatever the package."""
 
-"""What the operating system says when this machine or its network is short of something, whatever the package.
-
-A file system is read-only by the doing of this machine, or by ours where an environment cannot be sealed otherwise.
-"""
+DRAWING_CODE = re.compile(r"/(?:OpenGL|glfw)/|/mujoco/(?:egl|osmesa|glfw|gl_context|rendering|renderer)\b")
+"""Files of a traceback in which something was about to draw by OpenGL."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -53,9 +51,9 @@ def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
     return True
 
 
-def check_record(reply: CheckReply, ending: Ending, capabilities: frozenset[str]) -> CheckRecord:
-    """The record of one check; `capabilities` are this machine's (`egl`, `osmesa`, ...)."""
-    outcome, decisive, mask = _outcome(reply, ending, capabilities)
+def check_record(reply: CheckReply, ending: Ending, undrawable: str | None) -> CheckRecord:
+    """The record of one check; `undrawable` is why nothing can be drawn by OpenGL here, if that is so."""
+    outcome, decisive, mask = _outcome(reply, ending, undrawable)
     return CheckRecord(
         check=reply.check,
         outcome=outcome,
@@ -93,37 +91,34 @@ def _last_gasp(ending: Ending) -> str | None:
     return None
 
 
-def _outcome(reply: CheckReply, ending: Ending, capabilities: frozenset[str]) -> tuple[Outcome, str | None, str | None]:
+def _outcome(reply: CheckReply, ending: Ending, undrawable: str | None) -> tuple[Outcome, str | None, str | None]:
     match reply.outcome:
         case Outcome.PASSED:
             return Outcome.PASSED, None, None
         case None:
             return _died(reply, ending)
         case Outcome.FAILED:
-            return _failed(reply, capabilities)
+            return _failed(reply, undrawable)
         case other:
             return other, reply.reason, None
 
 
-def _failed(reply: CheckReply, capabilities: frozenset[str]) -> tuple[Outcome, str | None, str | None]:
+def _failed(reply: CheckReply, undrawable: str | None) -> tuple[Outcome, str | None, str | None]:
     decisive, mask = normalise.decisive_of_check(reply)
     told = decisive or ""
     if reply.raised and reply.raised.blame == "harness":
         return Outcome.INFRA, f"a fault of the harness, not of the packages: {told}", mask
     if MACHINE_TROUBLE.search(told):
         return Outcome.INFRA, told, mask
-    if phase_of(reply.check) is Phase.RENDER and (lacking := _lacking(reply, told, capabilities)):
-        return Outcome.UNAVAILABLE, f"no {lacking} here: {told}", mask
+    if undrawable and _draws(reply):
+        return Outcome.UNAVAILABLE, f"{undrawable} ({told})", mask
     return Outcome.FAILED, decisive, mask
 
 
-def _lacking(reply: CheckReply, told: str, capabilities: frozenset[str]) -> str | None:
-    """What this machine lacks for rendering, where that can be why it failed."""
-    if reply.facts.get("gl") and not capabilities & {"egl", "osmesa"}:
-        return "EGL and no OSMesa"
-    if NO_DISPLAY.search(told) and "display" not in capabilities:
-        return "display"
-    return None
+def _draws(reply: CheckReply) -> bool:
+    """Whether it failed at drawing by OpenGL, or at getting ready for it."""
+    at_rendering = phase_of(reply.check) is Phase.RENDER and bool(reply.facts.get("gl"))
+    return at_rendering or bool(reply.raised and DRAWING_CODE.search(reply.raised.traceback))
 
 
 def _died(reply: CheckReply, ending: Ending) -> tuple[Outcome, str | None, str | None]:

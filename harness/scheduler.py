@@ -200,9 +200,8 @@ class Runner:
     def _context(self, record: CellRecord, pool: _Pool) -> cellrun.Context:
         cell = record.cell
         given = {**record.supplied, **cell.environment}
-        variables = {
-            name: value for name, value in {**machine.base_environment(cell.needs), **given}.items() if value != ""
-        }
+        needs = (*cell.needs, *machine.drawing_needs(given))
+        variables = {name: value for name, value in {**machine.base_environment(needs), **given}.items() if value != ""}
         files = {name: content.encode() for name, content in cell.files.items()}
         facts = machine.facts()
 
@@ -221,7 +220,7 @@ class Runner:
             python=record.python or "",
             site=site,
             identity=(record.key, sorted(given.items()), sorted(cell.files.items()), process.sandbox_mode(), facts.id),
-            capabilities=facts.capabilities,
+            undrawable=machine.undrawable(given),
             places=uvcli.places(),
             until=self.settings.until,
             fresh=self.settings.fresh,

@@ -48,8 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Lock the cells; exit 1 when one has no lock for a reason of its packages, 3 when it could not be told."""
+    planned = catalog.load(args.matrix, tell, offline=args.offline, renew=args.upgrade)
+    choose(planned.cells, args.k)
     opened = store.open_store()
-    plan = catalog.load(args.matrix, opened, tell, offline=args.offline, renew=args.upgrade)
+    plan = catalog.dated(planned, opened, renew=args.upgrade)
     cells = choose(plan.cells, args.k)
     settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
     with progress.Progress(len(cells), args.jobs, _headline) as board:

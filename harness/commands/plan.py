@@ -7,7 +7,7 @@ import sys
 
 import msgspec
 
-from harness import catalog, store
+from harness import catalog
 from harness.commands.run import choose, tell
 from harness.model import Case, Cell, Plan
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Print the plan."""
-    plan = catalog.load(args.matrix, store.open_store(), tell, offline=args.offline)
+    plan = catalog.load(args.matrix, tell, offline=args.offline)
     cells = choose(plan.cells, args.k)
     if args.json:
         sys.stdout.buffer.write(msgspec.json.encode(_document(plan, cells)) + b"\n")

@@ -45,9 +45,11 @@ def main(args: argparse.Namespace) -> int:
     settings = scheduler.Settings(
         jobs=args.jobs, until=args.until, fresh=args.fresh, offline=args.offline, verify=args.verify
     )
+    planned = [catalog.load(name, tell, offline=args.offline) for name in args.matrices]
+    choose([cell for plan in planned for cell in plan.cells], args.k)
     opened = store.open_store()
-    plans = [catalog.load(name, opened, tell, offline=args.offline) for name in args.matrices]
-    chosen = choose(tuple(cell for plan in plans for cell in plan.cells), args.k)
+    plans = [catalog.dated(plan, opened) for plan in planned]
+    chosen = choose([cell for plan in plans for cell in plan.cells], args.k)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
     return reporting.finish(plans, records, opened, reporting.Wanted.of(args))

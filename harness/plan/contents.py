@@ -170,6 +170,7 @@ def _case(table: CaseTable) -> Case:
         timeouts={Phase(phase): seconds for phase, seconds in table.timeouts.items()},
         steps=table.steps,
         seed=table.seed,
+        memory_mb=table.memory_mb,
     )
 
 

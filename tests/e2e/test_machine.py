@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -209,3 +210,23 @@ class TestMissing:
             f"no EGL here ({reason}): install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver; "
             "nothing here is known as 'gpus': a need is one of egl, osmesa, display, gpu"
         )
+
+
+@pytest.mark.parametrize(
+    ("variables", "capabilities", "told"),
+    [
+        ({"MUJOCO_GL": "egl"}, {"egl"}, None),
+        ({"MUJOCO_GL": "osmesa"}, {"egl"}, "no OSMesa here"),
+        ({"MUJOCO_GL": "glfw"}, {"egl", "osmesa"}, "no X display here"),
+        ({}, {"egl"}, None),
+        ({}, set(), "no EGL here"),
+    ],
+)
+def test_what_cannot_be_drawn_with_these_variables(
+    variables: dict[str, str], capabilities: set[str], told: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A way of drawing that the variables choose and the machine lacks is the machine's fault."""
+    here = machine.Machine(id="here", facts={}, capabilities=frozenset(capabilities))
+    monkeypatch.setattr(machine, "facts", cache(lambda: here))
+
+    assert (machine.undrawable(variables) or "").partition(":")[0] == (told or "")

@@ -19,6 +19,7 @@ FOREIGN = re.compile(r"https?://[^ \"]*/(?:simple|packages)/|/(?:root|home|tmp|w
 
 
 def read(folder: Path) -> Document:
+    """The document of a report."""
     return document.read((folder / "report.json").read_bytes(), "report.json")
 
 

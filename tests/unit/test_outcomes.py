@@ -14,7 +14,7 @@ from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.outcomes import Ending, check_record, found_beside, reachable
 
 PASSED = Outcome.PASSED
-NO_GL: frozenset[str] = frozenset()
+NO_GL = "no EGL here: install it"
 
 
 def reply(checks: Mapping[str, Outcome | None]) -> ProbeReply:
@@ -23,10 +23,11 @@ def reply(checks: Mapping[str, Outcome | None]) -> ProbeReply:
     return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=False)
 
 
-def raised(text: str, *, blame: str = "library") -> CheckReply:
-    """A check that failed by an exception."""
-    error = Raised(type="RuntimeError", message=text, traceback="", blame=blame)
-    return CheckReply(check="render.rgb_array", outcome=Outcome.FAILED, raised=error, facts={"gl": {"modules": ["x"]}})
+def raised(text: str, *, check: str = "render.rgb_array", file: str = "x.py", blame: str = "library") -> CheckReply:
+    """A check that failed by an exception raised in a file of the library; when rendering, OpenGL is loaded."""
+    error = Raised(type="RuntimeError", message=text, traceback=f'  File "$ENV/site-packages/{file}"', blame=blame)
+    facts = {"gl": {"modules": ["x"]}} if check.startswith("render") else {}
+    return CheckReply(check=check, outcome=Outcome.FAILED, raised=error, facts=facts)
 
 
 def warning(check: str, text: str) -> Finding:
@@ -62,19 +63,21 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
 
 
 @pytest.mark.parametrize(
-    ("check", "capabilities", "outcome"),
+    ("check", "undrawable", "outcome"),
     [
-        (raised("[Errno 28] No space left on device"), {"egl"}, Outcome.INFRA),
-        (raised("[Errno 30] Read-only file system: 'cache.txt'"), {"egl"}, Outcome.INFRA),
-        (raised("list index out of range", blame="harness"), {"egl"}, Outcome.INFRA),
-        (raised("no display"), {"egl"}, Outcome.FAILED),
-        (raised("no display"), {"osmesa"}, Outcome.FAILED),
-        (raised("no display"), set(), Outcome.UNAVAILABLE),
+        (raised("[Errno 28] No space left on device"), None, Outcome.INFRA),
+        (raised("[Errno 30] Read-only file system: 'cache.txt'"), None, Outcome.INFRA),
+        (raised("list index out of range", blame="harness"), None, Outcome.INFRA),
+        (raised("no context"), None, Outcome.FAILED),
+        (raised("no context"), NO_GL, Outcome.UNAVAILABLE),
+        (raised("no context", check="single.loop"), NO_GL, Outcome.FAILED),
+        (raised("no context", check="single.loop", file="mujoco/osmesa/__init__.py"), NO_GL, Outcome.UNAVAILABLE),
+        (raised("no context", check="single.loop", file="OpenGL/GL/__init__.py"), NO_GL, Outcome.UNAVAILABLE),
     ],
 )
-def test_whose_fault_an_exception_is(check: CheckReply, capabilities: set[str], outcome: Outcome) -> None:
+def test_whose_fault_an_exception_is(check: CheckReply, undrawable: str | None, outcome: Outcome) -> None:
     """A full disk, a fault of ours and a machine that cannot draw are none of the packages'."""
-    assert check_record(check, Ending(), frozenset(capabilities)).outcome is outcome
+    assert check_record(check, Ending(), undrawable).outcome is outcome
 
 
 def test_a_follower_that_ends_the_process_is_told() -> None:

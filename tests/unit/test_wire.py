@@ -207,6 +207,7 @@ def test_request() -> None:
             "timeouts": {"single": 3.0},
             "steps": 100,
             "seed": 7,
+            "memory_mb": 6000,
         },
         "checks": ["single.loop"],
         "folder": "/f",

@@ -115,21 +115,18 @@ FOUND = {
         "single.check_env": r"AssertionError: The first element returned by `env.reset\(\)` is not within .*",
         "vector.space": OUTSIDE,
     },
-    "double-fork": dict.fromkeys(("import.stray", "single.stray"), r"left \d+ process\(es\) behind at its end"),
-    "writer": dict.fromkeys(
-        ("import.written", "single.written"),
-        r"wrote into its own environment \(kept from other runs\): "
+    "double-fork": {"import.stray": r"left \d+ process\(es\) behind at its end"},
+    "writer": {
+        "import.written": r"wrote into its own environment \(kept from other runs\): "
         r"lib/python3\.\d+/site-packages/fake_healthy\.py, lib/python3\.\d+/site-packages/fake_writer_cache\.txt",
-    ),
+    },
     "fragile": {"single.check_env": SEGFAULT},
     "fragile-hang": {
         "single.check_env": r"no end within 1\.5 s, in reset, site-packages/fake_fragile_hang\.py line \d+"
     },
     "late-raise": {"single.teardown": r"exception ignored in .*: RuntimeError: the GL context is gone"},
-    "late-crash": dict.fromkeys(("single.teardown", "render.teardown"), "after the last check: " + SEGFAULT),
-    "late-hang": dict.fromkeys(
-        ("single.teardown", "render.teardown"), r"Python did not end within [\d.]+ s of the last check"
-    ),
+    "late-crash": {"render.teardown": "after the last check: " + SEGFAULT},
+    "late-hang": {"render.teardown": r"Python did not end within [\d.]+ s of the last check"},
     "worker-hangs": {},
 }
 """Defect to the checks that found something, with a pattern for every text."""

@@ -85,7 +85,7 @@ def test_more_memory_than_allowed_is_inconclusive(desk: Desk, monkeypatch: pytes
     record = _probed(desk, monkeypatch, "fake_memory_hog:MemoryHog-v0", memory_mb=300)
     judged = verdict.judge(record)
     assert (judged.verdict, judged.phases[Phase.SINGLE]) == (Verdict.INCONCLUSIVE, Outcome.INFRA)
-    assert judged.decisive == "needs more than the 300 MB of memory that a probe may use here"
+    assert judged.decisive == "needs more than the 300 MB that its case allows; `memory_mb` of the case raises that"
 
 
 def test_another_python_than_the_lock_s_is_inconclusive(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,7 +142,7 @@ def _probed(
     if python:
         (folder / "bin" / "python").unlink()
         (folder / "bin" / "python").symlink_to(python)
-    case = Case(id="c", env=env, api="gymnasium", checks=("import.modules", "single.loop"))
+    case = Case(id="c", env=env, api="gymnasium", checks=("import.modules", "single.loop"), memory_mb=memory_mb)
     cell = Cell(id="m/c", matrix="m", axes={}, python="host", question=question, environment={}, cases=(case,))
     context = cellrun.Context(
         store=Store(desk.state),
@@ -153,10 +153,9 @@ def _probed(
             pycache=desk.folder / "pycache",
             variables=machine.base_environment(),
             files={},
-            memory_mb=memory_mb,
         ),
         identity=(),
-        capabilities=frozenset(),
+        undrawable=None,
         places={},
     )
     passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
