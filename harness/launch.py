@@ -93,7 +93,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
     allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
-    sealed = process.sandbox_mode() != process.UNSEALED
+    sealed = process.OVERLAY in process.sandbox_mode()
     folder = site.folder if sealed else _copied(site.folder, scratch / "environment")
     request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed)
     (scratch / "request.json").write_text(wire.request_to_json(request))
@@ -136,7 +136,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
 
 
 def _copied(folder: Path, target: Path) -> Path:
-    """A copy of an environment for one probe, where nothing keeps it from writing into the one of all."""
+    """A copy of an environment for one probe, where its writes cannot be laid over the one of all."""
     shutil.copytree(folder, target, symlinks=True)
     return target
 

@@ -27,6 +27,9 @@ SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
 SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")
 """Best first: how processes are held together, and how sealed folders are kept from writes."""
 
+OVERLAY = "overlay"
+"""Part of the name of a sandbox in which sealed folders can be written to, without keeping any of it."""
+
 UNSEALED = "subreaper"
 """The sandbox in which nothing keeps sealed folders from writes."""
 
