@@ -71,9 +71,8 @@ def _expansion(matrix: Matrix, path: Path, say: Callable[[str], None], *, offlin
     if file.exists() and not renew:
         return expansion.read(_text(file), str(file))
     if offline:
-        message = (
-            f"{path}: its ranges were never expanded and the index is not to be asked; run `simmatrix lock {path}`"
-        )
+        known = "are to be expanded again" if renew else "were never expanded"
+        message = f"{path}: its ranges {known}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
     instant = str(matrix.snapshot or now())
     settings = _located(plan.index_settings(matrix), path.parent)

@@ -48,6 +48,11 @@ def word(name: str) -> str:
     return name.replace("_", " ")
 
 
+def number(count: int, noun: str) -> str:
+    """How many: `1 cell`, `2 cells`."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):
     """Something to know that does not stop a user's loop; `cases` are those it was seen in."""
 

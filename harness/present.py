@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from harness.contract import SYMBOLS, UNTOLD, Pivot, Remark, Report, Row, Sheet, Square, word
+from harness.contract import SYMBOLS, UNTOLD, Pivot, Remark, Report, Row, Sheet, Square, number, word
 from harness.model import Verdict
 
 if TYPE_CHECKING:
@@ -31,10 +31,10 @@ def markdown(report: Report, template: str) -> str:
         "codes": _codes,
         "counts": _counts,
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
-        "number": _number,
+        "number": number,
         "rule": lambda columns, mark: " | ".join(mark for _ in columns),
         "seen_in": lambda labels, rows: (
-            _codes(labels) if len(labels) < len(rows) else f"all {_number(len(rows), 'cell')}"
+            _codes(labels) if len(labels) < len(rows) else f"all {number(len(rows), 'cell')}"
         ),
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
         "square": _square,
@@ -46,7 +46,7 @@ def _counts(sheet: Sheet) -> str:
     """`✔ 6 works, ✘ 2 broken; 3 combinations left out.`"""
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
     gone = sum(len(remark.cells) for remark in sheet.dropped)
-    return counts + (f"; {_number(gone, 'combination')} left out." if gone else ".")
+    return counts + (f"; {number(gone, 'combination')} left out." if gone else ".")
 
 
 def _codes(labels: Iterable[str]) -> str:
@@ -104,7 +104,7 @@ def _sheet(sheet: Sheet, *, several: bool) -> Iterable[RenderableType]:
 
 
 def _heading(sheet: Sheet) -> Text:
-    parts: list[tuple[str, str]] = [(sheet.matrix, "bold"), (f"  {_number(len(sheet.rows), 'cell')}", "")]
+    parts: list[tuple[str, str]] = [(sheet.matrix, "bold"), (f"  {number(len(sheet.rows), 'cell')}", "")]
     for verdict, count in sheet.counts:
         parts += [("   ", ""), (f"{SYMBOLS[verdict]} {count} {word(verdict)}", _colour(verdict))]
     return _styled(*parts)
@@ -159,7 +159,7 @@ def _details(sheet: Sheet, row: Row, several: bool) -> Text:
 
 
 def _measured(row: Row) -> Text:
-    findings = f"\n{_number(row.findings, 'finding')}" if row.findings else ""
+    findings = f"\n{number(row.findings, 'finding')}" if row.findings else ""
     return _styled((f"{row.seconds:.1f} s" if row.verdict is not Verdict.NOT_RUN else "", ""), (findings, GREY))
 
 
@@ -169,7 +169,7 @@ def _remarks(title: str, remarks: Iterable[Remark]) -> Iterable[RenderableType]:
     yield _styled((title, "bold"))
     for remark in remarks:
         about = f" ({remark.about})" if remark.about else ""
-        where = remark.cells[0] if len(remark.cells) == 1 else _number(len(remark.cells), "cell")
+        where = remark.cells[0] if len(remark.cells) == 1 else number(len(remark.cells), "cell")
         yield Padding(_styled((remark.text, ""), (f"{about}: {where}", GREY)), (0, 0, 0, INDENT))
     yield ""
 
@@ -178,10 +178,6 @@ def _styled(*parts: tuple[str, str]) -> Text:
     from rich.text import Text  # noqa: PLC0415 - start-up
 
     return Text.assemble(*parts, overflow="fold")
-
-
-def _number(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _colour(verdict: Verdict) -> str:

@@ -250,9 +250,11 @@ def expected(cell: Cell, judgement: Judgement, today: str) -> tuple[bool | None,
 def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fail_on: Collection[str]) -> int:
     """The exit code of verdicts with their `as_expected`: 1 before 3 before 0.
 
-    `fail_on` names verdicts that are to fail whatever was expected, and `stale` for expectations out of date.
+    `fail_on` names verdicts that are to fail whatever was expected, `unexpected` for what is not as expected, and
+    `stale` for expectations out of date.
     """
     known = tuple(judged)
-    if (stale and "stale" in fail_on) or any(right is False or verdict in fail_on for verdict, right in known):
+    unexpected = "unexpected" in fail_on and any(right is False for _, right in known)
+    if unexpected or (stale and "stale" in fail_on) or any(verdict in fail_on for verdict, _ in known):
         return 1
     return 3 if any(verdict is Verdict.INCONCLUSIVE for verdict, _ in known) else 0

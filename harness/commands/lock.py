@@ -10,7 +10,7 @@ import msgspec
 
 from harness import catalog, scheduler, store, verdict
 from harness.commands import progress, reporting
-from harness.commands.run import choose, tell
+from harness.commands.run import jobs, selected, tell
 from harness.contract import UNTOLD
 from harness.model import CellRecord, Phase, Verdict
 
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `lock`."""
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
-    parser.add_argument("-j", "--jobs", type=int, default=scheduler.default_jobs(), help="cells at a time [cores]")
+    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), help="cells at a time [cores]")
     parser.add_argument("--upgrade", action="store_true", help="expand ranges again and lock as of now")
     parser.add_argument("--offline", action="store_true", help="never ask the index")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where the lock of a single cell goes [stdout]")
@@ -49,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Lock the cells; exit 1 when one has no lock for a reason of its packages, 3 when it could not be told."""
     planned = catalog.load(args.matrix, tell, offline=args.offline, renew=args.upgrade)
-    choose(planned.cells, args.k)
+    selected(planned.cells, args.k)
     opened = store.open_store()
     plan = catalog.dated(planned, opened, renew=args.upgrade)
-    cells = choose(plan.cells, args.k)
+    cells = selected(plan.cells, args.k)
     settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
     with progress.Progress(len(cells), args.jobs, _headline) as board:
         records = scheduler.run(cells, opened, settings, board)

@@ -9,7 +9,8 @@ import msgspec
 
 from harness import catalog
 from harness.commands.run import choose, tell
-from harness.model import Case, Cell, Plan
+from harness.contract import number
+from harness.model import Cell, Plan
 
 HELP = "List the cells of a matrix, and the combinations left out, each with its reason."
 
@@ -58,17 +59,14 @@ def main(args: argparse.Namespace) -> int:
         sys.stdout.buffer.write(msgspec.json.encode(_document(plan, cells)) + b"\n")
         return 0
     for cell in cells:
-        print(f"{cell.id}  {', '.join(map(_name, cell.cases))}" + (f"  [{cell.expect.verdict}]" if cell.expect else ""))
+        expected = f"  [{cell.expect.verdict}]" if cell.expect else ""
+        print(f"{cell.id}  {', '.join(case.id for case in cell.cases)}{expected}")
     for dropped in plan.dropped:
         print(f"left out: {dropped.id}: {dropped.reason}")
     for sentence in plan.stale:
         print(f"out of date: {sentence}")
-    print(f"{len(cells)} cells, {len(plan.dropped)} combinations left out")
+    print(f"{number(len(cells), 'cell')}, {number(len(plan.dropped), 'combination')} left out")
     return 0
-
-
-def _name(case: Case) -> str:
-    return case.env or case.id
 
 
 def _document(plan: Plan, cells: tuple[Cell, ...]) -> Planned:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness import document, launch, machine, outcomes, present, store, tables, verdict
-from harness.contract import Document, Report
+from harness.contract import Document, Report, number
 from harness.errors import HarnessError
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.store import Store
@@ -163,4 +163,4 @@ def _closing(records: Sequence[CellRecord]) -> str:
     reused = sum(record.reused for record in records)
     if reused == len(records):
         return f"nothing to do: all {reused} cells were measured before, under the same keys"
-    return f"{len(records) - reused} cells measured, {reused} reused"
+    return f"{number(len(records) - reused, 'cell')} measured, {reused} reused"

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import catalog, scheduler, store
+from harness import catalog, scheduler, store, tables
 from harness.commands import progress, reporting
 from harness.errors import BadInput
-from harness.model import CASE_PHASES, Cell, Phase
+from harness.model import CASE_PHASES, Cell, Phase, Plan
 
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 
@@ -19,9 +19,9 @@ HELP = "Lock, build, install, probe and report every cell of one or more matrice
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `run`."""
     parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
-    parser.add_argument("-j", "--jobs", type=_jobs, default=scheduler.default_jobs(), help="cells at a time [cores]")
+    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), help="cells at a time [cores]")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco3*'")
-    parser.add_argument("--until", type=Phase, choices=UNTIL, default=Phase.RENDER, help="stop after this phase")
+    parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
     parser.add_argument("--fresh", action="store_true", help="measure everything again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
     parser.add_argument("--verify", action="store_true", help="one process per check, and each failure confirmed")
@@ -31,25 +31,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=reporting.kinds,
         default=reporting.DEFAULT_FAIL_ON,
         metavar="KINDS",
-        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [%(default)s]",
+        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]",
     )
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 
-UNTIL = (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES)
+UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES))
 
 
 def main(args: argparse.Namespace) -> int:
     """Run the matrices; the exit code is that of the contract."""
     settings = scheduler.Settings(
-        jobs=args.jobs, until=args.until, fresh=args.fresh, offline=args.offline, verify=args.verify
+        jobs=args.jobs, until=Phase(args.until), fresh=args.fresh, offline=args.offline, verify=args.verify
     )
     planned = [catalog.load(name, tell, offline=args.offline) for name in args.matrices]
-    choose([cell for plan in planned for cell in plan.cells], args.k)
+    _check_distinct(planned)
+    selected([cell for plan in planned for cell in plan.cells], args.k)
+    tables.check_pivot(args.pivot, [plan.axes for plan in planned])
+    if args.out:
+        store.writable(args.out)
     opened = store.open_store()
     plans = [catalog.dated(plan, opened) for plan in planned]
-    chosen = choose([cell for plan in plans for cell in plan.cells], args.k)
+    chosen = selected([cell for plan in plans for cell in plan.cells], args.k)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
     return reporting.finish(plans, records, opened, reporting.Wanted.of(args))
@@ -72,7 +76,25 @@ def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
     return found
 
 
-def _jobs(text: str) -> int:
+def selected(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
+    """The cells chosen to be worked on, one at least."""
+    if not cells:
+        message = "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
+        raise BadInput(message)
+    return choose(cells, pattern)
+
+
+def _check_distinct(plans: Sequence[Plan]) -> None:
+    """Refuse two matrices of one name: their cells and reports could not be told apart."""
+    names = [plan.matrix for plan in plans]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        message = f"two of the matrices are called {twice}, and so are their cells; name one of them, or rename one"
+        raise BadInput(message)
+
+
+def jobs(text: str) -> int:
+    """The value of `--jobs`."""
     if not text.isdigit() or int(text) < 1:
         message = f"{text!r} is not a number of cells at a time"
         raise argparse.ArgumentTypeError(message)

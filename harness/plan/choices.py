@@ -32,10 +32,10 @@ def _values(matrix: Matrix, name: str, axis: Axis, expansion: Expansion | None) 
         return axis.values
     with located(matrix.path, "axes", name):
         if expansion is None:
-            message = f'the range is not expanded yet; run "simmatrix lock {matrix.name}"'
+            message = f'the range is not expanded yet; run "simmatrix lock {matrix.path}"'
             raise ValueError(message)
         if not expansion.fits(matrix):
-            message = f'the range has changed since it was expanded; run "simmatrix lock {matrix.name} --upgrade"'
+            message = f'the range has changed since it was expanded; run "simmatrix lock {matrix.path} --upgrade"'
             raise ValueError(message)
     return tuple(Value(text=version) for version in expansion.axes[name])
 

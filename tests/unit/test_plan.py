@@ -401,7 +401,9 @@ class TestRanges:
 
     def test_without_an_expansion(self) -> None:
         """The user is told what to run."""
-        assert refused(self.TEXT) == 'demo.toml: axes.mujoco: the range is not expanded yet; run "simmatrix lock demo"'
+        assert refused(self.TEXT) == (
+            'demo.toml: axes.mujoco: the range is not expanded yet; run "simmatrix lock demo.toml"'
+        )
 
     def test_with_the_expansion_of_another_range(self) -> None:
         """An expansion that the file has moved on from is not used."""
@@ -410,7 +412,8 @@ class TestRanges:
             plan.expand(matrix(self.TEXT.replace(">=3", ">=2")), made, host_python="3.12.1")
 
         assert str(error.value) == (
-            'demo.toml: axes.mujoco: the range has changed since it was expanded; run "simmatrix lock demo --upgrade"'
+            "demo.toml: axes.mujoco: the range has changed since it was expanded; "
+            'run "simmatrix lock demo.toml --upgrade"'
         )
 
 

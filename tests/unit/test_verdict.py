@@ -396,11 +396,15 @@ def test_expectations(
     assert verdict.expected(cell(expect=expect), judged, TODAY) == (as_expected, stale)
 
 
+BOTH = {"unexpected", "stale"}
+
+
 @pytest.mark.parametrize(
     ("judged", "stale", "fail_on", "code"),
     [
         pytest.param([(Verdict.WORKS, True), (Verdict.BROKEN, True)], False, {"stale"}, 0, id="all as expected"),
-        pytest.param([(Verdict.BROKEN, False), (Verdict.INCONCLUSIVE, None)], False, {"stale"}, 1, id="1 before 3"),
+        pytest.param([(Verdict.BROKEN, False), (Verdict.INCONCLUSIVE, None)], False, BOTH, 1, id="1 before 3"),
+        pytest.param([(Verdict.BROKEN, False)], False, {"stale"}, 0, id="unexpected, and nobody minds"),
         pytest.param([(Verdict.WORKS, True), (Verdict.INCONCLUSIVE, None)], False, {"stale"}, 3, id="could not tell"),
         pytest.param([(Verdict.UNAVAILABLE, None), (Verdict.NOT_RUN, None)], False, {"stale"}, 0, id="nothing said"),
         pytest.param([(Verdict.UNAVAILABLE, None)], False, {"unavailable"}, 1, id="fail on what says nothing"),

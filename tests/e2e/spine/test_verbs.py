@@ -105,3 +105,26 @@ def test_show_names_a_cell_that_was_not_run(kept: Desk) -> None:
     assert (several.code, none.code) == (2, 2)
     assert "matches 2 cells; name one of small/py" in several.err
     assert "no cell of this name was run here" in none.err
+
+
+def test_mistakes_of_a_run_are_said_before_it_starts(desk: Desk) -> None:
+    """A pivot over no axis, one name for two matrices, no cell at all, or no number of jobs: 2, and nothing is kept."""
+    desk.matrix("small", SMALL.read_text())
+    nothing = 'cases = [{ imports = ["fake_plain"] }]\nexclude = [{ when = { python = ">=3" }, reason = "no" }]\n'
+    desk.matrix("nothing", nothing + '[axes]\npython = ["host"]\n')
+    mistakes = {
+        ("run", "small.toml", "--pivot", "python", "whch"): (
+            "--pivot python whch: takes two axes of one matrix; known here: python, which"
+        ),
+        ("run", "small.toml", "./small.toml"): (
+            "two of the matrices are called small, and so are their cells; name one of them, or rename one"
+        ),
+        ("run", "nothing.toml"): (
+            "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
+        ),
+    }
+    for arguments, sentence in mistakes.items():
+        ran = desk.run(*arguments)
+        assert (ran.code, ran.out, ran.err) == (2, "", f"simmatrix: {sentence}\n")
+    assert desk.run("lock", "small.toml", "-j", "0").code == 2
+    assert not desk.state.exists()
