@@ -6,6 +6,7 @@ import argparse
 import errno
 import importlib
 import os
+import shutil
 import signal
 import sys
 import traceback
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _unforeseen(error: Exception) -> int:
     """Tell a machine that is short of something from a bug of ours."""
-    if isinstance(error, OSError) and error.errno in SHORTAGES:
+    if isinstance(error, shutil.Error) or (isinstance(error, OSError) and error.errno in SHORTAGES):
         print(f"simmatrix: this machine got in the way: {error}; mend that and type the same again", file=sys.stderr)
         return CouldNotTell.exit_code
     traceback.print_exception(error)

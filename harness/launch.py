@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -21,6 +22,7 @@ from harness.model import Case, Phase, ProbeReply, ProbeRequest
 INCELL = Path(__file__).parent / "incell"
 POLL_SECONDS = 0.05
 STARTUP_SECONDS = 120.0
+LITTLE_ROOM, FEW_NAMES = 1 << 18, 8
 MOST_REPLY, MOST_TEXT, MOST_WORKERS, MOST_WRITTEN = 16 << 20, 200_000, 64, 100
 """Bytes that are read of a reply and of another file, and files of workers: what a cell leaves is not trusted."""
 
@@ -41,13 +43,17 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeRun:
-    """What came of one probe process. `overran` is the limit (seconds) that ended it, `replies` where it wrote to."""
+    """What came of one probe process.
+
+    `overran` is the limit (seconds) that ended it, `replies` where it wrote to, `full` whether that disk is.
+    """
 
     reply: ProbeReply
     completed: process.Completed
     overran: float | None
     stacks: str
     replies: Path
+    full: bool
     last_lines: str
     memory_mb: int
     places: Mapping[str, str]
@@ -62,6 +68,7 @@ class ProbeRun:
             signal=done.signal,
             overran=overran,
             trouble=trouble if done.out_of_memory else None if overran is not None else done.killed,
+            full=self.full,
             stacks=self.last_lines + self.stacks,
         )
 
@@ -121,6 +128,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         overran=overran,
         stacks=_text(replies / "stacks.txt"),
         replies=replies,
+        full=_full(scratch),
         last_lines=_tail(command.log),
         memory_mb=case.memory_mb,
         places={
@@ -133,6 +141,12 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
             str(INCELL): "$INCELL",
         },
     )
+
+
+def _full(folder: Path) -> bool:
+    """Whether the disk of a folder has no room left for data, or for names."""
+    disk = os.statvfs(folder)
+    return disk.f_bavail * disk.f_frsize < LITTLE_ROOM or (disk.f_files > 0 and disk.f_favail < FEW_NAMES)
 
 
 def _copied(folder: Path, target: Path) -> Path:

@@ -20,6 +20,9 @@ LIMIT = 300
 MASKS = frozenset({"BrokenPipeError", "ConnectionResetError", "EOFError"})
 """What a process sees of the death of another: never the cause where anything else was raised."""
 
+SILENT = "without a word"
+"""How the line ends that tells of a process that died and left none."""
+
 LOOKUPS = frozenset({"KeyError", "IndexError", "StopIteration"})
 """Causes that carry a bare key: the exception raised from them says more."""
 
@@ -253,7 +256,7 @@ def death(exit_code: int | None, number: int | None, stacks: str) -> str:
     An abort gives its reason in the log (`what():`, a failed assertion).
     """
     if not number:
-        return f"exited with code {exit_code} without a word"
+        return f"exited with code {exit_code} {SILENT}"
     try:
         name = signal.Signals(number).name
     except ValueError:

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from harness import normalise, wire
-from harness.model import CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
+from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 
 NEEDS = {Phase.SINGLE: Phase.IMPORT, Phase.VECTOR: Phase.SINGLE, Phase.RENDER: Phase.SINGLE}
 """The phase without which another says nothing new."""
 
 MACHINE_TROUBLE = re.compile(
     r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
+    r"|Resource temporarily unavailable|can't start new thread"
     r"|Temporary failure in name resolution|Name or service not known|Network is unreachable"
 )
 """What the operating system says when this machine or its network is short of something, whatever the package."""
@@ -26,13 +27,15 @@ DRAWING_CODE = re.compile(r"/(?:OpenGL|glfw)/|/mujoco/(?:egl|osmesa|glfw|gl_cont
 class Ending:
     """How a probe's process ended, as far as it matters to the check that was running then.
 
-    `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason.
+    `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason, `full` is
+    whether the disk that it wrote to had no room left. `stacks` are what it printed last, and faulthandler's.
     """
 
     exit_code: int | None = None
     signal: int | None = None
     overran: float | None = None
     trouble: str | None = None
+    full: bool = False
     stacks: str = ""
 
 
@@ -54,6 +57,9 @@ def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
 def check_record(reply: CheckReply, ending: Ending, undrawable: str | None) -> CheckRecord:
     """The record of one check; `undrawable` is why nothing can be drawn by OpenGL here, if that is so."""
     outcome, decisive, mask = _outcome(reply, ending, undrawable)
+    shortage = _shortage(decisive or "", ending) if outcome in FAILING else None
+    if shortage:
+        outcome, decisive = Outcome.INFRA, shortage
     return CheckRecord(
         check=reply.check,
         outcome=outcome,
@@ -108,11 +114,18 @@ def _failed(reply: CheckReply, undrawable: str | None) -> tuple[Outcome, str | N
     told = decisive or ""
     if reply.raised and reply.raised.blame == "harness":
         return Outcome.INFRA, f"a fault of the harness, not of the packages: {told}", mask
-    if MACHINE_TROUBLE.search(told):
-        return Outcome.INFRA, told, mask
     if undrawable and _draws(reply):
         return Outcome.UNAVAILABLE, f"{undrawable} ({told})", mask
     return Outcome.FAILED, decisive, mask
+
+
+def _shortage(decisive: str, ending: Ending) -> str | None:
+    """What this machine was short of when a check failed or died, perhaps unable to say so."""
+    if ending.full:
+        return f"no room left on the disk of TMPDIR: {decisive}"
+    silent = decisive.endswith(normalise.SILENT)
+    found = MACHINE_TROUBLE.search(ending.stacks if silent else decisive)
+    return (f"{found[0]}: {decisive}" if silent else decisive) if found else None
 
 
 def _draws(reply: CheckReply) -> bool:

@@ -52,6 +52,17 @@ def test_followers_are_those_of_the_cell() -> None:
         (Ending(exit_code=3), Outcome.CRASHED, "exited with code 3 without a word"),
         (Ending(signal=11), Outcome.CRASHED, "killed by SIGSEGV"),
         (Ending(signal=9, overran=2.0), Outcome.TIMED_OUT, "no end within 2 s"),
+        (
+            Ending(exit_code=1, full=True),
+            Outcome.INFRA,
+            "no room left on the disk of TMPDIR: exited with code 1 without a word",
+        ),
+        (
+            Ending(exit_code=1, stacks="BlockingIOError: [Errno 11] Resource temporarily unavailable"),
+            Outcome.INFRA,
+            "Resource temporarily unavailable: exited with code 1 without a word",
+        ),
+        (Ending(signal=11, stacks="OSError: [Errno 24] Too many open files"), Outcome.CRASHED, "killed by SIGSEGV"),
         (Ending(signal=9, trouble="interrupted"), Outcome.INFRA, "interrupted"),
         (Ending(signal=9, overran=2.0, trouble="interrupted"), Outcome.INFRA, "interrupted"),
     ],
