@@ -28,7 +28,7 @@ def load(name: str, say: Callable[[str], None], *, offline: bool = False, renew:
     path = _locate(name)
     matrix = matrixfile.read(_text(path), str(path))
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew) if matrix.ranges else None
-    sources = {source: _text(path.parent / source) for source in matrixfile.sources(matrix)}
+    sources = {source: _text(path.parent / source, place) for source, place in matrixfile.sources(matrix).items()}
     planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources)
     index = _located(plan.index_settings(matrix), path.parent)
     return _with_questions(planned, lambda question: replace(question, index=index))
@@ -55,14 +55,16 @@ def _locate(name: str) -> Path:
     raise BadInput(message)
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, place: str | None = None) -> str:
+    """The text of a file, which `place` in a matrix asks for."""
+    where = f"{place}: {path}" if place else f"{path}"
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        message = f"{path}: cannot be read: {error.strerror}"
+        message = f"{where}: cannot be read: {error.strerror}"
         raise BadInput(message) from None
     except UnicodeDecodeError:
-        message = f"{path}: is not UTF-8 text"
+        message = f"{where}: is not UTF-8 text"
         raise BadInput(message) from None
 
 

@@ -79,8 +79,8 @@ def facts() -> Machine:
     )
 
 
-DRAWN_WITH = {"egl": "egl", "osmesa": "osmesa", "glfw": "display", "glx": "display"}
-"""Values of MUJOCO_GL, and what each draws with."""
+DRAWN_WITH = {"egl": "egl", "osmesa": "osmesa", "glfw": "display", "glx": "display", "": "display"}
+"""Values of MUJOCO_GL, and what each draws with; where it stays unset on purpose, a window is tried first."""
 
 
 def supplied(given: Mapping[str, str]) -> dict[str, str]:
@@ -98,7 +98,7 @@ def supplied(given: Mapping[str, str]) -> dict[str, str]:
 
 def drawing_needs(variables: Mapping[str, str]) -> tuple[str, ...]:
     """The capability that the way of drawing chosen by these variables needs."""
-    need = DRAWN_WITH.get(variables.get("MUJOCO_GL", "").casefold())
+    need = DRAWN_WITH.get(variables["MUJOCO_GL"].casefold()) if "MUJOCO_GL" in variables else None
     return (need,) if need else ()
 
 

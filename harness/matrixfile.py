@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from itertools import chain
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -29,7 +28,7 @@ from harness.matrix import (
     Value,
 )
 from harness.model import CELL_PHASES, Verdict
-from harness.schema import load_toml, located, suggestion
+from harness.schema import key_path, load_toml, located, suggestion
 from harness.words import (
     ABSENT,
     HOST,
@@ -68,10 +67,14 @@ def read(text: str, path: str) -> Matrix:
     return msgspec.structs.replace(matrix, include=included)
 
 
-def sources(matrix: Matrix) -> tuple[str, ...]:
-    """Paths, relative to the folder of the matrix file, of the texts that `files` takes from there."""
-    contents = chain.from_iterable(changes.files.values() for _, changes in _changes(matrix))
-    return tuple(dict.fromkeys(str(content.source) for content in contents if isinstance(content, SourceTable)))
+def sources(matrix: Matrix) -> dict[str, str]:
+    """Paths, relative to the folder of the matrix file, of the texts that `files` takes from there, and who asks."""
+    return {
+        str(content.source): f"{matrix.path}: {key_path(*place, 'files', name, 'source')}"
+        for place, changes in _changes(matrix)
+        for name, content in changes.files.items()
+        if isinstance(content, SourceTable)
+    }
 
 
 # --- axes ------------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import PurePosixPath
 from typing import NamedTuple, TypeVar
 
 import msgspec
@@ -120,6 +121,7 @@ class Contents:
         changes = [part.changes for part in self._parts(combination)]
         variables = {choice.axis: choice.asked for choice in combination if choice.kind is Kind.VARIABLE}
         files = _merged(change.files for change in changes)
+        self._check_places(files)
         return Surroundings(
             environment={**_merged(change.environment for change in changes), **variables},
             needs=_distinct(need.value for change in changes for need in change.needs),
@@ -128,6 +130,15 @@ class Contents:
                 for path, content in files.items()
             },
         )
+
+    def _check_places(self, files: Iterable[str]) -> None:
+        """Refuse a file where a folder has to be; HOME has a folder for temporary files."""
+        folders = {str(parent): name for name in files for parent in PurePosixPath(name).parents}
+        folders["tmp"] = "what is temporary"
+        for name in files:
+            if name in folders:
+                message = f'{self.matrix.path}: files: "{name}" cannot be a file, being the folder of {folders[name]}'
+                raise BadInput(message)
 
     def _parts(self, combination: Combination) -> list[_Part]:
         found = [self.base]

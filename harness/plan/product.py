@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import translate
 from itertools import chain, product
+from pathlib import PurePosixPath
 from typing import NamedTuple
 
 from harness.matrix import Expansion, ExpectTable, Matrix, Value
@@ -90,7 +91,7 @@ def _sort_out(matrix: Matrix, axes: Mapping[str, tuple[Choice, ...]], contents: 
             else:
                 found.dropped[name] = NO_CASE
     found.stale = tuple(
-        f'{matrix.path}: exclude[{index}] matches no combination (reason: "{reason}")'
+        f'{_file(matrix)}: exclude[{index}] matches no combination (reason: "{reason}")'
         for index, (_, reason) in enumerate(excludes)
         if index not in matched
     )
@@ -176,7 +177,7 @@ def _cells(
 
 def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
     return _Expected(
-        place=f"{matrix.path}: expect[{index}]",
+        place=f"{_file(matrix)}: expect[{index}]",
         glob=re.compile(translate(table.cells)) if table.cells is not None else None,
         when=condition(matrix, table.when),
         expectation=Expectation(
@@ -191,10 +192,15 @@ def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
     )
 
 
+def _file(matrix: Matrix) -> str:
+    """How documents, which name no folders of this machine, call the file."""
+    return PurePosixPath(matrix.path).name
+
+
 def _unused_cases(matrix: Matrix, cells: Iterable[Cell], places: Iterable[tuple[Case, str]]) -> Iterator[str]:
     """A line for each case that exists in no cell."""
     shared = {id(cell.cases): cell.cases for cell in cells}
     used = {id(case) for cases in shared.values() for case in cases}
     for case, place in places:
         if id(case) not in used:
-            yield f'{matrix.path}: {place} ("{case.id}") exists in no cell'
+            yield f'{_file(matrix)}: {place} ("{case.id}") exists in no cell'

@@ -218,6 +218,7 @@ class TestMissing:
         ({"MUJOCO_GL": "egl"}, {"egl"}, None),
         ({"MUJOCO_GL": "osmesa"}, {"egl"}, "no OSMesa here"),
         ({"MUJOCO_GL": "glfw"}, {"egl", "osmesa"}, "no X display here"),
+        ({"MUJOCO_GL": ""}, {"egl", "osmesa"}, "no X display here"),
         ({}, {"egl"}, None),
         ({}, set(), "no EGL here"),
     ],

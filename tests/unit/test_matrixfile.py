@@ -78,7 +78,7 @@ class TestReading:
             'axes.python = [{ version = "3.11", files = { c = { source = "x/model.xml" } } }]\n' + CASE
         )
 
-        assert matrixfile.sources(matrix) == ("x/model.xml",)
+        assert matrixfile.sources(matrix) == {"x/model.xml": "matrices/demo.toml: axes.python[0].files.c.source"}
 
     @pytest.mark.parametrize(
         ("written", "instant"),

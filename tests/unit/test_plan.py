@@ -209,6 +209,15 @@ class TestSurroundings:
         assert cell.needs == ("egl", "gpu")
         assert cell.files == {".config/a": "other", "b": "<b/>"}
 
+    def test_a_file_cannot_be_a_folder(self) -> None:
+        """A file in whose place a folder has to be is refused, whichever values of the axes bring them."""
+        text = 'files = { a = "text" }\naxes.python = [{ version = "3.11", files = { "a/b" = "" } }]\n' + CASE
+
+        assert refused(text) == 'demo.toml: files: "a" cannot be a file, being the folder of a/b'
+        assert refused('files = { tmp = "" }\naxes.python = ["3.11"]\n' + CASE) == (
+            'demo.toml: files: "tmp" cannot be a file, being the folder of what is temporary'
+        )
+
 
 class TestCases:
     def test_a_case_as_it_runs(self) -> None:
