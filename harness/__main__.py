@@ -51,7 +51,9 @@ def main(arguments: Sequence[str]) -> int:
         module = importlib.import_module(VERBS[verb][0])
         parser = argparse.ArgumentParser(prog=f"simmatrix {verb}", description=module.HELP)
         module.add_arguments(parser)
-        return int(module.main(parser.parse_args(rest)))
+        code = int(module.main(parser.parse_args(rest)))
+        print(end="", flush=True)  # what cannot be written any more is known here, not when Python ends
+        return code
     except HarnessError as error:
         print(f"simmatrix: {error}", file=sys.stderr)
         return error.exit_code

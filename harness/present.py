@@ -86,7 +86,13 @@ def _console() -> Console:
 
     from rich.console import Console  # noqa: PLC0415 - start-up
 
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    class Terminal(Console):
+        """One that leaves it to the command what the end of a pipe means; Rich would exit with 1."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return Terminal(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
 def _sheet(sheet: Sheet, *, several: bool) -> Iterable[RenderableType]:
