@@ -40,6 +40,9 @@ TERMINATED = 143
 
 def console() -> None:
     """Entry point of the installed commands."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # it was closed by whoever started us
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - until the end
     sys.exit(main(sys.argv[1:]))
 
 
