@@ -63,6 +63,8 @@ class Examiner:
             _array(value, space.shape, space.dtype, where, told)
         elif isinstance(space, self.spaces.Discrete):
             _integer(value, where)
+        else:
+            _loose(value, where)
 
     def _dict(self, space, value, where, told):
         if not hasattr(value, "keys"):
@@ -119,6 +121,17 @@ def _integer(value, where):
     array = _numbers(value, where)
     if array.shape != () or array.dtype.kind not in "biu":
         violate("{} is {}, its space Discrete", where, _shown(value))
+
+
+def _loose(value, where):
+    """Examine a value whose space promises no one shape (Sequence, Graph, OneOf): its numbers have to be finite."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, (tuple, list)):
+        for item in value:
+            _loose(item, where)
+    elif isinstance(value, (np.ndarray, np.generic, float)):
+        _finite(np.asarray(value), where)
 
 
 def _numbers(value, where):
