@@ -22,7 +22,7 @@ from packaging.version import Version
 
 from harness import index, locks, sources, uvcli, uvsays
 from harness.errors import CouldNotTell
-from harness.model import Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest
 
 TORCH = ("torch", "torchvision", "torchaudio")
@@ -180,8 +180,14 @@ def _read(said: uvcli.Said, asking: _Asking) -> Lock | Step:
 
 
 def _failure(said: uvcli.Said, asking: _Asking) -> Step:
-    """What uv's failure means: an index that lists no file at all of a package (a login page, say) is no verdict."""
+    """What uv's failure means: an index that lists no file at all of a package (a login page, say) is no verdict.
+
+    Nor is what the caches hold, of which uv does not always say that it was all it looked at.
+    """
     step = uvsays.failure(said.text, Phase.RESOLVE)
+    if step.outcome is Outcome.FAILED and asking.offline and _is_remote(asking.question.index):
+        told = f"offline, what the caches hold does not tell; run without --offline: {step.decisive}"
+        return replace(step, outcome=Outcome.INFRA, decisive=told)
     name = uvsays.unlisted(said.text)
     if step.outcome is not Outcome.FAILED or name is None or asking.offline:
         return step
@@ -193,6 +199,13 @@ def _failure(said: uvcli.Said, asking: _Asking) -> Step:
         return replace(step, outcome=Outcome.INFRA, decisive=str(error))
     message = f"the index answers, but lists no file of {name}; check the index settings of uv and pip"
     return step if listed else replace(step, outcome=Outcome.INFRA, decisive=message)
+
+
+def _is_remote(settings: IndexSettings) -> bool:
+    """Whether packages are looked for on the network."""
+    places = sources.combined(settings)
+    indexes = () if places.no_index else (*places.extra, places.default or "https://")
+    return any("://" in place and not place.startswith("file:") for place in (*places.find_links, *indexes))
 
 
 def _pylock(folder: Path) -> dict[str, Any]:

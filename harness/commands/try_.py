@@ -158,7 +158,19 @@ def _python(question: Question, given: Inputs, runner: scheduler.Runner) -> str:
         lock, step = runner.lock(question, found)
         if lock or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE:
             return found.minor
-    return newest[0].minor if newest else "host"
+    if newest:
+        return newest[0].minor
+    return _lacking(allowed) if allowed else HOST
+
+
+def _lacking(allowed: SpecifierSet) -> str:
+    """The oldest version that is allowed, where no interpreter here is."""
+    pinned = [each.version for each in allowed if each.operator == "==" and not each.version.endswith(".*")]
+    found = next((v for v in (*pinned, *(f"3.{minor}" for minor in range(7, 100))) if allowed.contains(v)), None)
+    if found is None:
+        message = f"try: no Python is allowed by all that was given: {allowed}; name one with --python"
+        raise BadInput(message)
+    return found
 
 
 # --- the answer ------------------------------------------------------------------------------------------------
@@ -184,9 +196,9 @@ def _tried(record: CellRecord, judged: Judgement) -> str:
         parts.append(f"{', '.join(phases)} of {' and '.join(shown)}")
     if judged.phase and judged.verdict is not Verdict.WORKS:
         failed = [_name(case) for case in record.cases if _ended(case, judged.phase) is judged.phases[judged.phase]]
-        parts.append(
-            f"{judged.phase} {judged.phases[judged.phase]}" + (f" of {' and '.join(failed)}" if failed else "")
-        )
+        ended = judged.phases[judged.phase]
+        told = "could not be told" if ended is Outcome.INFRA else word(ended)
+        parts.append(f"{judged.phase} {told}" + (f" of {' and '.join(failed)}" if failed else ""))
     where = f" on Python {record.python}" if record.python else ""
     tried = "; ".join(parts or ["nothing was tried"]) + where
     return "; ".join([tried, *(f"{name} not verified: {_why(record, Phase(name))}" for name in judged.unverified)])

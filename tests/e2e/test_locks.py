@@ -271,6 +271,15 @@ class TestIndexTrouble:
             "When the network is disabled, registry packages may only be read from the cache.",
         )
 
+    def test_offline_before_a_cutoff(self, host: Interpreter, tmp_path: Path) -> None:
+        """With a cutoff uv calls what is not in the cache filtered; that is no verdict either."""
+        places = IndexSettings(default="http://127.0.0.1:9/simple")
+        asked = question("fake-plain", index=places, snapshot="2026-11-20T23:59:59Z")
+
+        phase, outcome, decisive = failed(uv.resolve(asked, host, tmp_path / "state" / "x", offline=True))
+        assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
+        assert decisive
+
     def test_bad_requirement(self, ask: Callable[..., Lock | Step]) -> None:
         """A requirement that is none is the user's to correct."""
         with pytest.raises(BadInput) as raised:

@@ -66,6 +66,23 @@ def test_a_python_that_nobody_has_is_3(desk: Desk) -> None:
     )
 
 
+def test_a_file_that_wants_another_python_is_3(desk: Desk) -> None:
+    """Where no Python here is one that a file allows, none that it forbids is tried in its place."""
+    project = desk.folder / "pyproject.toml"
+    project.write_text('[project]\nname = "mine"\nrequires-python = ">=3.99"\ndependencies = ["fake-plain"]\n')
+    ran = desk.run("try", "-r", project, "--import", "fake_plain", **_index(desk))
+    assert (ran.code, ran.out.partition(";")[0]) == (
+        3,
+        "unavailable: python 3.99 is not on this machine and uv could not download it",
+    )
+    project.write_text('[project]\nname = "mine"\nrequires-python = "<3,>3"\ndependencies = ["fake-plain"]\n')
+    ran = desk.run("try", "-r", project, **_index(desk))
+    assert (ran.code, ran.err) == (
+        2,
+        "simmatrix: try: no Python is allowed by all that was given: <3,>3; name one with --python\n",
+    )
+
+
 def test_what_is_no_python_is_2(desk: Desk) -> None:
     """A `--python` that can be no version is a mistake, not something this machine lacks; nothing is kept."""
     ran = desk.run("try", "fake-plain", "--python", "py311", **_index(desk))
