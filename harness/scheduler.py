@@ -157,6 +157,8 @@ class Runner:
 
     def _lock(self, key: str, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         kept = None if self.settings.fresh else self.store.load_lock(key)
+        if self.settings.offline and not kept:
+            key = digest("offline", key)  # what the caches hold is no answer for a run with the network
         start = monotonic()
         answer = kept or uv.resolve(
             question, interpreter, self.store.evidence(f"lock-{key[:16]}"), offline=self.settings.offline
