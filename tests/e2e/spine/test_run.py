@@ -203,6 +203,14 @@ def test_fresh_measures_again_from_the_caches(kept: Desk) -> None:
     assert (cell["verdict"], cell["reused"]) == ("works", False)
 
 
+def test_what_was_resolved_offline_is_resolved_again_with_the_network(desk: Desk) -> None:
+    """Offline the caches may hold an older version only: no answer for later runs, whose own is then kept."""
+    matrix = desk.matrix("small", SMALL.read_text())
+    asked = ("run", matrix, "-k", "*-good", "--until", "resolve", "--json")
+    cells = [desk.run(*asked, *more).cells("which")["good"] for more in (("--offline",), (), ())]
+    assert [cell["reused"] for cell in cells] == [False, False, True]
+
+
 def test_a_changed_case_is_measured_again(kept: Desk) -> None:
     """What a case asks for is part of its results' key; the other cell is reused."""
     matrix = kept.matrix("small", SMALL.read_text().replace('BlankFrame-v0"', 'BlankFrame-v0", seed = 8'))
