@@ -90,6 +90,12 @@ def _end_session(leader: int) -> None:
         return
 
 
+def pytest_configure() -> None:
+    """A suite that was started in the background ignores SIGINT, and so would every command that it starts."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 # --- skips -----------------------------------------------------------------------------------------------------
 
 ALLOWED = "unavailable: "
