@@ -31,6 +31,10 @@ def load(name: str, say: Callable[[str], None], *, offline: bool = False, renew:
     sources = {source: _text(path.parent / source, place) for source, place in matrixfile.sources(matrix).items()}
     planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources)
     index = _located(plan.index_settings(matrix), path.parent)
+    if matrix.snapshot and str(matrix.snapshot) > now():
+        say(
+            f"{path}: snapshot: {matrix.snapshot} is still to come; what is uploaded until then will not be in these locks"
+        )
     return _with_questions(planned, lambda question: replace(question, index=index))
 
 

@@ -82,19 +82,19 @@ def found_beside(reply: ProbeReply, ending: Ending) -> Iterator[Finding]:
                 _, decisive, _ = _died(known[name], ending)
                 yield Finding(check=name, level=Level.WARNING, text=f"{decisive}")
     if known and not ending.trouble and all(check.outcome for check in known.values()):
-        text = _last_gasp(ending)
+        text = _last_gasp(ending, complete=reply.complete)
         if text:
             phase = phase_of(reply.checks[-1].check)
             yield Finding(check=f"{phase}.teardown", level=Level.WARNING, text=text)
 
 
-def _last_gasp(ending: Ending) -> str | None:
+def _last_gasp(ending: Ending, *, complete: bool) -> str | None:
     """How Python ended after its last check, unless well."""
     if ending.overran is not None:
         return f"Python did not end within {ending.overran:g} s of the last check"
     if ending.signal or ending.exit_code:
         return f"after the last check: {normalise.death(ending.exit_code, ending.signal, ending.stacks)}"
-    return None
+    return None if complete else "Python ended before its exit handlers had run"
 
 
 def _outcome(reply: CheckReply, ending: Ending, undrawable: str | None) -> tuple[Outcome, str | None, str | None]:

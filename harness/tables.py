@@ -154,7 +154,8 @@ def _square(cells: Sequence[CellEntry]) -> tuple[Square, ...]:
 
 
 def _worst(machine: str, verdicts: Sequence[Verdict]) -> Square:
-    worst = min(verdicts, key=SEVERITY.index)
+    run = [verdict for verdict in verdicts if verdict is not Verdict.NOT_RUN]  # what was not run hides nothing
+    worst = min(run or verdicts, key=SEVERITY.index)
     return Square(machine=machine, verdict=worst, count=verdicts.count(worst), total=len(verdicts))
 
 

@@ -21,7 +21,7 @@ from harness.model import CaseRecord, CellRecord, Outcome, Phase, Plan, Question
 from harness.schema import located
 from harness.store import Store
 from harness.verdict import Judgement
-from harness.words import HOST, version_text
+from harness.words import HOST, Api, version_text
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
 REUSED_FOR_HOURS = 24.0
@@ -115,9 +115,23 @@ def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: schedu
     if given.prerelease:
         question = replace(question, prerelease=given.prerelease)
     python = _asked_python(args.python) if args.python else _python(question, given, runner)
-    planned = plan.single(replace(asked, python=_version(python)))
+    asked = replace(asked, python=_version(python), api=args.api or _api(asked, question, python, runner))
+    planned = plan.single(asked)
     (cell,) = planned.cells
     return replace(planned, cells=(replace(cell, python=python, question=question),))
+
+
+def _api(asked: plan.Asked, question: Question, python: str, runner: scheduler.Runner) -> str | None:
+    """The API that environments speak where no requirement is one: that which the others bring with them."""
+    if not asked.envs or plan.named_api(asked):
+        return None
+    interpreter = interpreters.obtain(python, offline=runner.settings.offline)
+    lock = runner.lock(question, interpreter)[0] if interpreter else None
+    brought = [api for api in (Api.GYMNASIUM, Api.GYM) if lock and api in lock.versions]
+    if lock and not brought:
+        message = f"--env {asked.envs[0]}: nothing that is asked for brings {' or '.join(Api)}; name one of them, too"
+        raise BadInput(message)
+    return brought[0] if brought else None
 
 
 def _variable(text: str) -> tuple[str, str]:

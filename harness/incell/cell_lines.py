@@ -13,7 +13,8 @@ class Lines:
     def __init__(self, path):
         self.pid = os.getpid()
         self.seq = 0
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self._path = path
+        self._open()
 
     def write(self, kind, **fields):
         """Append one record as one write."""
@@ -21,7 +22,25 @@ class Lines:
             return
         record = dict(fields, kind=kind, seq=self.seq, pid=self.pid)
         self.seq += 1
+        if not self._is_ours():
+            self._open()
         os.write(self._file, (json.dumps(plain(record)) + "\n").encode("ascii"))
+
+    def _open(self):
+        self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self._known = _identity(self._file)
+
+    def _is_ours(self):
+        """Whether the descriptor is still the file: a library that closes all of them may have it used again."""
+        try:
+            return _identity(self._file) == self._known
+        except OSError:
+            return False
+
+
+def _identity(descriptor):
+    found = os.fstat(descriptor)
+    return found.st_dev, found.st_ino
 
 
 def plain(value):

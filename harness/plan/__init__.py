@@ -7,6 +7,6 @@ second or two.
 from harness.plan.contents import index_settings
 from harness.plan.product import expand
 from harness.plan.trial import NAME as TRY_MATRIX
-from harness.plan.trial import Asked, cases_for, single
+from harness.plan.trial import Asked, cases_for, named_api, single
 
-__all__ = ["TRY_MATRIX", "Asked", "cases_for", "expand", "index_settings", "single"]
+__all__ = ["TRY_MATRIX", "Asked", "cases_for", "expand", "index_settings", "named_api", "single"]

@@ -127,7 +127,7 @@ def cases_for(asked: Asked) -> tuple[Case, ...]:
     that it installs are imported.
     """
     imports = _words(ModuleName, asked.imports, "--import")
-    api = _api(asked)
+    api = named_api(asked)
     envs = dict.fromkeys(asked.envs, CHECKS) or (_suggested(asked, api) if api else {})
     if not envs and imports:
         return (_import_case(imports=imports),)
@@ -149,7 +149,7 @@ def _import_case(*, imports: tuple[str, ...] = (), packages: tuple[str, ...] = (
     return Case(id=name, env=None, api="", imports=imports, packages=packages, checks=(IMPORT_CHECK,))
 
 
-def _api(asked: Asked) -> Api | None:
+def named_api(asked: Asked) -> Api | None:
     """The API asked for, else that of the first requirement that is one."""
     if asked.api is not None:
         if asked.api not in set(Api):

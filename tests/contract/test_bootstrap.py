@@ -71,6 +71,15 @@ def test_forgotten_imports_stay_forgotten(probe, tmp_path: Path) -> None:
     assert seen & forgotten == set()
 
 
+def test_a_library_that_closes_every_descriptor(probe, tmp_path: Path) -> None:
+    """The reply goes on, and not into a file that got the number of ours."""
+    write(tmp_path, closer="import os; os.closerange(3, 256); kept = [open(os.environ['LOG'], 'w') for _ in range(20)]")
+    done = probe(HERE, importing("closer"), variables={"LOG": str(tmp_path / "log")})
+    assert done["import.modules"].outcome is Outcome.PASSED
+    assert done.reply.complete
+    assert (tmp_path / "log").read_text() == ""
+
+
 SPAWNER = """
     import multiprocessing, sys
     from job import look

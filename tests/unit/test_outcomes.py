@@ -17,10 +17,10 @@ PASSED = Outcome.PASSED
 NO_GL = "no EGL here: install it"
 
 
-def reply(checks: Mapping[str, Outcome | None]) -> ProbeReply:
-    """A reply with these checks, in whatever way they ended."""
+def reply(checks: Mapping[str, Outcome | None], *, complete: bool = False) -> ProbeReply:
+    """A reply with these checks, in whatever way they ended, and its last line or not."""
     told = tuple(CheckReply(check=name, outcome=outcome) for name, outcome in checks.items())
-    return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=False)
+    return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=complete)
 
 
 def raised(text: str, *, check: str = "render.rgb_array", file: str = "x.py", blame: str = "library") -> CheckReply:
@@ -103,7 +103,7 @@ def test_a_follower_that_ends_the_process_is_told() -> None:
 
 def test_followers_of_a_failed_check_are_not_missed() -> None:
     """After a failed loop nobody expects a comparison."""
-    assert list(found_beside(reply({"single.loop": Outcome.FAILED}), Ending(exit_code=0))) == []
+    assert list(found_beside(reply({"single.loop": Outcome.FAILED}, complete=True), Ending(exit_code=0))) == []
 
 
 @pytest.mark.parametrize(
@@ -112,6 +112,7 @@ def test_followers_of_a_failed_check_are_not_missed() -> None:
         (Ending(exit_code=120), "after the last check: exited with code 120 without a word"),
         (Ending(signal=6), "after the last check: killed by SIGABRT"),
         (Ending(signal=9, overran=5.0), "Python did not end within 5 s of the last check"),
+        (Ending(exit_code=0), "Python ended before its exit handlers had run"),
     ],
 )
 def test_python_s_own_end_is_told(ending: Ending, text: str) -> None:
@@ -122,7 +123,7 @@ def test_python_s_own_end_is_told(ending: Ending, text: str) -> None:
 @pytest.mark.parametrize("ending", [Ending(exit_code=0), Ending(signal=9, trouble="interrupted")])
 def test_a_good_end_and_one_of_ours_are_not_told(ending: Ending) -> None:
     """Nothing is said of a probe that ended well, nor of one that was interrupted."""
-    assert list(found_beside(reply({"render.rgb_array": PASSED}), ending)) == []
+    assert list(found_beside(reply({"render.rgb_array": PASSED}, complete=True), ending)) == []
 
 
 def test_what_needs_what() -> None:

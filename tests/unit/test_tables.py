@@ -67,6 +67,11 @@ class TestPivot:
         assert pivot.squares[1][1] == (Square(machine=HERE, verdict=Verdict.PARTIAL, count=1, total=2),)
         assert pivot.squares[2][1] == (Square(machine=HERE, verdict=Verdict.UNAVAILABLE, count=1, total=2),)
 
+    def test_what_was_not_run_hides_nothing(self) -> None:
+        """Beside a cell that was run, one that was not only counts; alone it is shown."""
+        assert tables._worst(HERE, [Verdict.NOT_RUN, Verdict.WORKS]).verdict is Verdict.WORKS
+        assert tables._worst(HERE, [Verdict.NOT_RUN, Verdict.NOT_RUN]).verdict is Verdict.NOT_RUN
+
     def test_machines_side_by_side(self) -> None:
         """Two machines share a square without one hiding the other."""
         made = record(case("pppp"))

@@ -211,12 +211,22 @@ def test_what_was_resolved_offline_is_resolved_again_with_the_network(desk: Desk
     assert [cell["reused"] for cell in cells] == [False, False, True]
 
 
-def test_a_changed_case_is_measured_again(kept: Desk) -> None:
-    """What a case asks for is part of its results' key; the other cell is reused."""
-    matrix = kept.matrix("small", SMALL.read_text().replace('BlankFrame-v0"', 'BlankFrame-v0", seed = 8'))
-    cells = kept.run("run", matrix, "--json").cells("which")
-    assert (cells["good"]["reused"], cells["blank"]["reused"]) == (True, False)
-    assert cells["blank"]["verdict"] == "partial"
+@pytest.mark.parametrize(
+    ("change", "again"),
+    [
+        pytest.param(('BlankFrame-v0"', 'BlankFrame-v0", seed = 8'), {"blank"}, id="seed"),
+        pytest.param(('BlankFrame-v0"', 'BlankFrame-v0", steps = 30'), {"blank"}, id="steps"),
+        pytest.param(('BlankFrame-v0"', 'BlankFrame-v0", timeouts = { single = 77 }'), {"blank"}, id="limit"),
+        pytest.param(('BlankFrame-v0"', 'BlankFrame-v0", kwargs = { max_episode_steps = 9 }'), {"blank"}, id="kwargs"),
+        pytest.param(("[axes]", '[axes.more]\nx = { environment = { ANOTHER = "1" } }\n[axes]'), None, id="variable"),
+    ],
+)
+def test_what_was_changed_is_measured_again(change: tuple[str, str], again: set[str] | None, kept: Desk) -> None:
+    """What a cell asks for and sees is part of its results' key; the other cell is reused."""
+    matrix = kept.matrix("small", SMALL.read_text().replace(*change, 1))
+    cells = kept.run("run", matrix, "--until", "single", "--json").cells("which")
+    known = again if again is not None else set(cells)
+    assert {name for name, cell in cells.items() if not cell["reused"]} == known
 
 
 def test_until_stops_and_a_later_run_goes_on(desk: Desk) -> None:
