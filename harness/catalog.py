@@ -32,9 +32,7 @@ def load(name: str, say: Callable[[str], None], *, offline: bool = False, renew:
     planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources)
     index = _located(plan.index_settings(matrix), path.parent)
     if matrix.snapshot and str(matrix.snapshot) > now():
-        say(
-            f"{path}: snapshot: {matrix.snapshot} is still to come; what is uploaded until then will not be in these locks"
-        )
+        say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
     return _with_questions(planned, lambda question: replace(question, index=index))
 
 

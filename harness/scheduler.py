@@ -66,6 +66,8 @@ def default_jobs() -> int:
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
     """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
     sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
+    here = machine.facts()
+    store.save_machine(here.id, here.facts)
     runner = Runner(store, settings, observer)
     results: dict[str, CellRecord] = {}
     with _pool(settings.jobs) as submit:

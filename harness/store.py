@@ -162,6 +162,14 @@ class Store:
         """The last record of a cell on a machine."""
         return _read(self.cell_file(machine, cell_id), CellRecord)
 
+    def save_machine(self, name: str, facts: Mapping[str, Any]) -> None:
+        """Keep the facts of a machine that cells are measured on."""
+        write_atomic(self.folder / "cells" / name / "machine.json", _encode(facts))
+
+    def load_machine(self, name: str) -> dict[str, Any]:
+        """The facts of a machine that cells were measured on."""
+        return _read(self.folder / "cells" / name / "machine.json", dict[str, Any]) or {}
+
     def cells(self) -> Iterator[CellRecord]:
         """Every cell record of every machine."""
         for path in sorted((self.folder / "cells").glob("*/*/*.json")):

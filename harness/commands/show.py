@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
-from harness import catalog, document, machine, plan, store
+from harness import catalog, document, plan, store
+from harness.commands import reporting
 from harness.contract import SYMBOLS, CaseEntry, CellEntry, Document, word
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
 from harness.schema import suggestion
+from harness.store import Store
 
 HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
 
@@ -37,7 +37,7 @@ def main(args: argparse.Namespace) -> int:
     """Show the cell, once for each machine it was measured on."""
     opened = store.open_store()
     records = _matching(tuple(opened.cells()), args.cell)
-    made = _document(records, opened.folder, _machines() if args.json else {})
+    made = _document(records, opened)
     if args.json:
         sys.stdout.write(document.encode(made).decode())
         return 0
@@ -69,17 +69,13 @@ def _fits(cell: Cell, pattern: str) -> bool:
     return fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)
 
 
-def _machines() -> dict[str, Mapping[str, Any]]:
-    """The facts of this machine; those of another are in the reports that were made there."""
-    here = machine.facts()
-    return {here.id: here.facts}
-
-
-def _document(records: Sequence[CellRecord], folder: Path, machines: Mapping[str, Mapping[str, Any]]) -> Document:
+def _document(records: Sequence[CellRecord], opened: Store) -> Document:
     """The records as a document whose paths start from the working folder."""
     cell = records[0].cell
     planned = Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes))
-    return document.build(records, [planned], machines, store.now(), lambda path: os.path.relpath(folder / path))
+    machines = {record.machine: opened.load_machine(record.machine) for record in records}
+    locate = reporting.seen_from_here(opened.folder)
+    return document.build(records, [planned], machines, store.now(), locate)
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
