@@ -20,7 +20,7 @@ from packaging.version import Version
 
 from harness import index, locks, machine, normalise, process, sdists, uv, uvcli
 from harness.errors import BadInput
-from harness.exclusive import exclusive
+from harness.filelocks import exclusive
 from harness.model import Interpreter, Lock, Outcome, Phase, Pin, Question, Step
 from harness.outcomes import MACHINE_TROUBLE
 from harness.store import cache_folder, digest, open_store, write_atomic

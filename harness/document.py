@@ -9,15 +9,6 @@ from typing import Any
 import msgspec
 
 from harness import schema, verdict
-from harness.contract import (
-    CaseEntry,
-    CellEntry,
-    Document,
-    DroppedEntry,
-    ExpectationEntry,
-    FindingEntry,
-    MatrixEntry,
-)
 from harness.model import (
     CASE_PHASES,
     CELL_PHASES,
@@ -31,6 +22,15 @@ from harness.model import (
     Plan,
     Step,
     Verdict,
+)
+from harness.reporttypes import (
+    CaseEntry,
+    CellEntry,
+    Document,
+    DroppedEntry,
+    ExpectationEntry,
+    FindingEntry,
+    MatrixEntry,
 )
 
 Locate = Callable[[str], str]

@@ -24,7 +24,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness import builds, downloads, locks, process, sdists, uvcli, uvsays
-from harness.exclusive import exclusive
+from harness.filelocks import exclusive
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest, open_store, write_atomic
 

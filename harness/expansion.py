@@ -10,7 +10,7 @@ from packaging.version import InvalidVersion, Version
 
 from harness.matrix import Expansion, Matrix, RangeTable
 from harness.schema import load_json, located
-from harness.words import Instant, Rule
+from harness.vocabulary import Instant, Rule
 
 
 def read(text: str, path: str) -> Expansion:

@@ -29,8 +29,8 @@ from packaging.utils import (
 from packaging.version import Version
 
 from harness.errors import BadInput, CouldNotTell
+from harness.indexsettings import NOTHING, UserIndex, combined
 from harness.model import Artifact, IndexSettings
-from harness.sources import NOTHING, UserIndex, combined
 
 if TYPE_CHECKING:
     import requests

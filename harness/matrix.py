@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from msgspec import Meta, Struct
 
 from harness.model import Phase, Verdict
-from harness.words import (
+from harness.vocabulary import (
     Api,
     Capability,
     CheckName,

@@ -29,7 +29,7 @@ from harness.matrix import (
 )
 from harness.model import CELL_PHASES, Verdict
 from harness.schema import key_path, load_toml, located, suggestion
-from harness.words import (
+from harness.vocabulary import (
     ABSENT,
     HOST,
     IMPORT_CHECK,

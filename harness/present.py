@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from harness.contract import SYMBOLS, UNTOLD, Pivot, Remark, Report, Row, Sheet, Square, number, word
 from harness.model import Verdict
+from harness.reporttypes import SYMBOLS, UNTOLD, Pivot, Remark, Report, Row, Sheet, Square, number, word
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -28,7 +28,7 @@ from harness.model import (
     Step,
 )
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
-from harness.words import Api
+from harness.vocabulary import Api
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -6,7 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from harness.contract import (
+from harness.errors import BadInput
+from harness.model import Verdict
+from harness.reporttypes import (
     SEVERITY,
     CellEntry,
     Document,
@@ -20,8 +22,6 @@ from harness.contract import (
     Square,
     word,
 )
-from harness.errors import BadInput
-from harness.model import Verdict
 
 NOTHING = "-"
 

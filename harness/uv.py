@@ -20,7 +20,7 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, locks, sources, uvcli, uvsays
+from harness import index, indexsettings, locks, uvcli, uvsays
 from harness.errors import CouldNotTell
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest
@@ -203,7 +203,7 @@ def _failure(said: uvcli.Said, asking: _Asking) -> Step:
 
 def _is_remote(settings: IndexSettings) -> bool:
     """Whether packages are looked for on the network."""
-    places = sources.combined(settings)
+    places = indexsettings.combined(settings)
     indexes = () if places.no_index else (*places.extra, places.default or "https://")
     return any("://" in place and not place.startswith("file:") for place in (*places.find_links, *indexes))
 
@@ -259,7 +259,7 @@ def _found_builds(asking: _Asking) -> list[Version]:
     """CPU builds of torch that lie in find-links folders and fit the interpreter, newest first."""
     known = locks.tags(asking.interpreter)
     found = set()
-    for folder in map(Path, sources.combined(asking.question.index).find_links):
+    for folder in map(Path, indexsettings.combined(asking.question.index).find_links):
         for path in folder.glob("torch-*+cpu*.whl"):
             _, version, _, tags = parse_wheel_filename(path.name)
             if any(tag in known for tag in tags):

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from harness import normalise, process, sources
+from harness import indexsettings, normalise, process
 from harness.model import IndexSettings, Interpreter
 from harness.store import cache_folder, state_folder, write_atomic
 
@@ -69,7 +69,7 @@ def scratch() -> Iterator[Path]:
 
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
     """Resolve for an interpreter; uv logs to its output when it looks into an sdist, or cannot read a file."""
-    asked = sources.combined(call.index)
+    asked = indexsettings.combined(call.index)
     no_index = ("--no-index",) if asked.no_index else ()
     options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
     variables = {"RUST_LOG": "uv_distribution=debug,uv_resolver=warn"}
@@ -134,7 +134,7 @@ def _trouble(completed: process.Completed) -> str | None:
 
 
 def _environment(call: Call) -> dict[str, str]:
-    asked = sources.combined(call.index)
+    asked = indexsettings.combined(call.index)
     variables = {**asked.trust, **{name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}}
     given = {
         "UV_DEFAULT_INDEX": asked.default,

@@ -11,7 +11,6 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
-from harness.contract import SEVERITY, UNTOLD
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -26,6 +25,7 @@ from harness.model import (
     Step,
     Verdict,
 )
+from harness.reporttypes import SEVERITY, UNTOLD
 
 ONLY_IMPORT = "only the import was tried"
 

@@ -11,8 +11,8 @@ import msgspec
 from harness import catalog, scheduler, store, verdict
 from harness.commands import progress, reporting
 from harness.commands.run import jobs, selected, tell
-from harness.contract import UNTOLD
 from harness.model import CellRecord, Phase, Verdict
+from harness.reporttypes import UNTOLD
 
 HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."
 

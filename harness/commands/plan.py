@@ -9,8 +9,8 @@ import msgspec
 
 from harness import catalog
 from harness.commands.run import choose, tell
-from harness.contract import number
 from harness.model import Cell, Plan
+from harness.reporttypes import number
 
 HELP = "List the cells of a matrix, and the combinations left out, each with its reason."
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from harness import document, present, store, tables
 from harness.commands import reporting
-from harness.contract import Document, Report
 from harness.errors import BadInput
+from harness.reporttypes import Document, Report
 from harness.schema import suggestion
 
 HELP = (

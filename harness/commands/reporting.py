@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness import document, launch, machine, outcomes, present, store, tables, verdict
-from harness.contract import Document, Report, number
 from harness.errors import HarnessError
 from harness.model import Cell, CellRecord, Plan, Verdict
+from harness.reporttypes import Document, Report, number
 from harness.store import Store
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")

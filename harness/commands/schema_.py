@@ -26,7 +26,7 @@ def _expansion() -> type:
 
 
 def _report() -> type:
-    from harness.contract import Document  # noqa: PLC0415
+    from harness.reporttypes import Document  # noqa: PLC0415
 
     return Document
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from harness import catalog, document, plan, store
 from harness.commands import reporting
-from harness.contract import SYMBOLS, CaseEntry, CellEntry, Document, word
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
+from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, Document, word
 from harness.schema import suggestion
 from harness.store import Store
 

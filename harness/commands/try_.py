@@ -14,14 +14,14 @@ from packaging.version import Version
 from harness import document, inputs, interpreters, machine, plan, scheduler, store, verdict
 from harness.commands import progress, reporting
 from harness.commands.run import tell
-from harness.contract import UNTOLD, word
 from harness.errors import BadInput
 from harness.inputfiles import Inputs
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Plan, Question, Verdict
+from harness.reporttypes import UNTOLD, word
 from harness.schema import located
 from harness.store import Store
 from harness.verdict import Judgement
-from harness.words import HOST, Api, version_text
+from harness.vocabulary import HOST, Api, version_text
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
 REUSED_FOR_HOURS = 24.0

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from harness.matrix import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
 from harness.schema import located
-from harness.words import ABSENT, HOST, UNSET, Kind, Label, When, alternatives, matcher
+from harness.vocabulary import ABSENT, HOST, UNSET, Kind, Label, When, alternatives, matcher
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from harness.matrix import NO_CHANGES, CaseTable, Changes, Constraint, Matrix, S
 from harness.model import Case, IndexSettings, Phase, Question
 from harness.plan.choices import Choice, Combination, Condition, condition
 from harness.schema import key_path
-from harness.words import ABSENT, IMPORT_CHECK, Kind, api_of, case_id, checks_of, required_name
+from harness.vocabulary import ABSENT, IMPORT_CHECK, Kind, api_of, case_id, checks_of, required_name
 
 T = TypeVar("T")
 

@@ -14,7 +14,7 @@ from harness.model import Case, Cell, Dropped, Expectation, Plan
 from harness.plan.choices import Choice, Combination, Condition, as_folder, choice_of, choices, condition
 from harness.plan.contents import Contents
 from harness.schema import located
-from harness.words import LONGEST_LABEL, Kind
+from harness.vocabulary import LONGEST_LABEL, Kind
 
 NO_CASE = "no case exists for it"
 

@@ -13,7 +13,7 @@ from packaging.version import Version
 from harness.errors import BadInput
 from harness.model import Case, Cell, Phase, Plan, Question
 from harness.schema import located, suggestion
-from harness.words import (
+from harness.vocabulary import (
     CHECKS,
     IMPORT_CHECK,
     LONGEST_LABEL,

@@ -14,7 +14,7 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question, send
 
-from harness import downloads, environments, exclusive, uv
+from harness import downloads, environments, uv
 from harness.environments import Environment, Wheel, environment_key
 from harness.model import Artifact, IndexSettings, Interpreter, Lock, Outcome, Phase, Step
 
@@ -356,7 +356,7 @@ class TestLocksBetweenProcesses:
 
         monkeypatch.setattr(fcntl, "flock", refuse)
         for _ in range(2):
-            with exclusive.exclusive(tmp_path / "one.lock"):
+            with filelocks.exclusive(tmp_path / "one.lock"):
                 assert (tmp_path / "one.lock-soft").exists()
 
         assert not (tmp_path / "one.lock-soft").exists()

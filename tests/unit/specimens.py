@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from harness import document
-from harness.contract import Document
 from harness.model import (
     CASE_PHASES,
     Case,
@@ -26,6 +25,7 @@ from harness.model import (
     Step,
     Verdict,
 )
+from harness.reporttypes import Document
 
 CHECKS = {
     Phase.IMPORT: "import.modules",

@@ -10,7 +10,7 @@ import pytest
 
 from harness import document, tables
 from harness.commands import reporting
-from harness.contract import Document
+from harness.reporttypes import Document
 
 REPORTS = Path(__file__).parents[2] / "reports"
 FOLDERS = sorted(path.parent for path in REPORTS.glob("*/report.json"))

@@ -22,9 +22,9 @@ from specimens import (
 )
 
 from harness import document
-from harness.contract import CellEntry, Document, FindingEntry
 from harness.errors import BadInput
 from harness.model import CellRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
+from harness.reporttypes import CellEntry, Document, FindingEntry
 
 CELL_KEYS = {
     "id", "matrix", "axes", "requested_python", "python", "machine", "environment", "supplied", "installed", "lock",

@@ -5,7 +5,7 @@ import pytest
 from harness import expansion, matrixfile
 from harness.errors import BadInput
 from harness.matrix import Matrix, RangeTable
-from harness.words import Rule
+from harness.vocabulary import Rule
 
 RELEASES = [
     ("0.9", False),

@@ -9,7 +9,7 @@ import pytest
 from harness import matrixfile, schema
 from harness.errors import BadInput
 from harness.matrix import Matrix, MatrixTable
-from harness.words import Instant, Kind
+from harness.vocabulary import Instant, Kind
 
 MATRICES = Path(__file__).parents[2] / "matrices"
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'

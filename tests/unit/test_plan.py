@@ -6,7 +6,7 @@ from harness import expansion, matrixfile, plan
 from harness.errors import BadInput
 from harness.matrix import Matrix
 from harness.model import Case, Cell, Dropped, Expectation, Phase, Plan, Question, Verdict
-from harness.words import CHECKS
+from harness.vocabulary import CHECKS
 
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 

@@ -11,8 +11,8 @@ from specimens import MACHINES, agrees, quick_document
 
 import harness
 from harness import document, present, tables
-from harness.contract import SYMBOLS, word
 from harness.model import Verdict
+from harness.reporttypes import SYMBOLS, word
 
 TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
 

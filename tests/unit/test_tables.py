@@ -9,9 +9,9 @@ import pytest
 from specimens import GENERATED, HERE, MACHINES, agrees, case, quick, quick_document, record
 
 from harness import document, tables
-from harness.contract import SEVERITY, SYMBOLS, Document, Square
 from harness.errors import BadInput
 from harness.model import Plan, Verdict
+from harness.reporttypes import SEVERITY, SYMBOLS, Document, Square
 
 
 def test_everything_regrouped(tmp_path: Path) -> None:

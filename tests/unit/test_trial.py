@@ -7,7 +7,7 @@ import pytest
 from harness import plan
 from harness.errors import BadInput
 from harness.model import Case, Question
-from harness.words import CHECKS
+from harness.vocabulary import CHECKS
 
 
 def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.Asked:

@@ -7,7 +7,6 @@ import pytest
 from specimens import CHECKS, LETTERS, case, cell, phase, plain, record, step, warning
 
 from harness import verdict
-from harness.contract import SEVERITY
 from harness.model import (
     CASE_PHASES,
     CELL_PHASES,
@@ -23,6 +22,7 @@ from harness.model import (
     PhaseRecord,
     Verdict,
 )
+from harness.reporttypes import SEVERITY
 
 IMPORT_ONLY = Case(id="numpy", env=None, api="gymnasium", checks=("import.modules",))
 
