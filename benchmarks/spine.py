@@ -25,7 +25,7 @@ from uv import find_uv_bin
 
 from harness import launch, wire
 from harness.model import Case, ProbeRequest
-from harness.words import CHECKS
+from harness.vocabulary import CHECKS
 
 HERE = Path(__file__).parent
 CELL = """

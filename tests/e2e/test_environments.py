@@ -14,7 +14,7 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question, send
 
-from harness import downloads, environments, uv
+from harness import downloads, environments, filelocks, uv
 from harness.environments import Environment, Wheel, environment_key
 from harness.model import Artifact, IndexSettings, Interpreter, Lock, Outcome, Phase, Step
 

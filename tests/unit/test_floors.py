@@ -13,12 +13,12 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "reporttypes", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "normalise", "outcomes",
-        "plan", "present", "schema", "tables", "uvsays", "verdict", "wire", "vocabulary",
+        "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "normalise", "outcomes", "plan",
+        "present", "reporttypes", "schema", "tables", "uvsays", "verdict", "vocabulary", "wire",
     },
     2: {
-        "builds", "downloads", "environments", "filelocks", "frames", "glprobe", "index", "inputs", "interpreters",
-        "launch", "machine", "process", "sdists", "indexsettings", "store", "supervisor", "uv", "uvcli",
+        "builds", "downloads", "environments", "filelocks", "frames", "glprobe", "index", "indexsettings", "inputs",
+        "interpreters", "launch", "machine", "process", "sdists", "store", "supervisor", "uv", "uvcli",
     },
     3: {"catalog", "cellrun", "scheduler"},
     4: {"commands"},
