@@ -132,6 +132,12 @@ def _top_level(one: Distribution) -> tuple[str, ...]:
     return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))
 
 
+def discard(environment: Environment) -> None:
+    """Remove an environment from the pool; the next one of its key is made anew."""
+    with exclusive(environment.path.with_name(f"{environment.path.name}.lock")):
+        shutil.rmtree(environment.path, ignore_errors=True)
+
+
 # --- wheels ----------------------------------------------------------------------------------------------------
 
 

@@ -13,6 +13,7 @@ from time import monotonic
 from typing import Protocol
 
 from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
+from harness.environments import Environment
 from harness.errors import CouldNotTell
 from harness.model import (
     Case,
@@ -251,6 +252,7 @@ class _Pool:
             "install", lock.sha256, interpreter.identity, question.build_constraints, question.build_variables
         )
         self.known = False
+        self.made: Environment | None = None
 
     def installed(self) -> Installed:
         """What the install came to, now or before; an environment is made if it is not known."""
@@ -275,16 +277,23 @@ class _Pool:
         self.runner.store.save_installed(self.key, known)
         return known
 
-    def environment(self) -> environments.Environment:
+    def environment(self) -> Environment:
         """The environment itself, from the pool or made now."""
-        self.runner.observer.step(self.cell, Phase.INSTALL)
-        with self.runner.once.turn(("environment", self.key)):
-            made = environments.ensure(
-                self.lock, self.interpreter, self.cell.question, offline=self.runner.settings.offline
-            )
-        if isinstance(made, Step):
-            raise _NoEnvironment(made)
-        return made
+        if self.made is None:
+            self.runner.observer.step(self.cell, Phase.INSTALL)
+            with self.runner.once.turn(("environment", self.key)):
+                made = self._ensured()
+                if self.runner.settings.verify and isinstance(made, Environment) and environments.verify(made):
+                    environments.discard(made)
+                    made = self._ensured()
+            if isinstance(made, Step):
+                raise _NoEnvironment(made)
+            self.made = made
+        return self.made
+
+    def _ensured(self) -> Environment | Step:
+        offline = self.runner.settings.offline
+        return environments.ensure(self.lock, self.interpreter, self.cell.question, offline=offline)
 
 
 def _stopped(record: CellRecord, step: Step) -> CellRecord:

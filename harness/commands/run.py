@@ -16,6 +16,9 @@ from harness.model import CASE_PHASES, Cell, Phase, Plan
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 
 
+VERIFYING = "one process per check, failures confirmed, environments checked file by file"
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `run`."""
     parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
@@ -24,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
     parser.add_argument("--fresh", action="store_true", help="measure everything again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
-    parser.add_argument("--verify", action="store_true", help="one process per check, and each failure confirmed")
+    parser.add_argument(
+        "--verify", action="store_true", help="one process per check, failures confirmed, environments checked"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
     parser.add_argument(
         "--fail-on",

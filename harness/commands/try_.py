@@ -54,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--torch-backend", metavar="B", default="cpu", help="uv's: cpu, auto, cu126, ... [%(default)s]")
     parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
-    parser.add_argument("--verify", action="store_true", help="one process per check, and each failure confirmed")
+    parser.add_argument(
+        "--verify", action="store_true", help="one process per check, failures confirmed, environments checked"
+    )
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 

@@ -229,6 +229,20 @@ def test_what_was_changed_is_measured_again(change: tuple[str, str], again: set[
     assert {name for name, cell in cells.items() if not cell["reused"]} == known
 
 
+def test_verify_makes_a_damaged_environment_anew(desk: Desk) -> None:
+    """With `--verify` no environment is used whose files are not those of its wheels."""
+    own = desk.folder / "own-cache"
+    asked = ("run", desk.matrix("small", SMALL.read_text()), "-k", "*-good", "--json")
+    key = desk.run(*asked, HARNESS_CACHE=str(own)).cells("which")["good"]["key"]
+    (module,) = (own / "environments" / key).glob("lib/python3*/site-packages/fake_healthy.py")
+    content = module.read_text()
+    module.unlink()
+    module.write_text("raise RuntimeError('not the file of the wheel')\n")
+    cell = desk.run(*asked, "--verify", HARNESS_CACHE=str(own)).cells("which")["good"]
+    assert (cell["verdict"], cell["key"], cell["reused"]) == ("works", key, False)
+    assert module.read_text() == content
+
+
 def test_until_stops_and_a_later_run_goes_on(desk: Desk) -> None:
     """`--until import` is no verdict; the run after it measures what is missing."""
     matrix = desk.matrix("small", SMALL.read_text())
