@@ -1,0 +1,44 @@
+"""What the README says is so."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from harness import matrixfile, plan
+from harness.matrix import Expansion
+from harness.vocabulary import Instant
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_its_matrix_can_be_planned() -> None:
+    """The example is a matrix: every case exists somewhere, every expectation meets a cell."""
+    (text,) = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
+    matrix = matrixfile.read(text, "example.toml")
+    expansion = Expansion(
+        matrix="example",
+        instant=Instant(str(matrix.snapshot)),
+        ranges=matrix.ranges,
+        axes={"mujoco": ("2.3.7", "3.0.1", "3.1.6")},
+    )
+    planned = plan.expand(matrix, expansion, host_python="3.11.7")
+
+    assert len(planned.cells) == 12
+    assert (planned.dropped, planned.stale) == ((), ())
+
+
+def test_ci_runs_its_test_command() -> None:
+    """`.ci/run` ends with the very line that the README gives."""
+    commands = re.findall(r"```\n(python3\.11 .*?)\n```", README)
+
+    assert len(commands) == 2
+    assert (ROOT / ".ci" / "run").read_text().rstrip().splitlines()[-1] == commands[1]
+
+
+def test_files_that_it_names_exist() -> None:
+    """Its links lead somewhere."""
+    links = re.findall(r"\]\(([^)#]+)\)", README)
+
+    assert [link for link in links if "://" not in link and not (ROOT / link).is_file()] == []
