@@ -326,6 +326,40 @@ class TestTrouble:
         assert decisive is not None
         assert "Wheel version does not match filename (1.0 != 2.0)" in decisive
 
+    def test_wheel_that_brings_another_package(
+        self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
+    ) -> None:
+        """What lies in an environment has to be what its lock says, and a wheel that adds to it is at fault."""
+        folder = tmp_path / "wheels"
+        folder.mkdir()
+        stowaway = "fake_sneaky-1.0.data/purelib/fake_plain-9.9.dist-info/METADATA"
+        metadata = "Metadata-Version: 2.1\nName: fake-plain\nVersion: 9.9\n"
+        fakes.wheel(folder, "1.0", {"fake_sneaky.py": "", stowaway: metadata}, {"name": "fake-sneaky"})
+        index = IndexSettings(no_index=True, find_links=(str(folder),))
+        pinned = locked(uv.resolve(question("fake-sneaky", index=index), host, tmp_path / "state" / "x"))
+
+        assert failed(ensure(pinned, index=index)) == (
+            Phase.INSTALL,
+            Outcome.FAILED,
+            "after the install these packages are not those of the lock: fake-plain 9.9",
+        )
+
+    def test_install_that_leaves_something_out(
+        self,
+        lock: Callable[..., Lock],
+        ensure: Callable[..., Environment | Step],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """A package of the lock that is not there after a good install says nothing about packages."""
+        only_one = environments.locks.to_install
+        monkeypatch.setattr(environments.locks, "to_install", lambda wheels: only_one(list(wheels)[:1]))
+
+        assert failed(ensure(lock("fake-needs-plain"))) == (
+            Phase.INSTALL,
+            Outcome.INFRA,
+            "after the install these packages of the lock are not there: fake-plain 3.0",
+        )
+
 
 class TestAnnouncement:
     def test_large_download(self, caplog: pytest.LogCaptureFixture) -> None:
