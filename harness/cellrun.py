@@ -43,6 +43,7 @@ class Context:
 
     `python` is the version that probes must find, `site` makes the environment when one really has to run. `identity`
     is all that a result's key holds besides case, phase and probe: environment key, variables, sandbox mode, machine.
+    `conditions` marks the system: what failed under others is measured again.
     `undrawable` is why nothing can be drawn by OpenGL here, `places` names this machine's folders, for evidence.
     """
 
@@ -51,6 +52,7 @@ class Context:
     site: Callable[[], launch.Site]
     identity: tuple[object, ...]
     undrawable: str | None
+    conditions: str | None
     places: Mapping[str, str]
     until: Phase = Phase.RENDER
     fresh: bool = False
@@ -68,7 +70,9 @@ def run_case(context: Context, case: Case) -> CaseRecord:
         measured = _Measurement(context, case).phases(missing)
         for phase, record in measured.items():
             if record.outcome not in MEASURED_AGAIN:
-                context.store.save_phase(_key(context, case, phase, wanted[phase]), record)
+                failed = record.outcome in FAILING
+                kept = replace(record, conditions=context.conditions) if failed else record
+                context.store.save_phase(_key(context, case, phase, wanted[phase]), kept)
         known |= measured
     asked = _wanted(case, Phase.RENDER)
     return _record(case, [known.get(phase) or _absent(phase, phase in asked) for phase in CASE_PHASES])
@@ -109,7 +113,8 @@ def _judging() -> str:
 
 def _stored(context: Context, case: Case, wanted: Mapping[Phase, tuple[str, ...]]) -> dict[Phase, PhaseRecord]:
     found = {phase: context.store.load_phase(_key(context, case, phase, checks)) for phase, checks in wanted.items()}
-    return {phase: replace(record, reused=True) for phase, record in found.items() if record}
+    still = {None, context.conditions}
+    return {phase: replace(one, reused=True) for phase, one in found.items() if one and one.conditions in still}
 
 
 def _limit(case: Case, check: str) -> float:

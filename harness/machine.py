@@ -11,13 +11,14 @@ import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from harness.process import Command, Completed, Limits, Profile, run
-from harness.store import cache_folder, write_atomic
+from harness.store import cache_folder, digest, write_atomic
 
 PROBE = Path(__file__).parent / "glprobe.py"
 
@@ -79,6 +80,16 @@ def facts() -> Machine:
     )
 
 
+SYSTEM = (
+    "/usr/bin",
+    "/usr/local/bin",
+    "/usr/include",
+    "/usr/lib",
+    f"/usr/lib/{os.uname().machine}-linux-gnu",
+    "/etc/ld.so.cache",
+)
+"""Folders and files that change when a program, a header or a library comes or goes."""
+
 DRAWN_WITH = {"egl": "egl", "osmesa": "osmesa", "glfw": "display", "glx": "display", "": "display"}
 """Values of MUJOCO_GL, and what each draws with; where it stays unset on purpose, a window is tried first."""
 
@@ -94,6 +105,13 @@ def supplied(given: Mapping[str, str]) -> dict[str, str]:
         found["PYOPENGL_PLATFORM"] = "osmesa"
     found["SDL_VIDEODRIVER"] = "dummy"
     return {name: value for name, value in found.items() if name not in given}
+
+
+@cache
+def conditions() -> str:
+    """A mark of the programs, headers and libraries of this system: another one after something was installed."""
+    times = [Path(place).stat().st_mtime_ns for place in SYSTEM if Path(place).exists()]
+    return digest("conditions", times)
 
 
 def drawing_needs(variables: Mapping[str, str]) -> tuple[str, ...]:

@@ -262,7 +262,8 @@ class Lock:
 class Step:
     """How a step on the host (resolve, build, install) ended when it did not succeed, or what it says of itself.
 
-    `decisive` is the one line that says why; `log` is a path below the state folder.
+    `decisive` is the one line that says why; `log` is a path below the state folder. `conditions` marks the system
+    that a build failed on: with other programs and libraries it may succeed.
     """
 
     phase: Phase
@@ -271,6 +272,7 @@ class Step:
     decisive: str | None = None
     log: str | None = None
     findings: tuple[Finding, ...] = ()
+    conditions: str | None = None
     reused: bool = False
 
 
@@ -288,7 +290,10 @@ class CheckRecord:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PhaseRecord:
-    """One phase of one case, as stored and reused. `frames` and `evidence` are paths below the state folder."""
+    """One phase of one case, as stored and reused. `frames` and `evidence` are paths below the state folder.
+
+    `conditions` marks the system that it failed on: with other libraries it may pass.
+    """
 
     phase: Phase
     outcome: Outcome
@@ -300,6 +305,7 @@ class PhaseRecord:
     evidence: str | None = None
     attempts: int = 1
     measured: str | None = None
+    conditions: str | None = None
     reused: bool = False
 
 

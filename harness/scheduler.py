@@ -160,6 +160,7 @@ class Runner:
 
     def _lock(self, key: str, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         kept = None if self.settings.fresh else self.store.load_lock(key)
+        kept = None if isinstance(kept, Step) and _outdated(kept) else kept
         if self.settings.offline and not kept:
             key = digest("offline", key)  # what the caches hold is no answer for a run with the network
         start = monotonic()
@@ -168,7 +169,7 @@ class Runner:
         )
         if isinstance(answer, Step):
             if not kept and answer.outcome is Outcome.FAILED:
-                self.store.save_lock(key, answer)
+                self.store.save_lock(key, _conditioned(answer))
             return None, replace(answer, reused=bool(kept))
         if not kept:
             self.store.save_lock(key, answer)
@@ -193,9 +194,10 @@ class Runner:
                 findings=known.findings,
             ),
         )
-        if self.settings.until is Phase.INSTALL:
-            return record
         try:
+            if self.settings.until is Phase.INSTALL:
+                pool.environment()
+                return record
             context = self._context(record, pool)
             cases = tuple(cellrun.run_case(context, _with_modules(case, known)) for case in record.cell.cases)
         except _NoEnvironment as failure:
@@ -226,6 +228,7 @@ class Runner:
             site=site,
             identity=(record.key, sorted(given.items()), sorted(cell.files.items()), process.sandbox_mode(), facts.id),
             undrawable=machine.undrawable(given),
+            conditions=machine.conditions(),
             places=uvcli.places(),
             until=self.settings.until,
             fresh=self.settings.fresh,
@@ -257,14 +260,14 @@ class _Pool:
     def installed(self) -> Installed:
         """What the install came to, now or before; an environment is made if it is not known."""
         kept = None if self.runner.settings.fresh else self.runner.store.load_installed(self.key)
-        if kept:
+        if kept and not (kept.failed and _outdated(kept.failed)):
             self.known = True
             return replace(kept, failed=replace(kept.failed, reused=True) if kept.failed else None)
         try:
             made = self.environment()
         except _NoEnvironment as failure:
             if failure.step.outcome is Outcome.FAILED:
-                self.runner.store.save_installed(self.key, Installed(failed=failure.step))
+                self.runner.store.save_installed(self.key, Installed(failed=_conditioned(failure.step)))
             return Installed(failed=failure.step)
         known = Installed(
             key=made.key,
@@ -305,6 +308,16 @@ def _stopped(record: CellRecord, step: Step) -> CellRecord:
         resolve = record.resolve if record.lock else Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
         return replace(record, resolve=resolve, install=step, cases=cases)
     return replace(record, resolve=step, cases=cases)
+
+
+def _conditioned(step: Step) -> Step:
+    """A failed build with the mark of the system that it failed on; a resolution depends on no system."""
+    return replace(step, conditions=machine.conditions()) if step.phase is Phase.INSTALL else step
+
+
+def _outdated(step: Step) -> bool:
+    """Whether something was installed on this system since: a failed build is tried again."""
+    return step.conditions not in {None, machine.conditions()}
 
 
 def _not_reached(cell: Cell) -> tuple[CaseRecord, ...]:

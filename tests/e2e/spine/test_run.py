@@ -229,6 +229,33 @@ def test_what_was_changed_is_measured_again(change: tuple[str, str], again: set[
     assert {name for name, cell in cells.items() if not cell["reused"]} == known
 
 
+def test_what_failed_is_tried_again_on_another_system(kept: Desk) -> None:
+    """After a library was installed a red phase may be green: it is measured again, what passed is reused."""
+    records = [path for path in kept.state.glob("results/*/*.json") if '"conditions":"' in path.read_text()]
+    assert len(records) == 1
+    text = records[0].read_text()
+    records[0].write_text(re.sub(r'"conditions":"\w+"', '"conditions":"before"', text))
+    cells = kept.run("run", "small.toml", "--json").cells("which")
+    assert (cells["good"]["reused"], cells["blank"]["reused"]) == (True, False)
+    assert cells["blank"]["verdict"] == "partial"
+
+
+def test_a_failed_build_is_tried_again_on_another_system(desk: Desk) -> None:
+    """After a compiler or a header was installed an sdist may build: only on the same system is the failure kept."""
+    text = 'requirements = ["fake-build-failure"]\nindex = { no_index = true, find_links = ["@WHEELS@"] }\n'
+    text += 'cases = [{ imports = ["fake_build_failure"] }]\n[axes]\npython = ["host"]\n'
+    asked = ("run", desk.matrix("m", text), "--json")
+    cells = [desk.run(*asked).document["cells"][0] for _ in range(2)]
+    for path in (*desk.state.glob("steps/*/*.json"), *desk.state.glob("installed/*/*.json")):
+        path.write_text(re.sub(r'"conditions":"\w+"', '"conditions":"before"', path.read_text()))
+    cells.append(desk.run(*asked).document["cells"][0])
+    assert [(cell["verdict"], cell["reused"]) for cell in cells] == [
+        ("uninstallable", False),
+        ("uninstallable", True),
+        ("uninstallable", False),
+    ]
+
+
 def test_verify_makes_a_damaged_environment_anew(desk: Desk) -> None:
     """With `--verify` no environment is used whose files are not those of its wheels."""
     own = desk.folder / "own-cache"

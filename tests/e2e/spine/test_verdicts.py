@@ -161,6 +161,7 @@ def _probed(
         ),
         identity=(),
         undrawable=None,
+        conditions=None,
         places={},
     )
     passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
