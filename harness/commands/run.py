@@ -27,9 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
     parser.add_argument("--fresh", action="store_true", help="measure everything again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
-    parser.add_argument(
-        "--verify", action="store_true", help="one process per check, failures confirmed, environments checked"
-    )
+    parser.add_argument("--verify", action="store_true", help=VERIFYING)
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
     parser.add_argument(
         "--fail-on",

@@ -13,7 +13,7 @@ from packaging.version import Version
 
 from harness import document, inputs, interpreters, machine, plan, scheduler, store, verdict
 from harness.commands import progress, reporting
-from harness.commands.run import tell
+from harness.commands.run import VERIFYING, tell
 from harness.errors import BadInput
 from harness.inputfiles import Inputs
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Plan, Question, Verdict
@@ -54,9 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--torch-backend", metavar="B", default="cpu", help="uv's: cpu, auto, cu126, ... [%(default)s]")
     parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
-    parser.add_argument(
-        "--verify", action="store_true", help="one process per check, failures confirmed, environments checked"
-    )
+    parser.add_argument("--verify", action="store_true", help=VERIFYING)
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 
@@ -104,7 +102,7 @@ def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: schedu
         environment=dict(_variable(text) for text in args.set),
         constraints=(*args.constraint, *given.constraints),
         overrides=(*args.override, *given.overrides),
-        build_constraints=tuple(args.build_constraint),
+        build_constraints=(*args.build_constraint, *given.build_constraints),
         only_binary=(*args.only_binary, *given.only_binary),
         torch_backend=args.torch_backend,
         as_of=args.as_of,

@@ -229,6 +229,13 @@ def test_what_was_changed_is_measured_again(change: tuple[str, str], again: set[
     assert {name for name, cell in cells.items() if not cell["reused"]} == known
 
 
+def test_a_variable_of_the_user_that_cells_see_is_measured_again(kept: Desk) -> None:
+    """What reaches a cell from outside is part of its results' key, too."""
+    asked = ("run", "small.toml", "--until", "single", "--json")
+    cells = kept.run(*asked, __EGL_VENDOR_LIBRARY_DIRS="/usr/share/glvnd/egl_vendor.d").cells("which")
+    assert {cell["reused"] for cell in cells.values()} == {False}
+
+
 def test_what_failed_is_tried_again_on_another_system(kept: Desk) -> None:
     """After a library was installed a red phase may be green: it is measured again, what passed is reused."""
     records = [path for path in kept.state.glob("results/*/*.json") if '"conditions":"' in path.read_text()]

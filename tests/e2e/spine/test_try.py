@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 
 import pytest
@@ -122,6 +123,30 @@ def test_the_document_is_that_of_a_run(desk: Desk) -> None:
     )
     assert (second.code, two["verdict"], two["reused"]) == (0, "works", True)
     assert (desk.folder / one["lock"]).is_file()
+
+
+def test_everything_that_a_file_asks_for_is_asked(desk: Desk) -> None:
+    """Constraints, overrides and build constraints of a file are those of the trial."""
+    (desk.folder / "pyproject.toml").write_text(
+        """[project]
+name = "mine"
+version = "1.0"
+dependencies = ["fake-plain"]
+[tool.uv]
+constraint-dependencies = ["fake-plain<3"]
+override-dependencies = ["fake-tool==1.0"]
+build-constraint-dependencies = ["fake-build-tool<2"]
+"""
+    )
+    _try(desk, "-r", "pyproject.toml", "--build-constraint", "fake-other<9")
+    (file,) = desk.state.glob("cells/*/try/*.json")
+    question = json.loads(file.read_text())["cell"]["question"]
+    assert [question[kind] for kind in ("requirements", "constraints", "overrides", "build_constraints")] == [
+        ["fake-plain"],
+        ["fake-plain<3"],
+        ["fake-tool==1.0"],
+        ["fake-other<9", "fake-build-tool<2"],
+    ]
 
 
 def _try(desk: Desk, *arguments: str, **variables: str) -> tuple[int, str]:
