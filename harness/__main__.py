@@ -25,6 +25,12 @@ VERBS = {
     "try": ("harness.commands.try_", "try one combination of requirements"),
     "report": ("harness.commands.report", "tables from stored results"),
     "show": ("harness.commands.show", "everything known of one cell"),
+    "merge": ("harness.commands.merge", "the reports of shards and machines as one"),
+    "accept": ("harness.commands.accept", "write expectations for what is red now"),
+    "ci": ("harness.commands.ci", "a workflow for GitHub, GitLab or Slurm that runs a matrix"),
+    "init": ("harness.commands.init", "start in somebody's project: matrix, nox session, workflow"),
+    "fetch": ("harness.commands.fetch", "bring everything that a matrix needs into a folder, for machines without network"),
+    "gc": ("harness.commands.gc", "remove what is old or too much from cache and state"),
     "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
 }
 """Verb: module and one line of help. A module is imported only when its verb is used."""

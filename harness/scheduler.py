@@ -124,15 +124,19 @@ class Runner:
     def cell(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases and keep its record."""
         self.observer.started(cell)
+        record = self.measure(cell)
+        self.store.save_cell(record)
+        self.observer.done(record)
+        return record
+
+    def measure(self, cell: Cell) -> CellRecord:
+        """Take one cell through its phases; its results are kept, its record is not."""
         record = self._run(cell)
         if process.stopped():
             message = f"{cell.id}: interrupted"
             raise CouldNotTell(message)
         measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
-        record = replace(record, measured=measured, seconds=_seconds(record), reused=_reused(record))
-        self.store.save_cell(record)
-        self.observer.done(record)
-        return record
+        return replace(record, measured=measured, seconds=_seconds(record), reused=_reused(record))
 
     def _run(self, cell: Cell) -> CellRecord:
         record = CellRecord(cell=cell, machine=machine.facts().id, supplied=machine.supplied(cell.environment))
