@@ -33,13 +33,23 @@ def markdown(report: Report, template: str) -> str:
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
         "number": number,
         "rule": lambda columns, mark: " | ".join(mark for _ in columns),
+        "table": small_table,
         "seen_in": lambda labels, rows: (
             _codes(labels) if len(labels) < len(rows) else f"all {number(len(rows), 'cell')}"
         ),
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
-        "square": _square,
     }
     return environment.from_string(template).render(report=report)
+
+
+def small_table(pivot: Pivot) -> str:
+    """The table over two axes as Markdown, its lines ended."""
+    head = [f"{_table_cell(pivot.down)} ╲ {_table_cell(pivot.across)}", *map(_table_cell, pivot.columns)]
+    rows = [
+        [_table_cell(name), *map(_square, squares)] for name, squares in zip(pivot.rows, pivot.squares, strict=True)
+    ]
+    lines = [head, ["---", *(":-:" for _ in pivot.columns)], *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def _counts(sheet: Sheet) -> str:

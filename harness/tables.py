@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from packaging.version import InvalidVersion, Version
+
 from harness.errors import BadInput
 from harness.model import Verdict
 from harness.reporttypes import (
@@ -137,13 +139,25 @@ def _default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str,
 
 def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str]) -> Pivot:
     down, across = axes
-    rows = tuple(dict.fromkeys(cell.axes.get(down, NOTHING) for cell in cells))
-    columns = tuple(dict.fromkeys(cell.axes.get(across, NOTHING) for cell in cells))
+    rows, columns = (_in_order(cell.axes.get(axis, NOTHING) for cell in cells) for axis in axes)
     met: dict[tuple[str, str], list[CellEntry]] = {}
     for cell in cells:
         met.setdefault((cell.axes.get(down, NOTHING), cell.axes.get(across, NOTHING)), []).append(cell)
     squares = tuple(tuple(_square(met.get((row, column), ())) for column in columns) for row in rows)
     return Pivot(down=down, across=across, rows=rows, columns=columns, squares=squares)
+
+
+def _in_order(values: Iterable[str]) -> tuple[str, ...]:
+    """Versions by age, after what is none (`absent`) in the order it comes."""
+    distinct = dict.fromkeys(values)
+    return tuple(sorted(distinct, key=lambda value: (_parsed(value) is not None, _parsed(value) or Version("0"))))
+
+
+def _parsed(text: str) -> Version | None:
+    try:
+        return Version(text)
+    except InvalidVersion:
+        return None
 
 
 def _square(cells: Sequence[CellEntry]) -> tuple[Square, ...]:

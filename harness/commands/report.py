@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from harness import document, present, store, tables
-from harness.commands import reporting
+from harness.commands import blocks, reporting
 from harness.errors import BadInput
-from harness.reporttypes import Document, Report
+from harness.reporttypes import SYMBOLS, Document, Report, word
 from harness.schema import suggestion
 
 HELP = (
     "Make tables of stored results again: of a report.json, of the folder that holds one, or of a matrix that was run."
 )
 
-FORMATS = ("terminal", "md", "json")
+FORMATS = ("terminal", "md", "json", "table")
 NAME = "report.json"
 
 
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"comma-separated, of {', '.join(FORMATS)} [terminal; md,json with --out]")  # fmt: skip
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the small table, down and across")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
+    parser.add_argument("--into", type=Path, metavar="FILE", help="make the tables again that a Markdown file holds")
     parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
                         help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
@@ -36,13 +37,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Show what was measured; the exit code is that of `run`."""
+    if args.into:
+        return blocks.renew(args.into, of_block)
     sources = [_found(name) for name in args.sources] or _all()
     if args.out:
         store.writable(args.out)
     whole = _read(sources, args.out)
     report = tables.report(whole, tuple(args.pivot) if args.pivot else None)
     for form in ["json"] if args.json else args.format or (["md", "json"] if args.out else ["terminal"]):
-        if args.out and form != "terminal":
+        if args.out and form in {"md", "json"}:
             _write(form, whole, report, args.out)
         else:
             _print(form, whole, report, None if args.out else sources)
@@ -116,6 +119,19 @@ def _write(form: str, whole: Document, report: Report, out: Path) -> None:
     print(f"report: {out / name}", file=sys.stderr)
 
 
+def _tables(report: Report) -> str:
+    """The small tables alone, as Markdown, with what their signs mean."""
+    pivots = [sheet.pivot for sheet in report.sheets if sheet.pivot]
+    shown = {one.verdict for pivot in pivots for squares in pivot.squares for square in squares for one in square}
+    legend = ", ".join(f"{sign} {word(verdict)}" for verdict, sign in SYMBOLS.items() if verdict in shown)
+    return "\n".join([*map(present.small_table, pivots), f"{legend}.\n"])
+
+
+def of_block(source: Path, pivot: tuple[str, str] | None) -> str:
+    """What a block of somebody's Markdown file holds."""
+    return _tables(tables.report(_read([_found(str(source))], None), pivot))
+
+
 def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] | None) -> None:
     """Print one form; in JSON on stdout paths start from the working folder."""
     match form:
@@ -123,6 +139,8 @@ def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] |
             present.print_terminal(report)
         case "md":
             sys.stdout.write(reporting.page(report))
+        case "table":
+            sys.stdout.write(_tables(report))
         case _:
             single = sources[0] if sources and len(sources) == 1 else None
             sys.stdout.write(document.encode(_moved(whole, single, Path()) if single else whole).decode())

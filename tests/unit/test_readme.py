@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from harness import matrixfile, plan
+from harness.commands import blocks, report
 from harness.matrix import Expansion
 from harness.vocabulary import Instant
 
@@ -42,3 +43,8 @@ def test_files_that_it_names_exist() -> None:
     links = re.findall(r"\]\(([^)#]+)\)", README)
 
     assert [link for link in links if "://" not in link and not (ROOT / link).is_file()] == []
+
+
+def test_its_tables_are_current() -> None:
+    """`simmatrix report --into README.md` would change nothing."""
+    assert blocks.renewed(README, ROOT, report.of_block) == README

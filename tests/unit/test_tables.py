@@ -46,18 +46,18 @@ def test_symbols() -> None:
 
 class TestPivot:
     def test_named_axes(self) -> None:
-        """The axes asked for, down and across, with the worst verdict of each square and how many have it."""
+        """The axes asked for, versions by age, with the worst verdict of each square and how many have it."""
         pivot = tables.report(quick_document(), ("gymnasium", "mujoco")).sheets[0].pivot
 
         assert pivot is not None
         assert (pivot.down, pivot.rows) == ("gymnasium", ("0.29.1", "1.2.3"))
-        assert (pivot.across, pivot.columns) == ("mujoco", ("2.3.7", "3.3.7", "1.50"))
+        assert (pivot.across, pivot.columns) == ("mujoco", ("1.50", "2.3.7", "3.3.7"))
         assert pivot.squares[0] == (
+            (Square(machine=HERE, verdict=Verdict.UNRESOLVABLE, count=1, total=1),),
             (Square(machine=HERE, verdict=Verdict.WORKS, count=1, total=1),),
             (Square(machine=HERE, verdict=Verdict.PARTIAL, count=2, total=2),),
-            (Square(machine=HERE, verdict=Verdict.UNRESOLVABLE, count=1, total=1),),
         )
-        assert pivot.squares[1][2] == ()
+        assert pivot.squares[1][0] == ()
 
     def test_worst_of_a_square(self) -> None:
         """Of the cells in a square the worst is shown: what speaks against packages before what says nothing."""

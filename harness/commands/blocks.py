@@ -1,0 +1,49 @@
+"""Tables inside a Markdown file of somebody's, made again from the reports that the file itself names.
+
+A block starts with `<!-- simmatrix report SOURCE [--pivot DOWN ACROSS] -->`, SOURCE as seen from the file's folder,
+and ends with `<!-- end -->`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from harness import store
+from harness.errors import BadInput
+
+BLOCK = re.compile(
+    r"^(?P<first><!-- simmatrix report (?P<source>\S+)(?: --pivot (?P<down>\S+) (?P<across>\S+))? -->)\n"
+    r".*?^<!-- end -->$",
+    re.DOTALL | re.MULTILINE,
+)
+
+Make = Callable[[Path, tuple[str, str] | None], str]
+"""From a source and the axes of the pivot to the tables, as Markdown."""
+
+
+def renew(file: Path, make: Make) -> int:
+    """Make the blocks of a file again; 0, or bad input where there is none."""
+    try:
+        before = file.read_text(encoding="utf-8")
+    except OSError as error:
+        message = f"{file}: cannot be read: {error.strerror}"
+        raise BadInput(message) from None
+    if not BLOCK.search(before):
+        message = f"{file}: has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
+        raise BadInput(message)
+    after = renewed(before, file.parent, make)
+    if after != before:
+        store.write_atomic(file, after.encode())
+    return 0
+
+
+def renewed(text: str, folder: Path, make: Make) -> str:
+    """A text that lies in a folder, with its blocks made again."""
+
+    def block(found: re.Match[str]) -> str:
+        pivot = (found["down"], found["across"]) if found["down"] else None
+        return f"{found['first']}\n\n{make(folder / found['source'], pivot)}\n<!-- end -->"
+
+    return BLOCK.sub(block, text)

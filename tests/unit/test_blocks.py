@@ -1,0 +1,71 @@
+"""Tables inside somebody's Markdown file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.commands import blocks
+from harness.errors import BadInput
+
+TEXT = """# A page
+
+<!-- simmatrix report reports/one --pivot mujoco gymnasium -->
+old
+<!-- end -->
+
+between
+
+<!-- simmatrix report two -->
+<!-- end -->
+after
+"""
+
+
+def made(source: Path, pivot: tuple[str, str] | None) -> str:
+    """What a report would give."""
+    return f"{source.as_posix()} {pivot}\n"
+
+
+def test_blocks_are_made_again() -> None:
+    """Each block is filled from its own source, as seen from the file; what stands around it stays."""
+    told = blocks.renewed(TEXT, Path("docs"), made)
+
+    assert told == (
+        "# A page\n\n"
+        "<!-- simmatrix report reports/one --pivot mujoco gymnasium -->\n\n"
+        "docs/reports/one ('mujoco', 'gymnasium')\n\n"
+        "<!-- end -->\n\nbetween\n\n"
+        "<!-- simmatrix report two -->\n\ndocs/two None\n\n<!-- end -->\nafter\n"
+    )
+    assert blocks.renewed(told, Path("docs"), made) == told
+
+
+def test_a_file_is_renewed(tmp_path: Path) -> None:
+    """The file is written only where something changed."""
+    page = tmp_path / "page.md"
+    page.write_text(TEXT)
+
+    assert blocks.renew(page, made) == 0
+    first = page.stat().st_mtime_ns, page.stat().st_ino
+    assert blocks.renew(page, made) == 0
+    assert (page.stat().st_mtime_ns, page.stat().st_ino) == first
+
+
+def test_a_file_without_a_block(tmp_path: Path) -> None:
+    """Whoever asks for it and has no block is told how one looks."""
+    page = tmp_path / "page.md"
+    page.write_text("nothing here\n")
+
+    with pytest.raises(BadInput) as refused:
+        blocks.renew(page, made)
+
+    told = "has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
+    assert str(refused.value) == f"{page}: {told}"
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    """A wrong path is bad input."""
+    with pytest.raises(BadInput, match="cannot be read: No such file or directory"):
+        blocks.renew(tmp_path / "absent.md", made)
