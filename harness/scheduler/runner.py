@@ -1,16 +1,12 @@
-"""Many cells: each question resolved once, each environment made once, results reused, several cells at a time."""
+"""Takes one cell through its phases; what several cells need is done once."""
 
 from __future__ import annotations
 
-import os
-import sysconfig
 import threading
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from time import monotonic
-from typing import Protocol
 
 from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
 from harness.environments import Environment
@@ -28,71 +24,9 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
 from harness.vocabulary import Api
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Settings:
-    """How a run is to be done; `until` is the last phase wanted."""
-
-    jobs: int = 1
-    until: Phase = Phase.RENDER
-    fresh: bool = False
-    offline: bool = False
-    verify: bool = False
-
-
-class Observer(Protocol):
-    """Is told what goes on, from several threads at once."""
-
-    def started(self, cell: Cell) -> None:
-        """A cell is being worked on."""
-
-    def step(self, cell: Cell, text: str) -> None:
-        """What it is doing now (`resolve`, `install`, a check's name)."""
-
-    def done(self, record: CellRecord) -> None:
-        """A cell is finished and stored."""
-
-    def say(self, text: str) -> None:
-        """Something to tell the user once."""
-
-
-def default_jobs() -> int:
-    """One cell per core that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
-def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
-    """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
-    sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
-    here = machine.facts()
-    store.save_machine(here.id, here.facts)
-    runner = Runner(store, settings, observer)
-    results: dict[str, CellRecord] = {}
-    with _pool(settings.jobs) as submit:
-        pending: set[Future[CellRecord]] = {submit(runner.cell, cell) for cell in cells}
-        while pending:
-            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-            for future in finished:
-                record = future.result()
-                results[record.cell.id] = record
-    return tuple(results[cell.id] for cell in cells)
-
-
-@contextmanager
-def _pool(jobs: int) -> Iterator[Callable[..., Future[CellRecord]]]:
-    """Threads that end, with every process they started, when the block is left by an exception."""
-    pool = ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="cell")
-    try:
-        yield pool.submit
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        process.stop()
-        raise
-    finally:
-        pool.shutdown(wait=True)
 
 
 class _Once:
