@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness import document, present, store, tables
+from harness import document, notices, present, store, tables
 from harness.commands import blocks, reporting
 from harness.errors import BadInput
 from harness.reporttypes import SYMBOLS, Document, Report, word
@@ -18,7 +18,7 @@ HELP = (
     "Make tables of stored results again: of a report.json, of the folder that holds one, or of a matrix that was run."
 )
 
-FORMATS = ("terminal", "md", "json", "table")
+FORMATS = ("terminal", "md", "json", "table", "github", "github-summary")
 NAME = "report.json"
 
 
@@ -47,6 +47,8 @@ def main(args: argparse.Namespace) -> int:
     for form in ["json"] if args.json else args.format or (["md", "json"] if args.out else ["terminal"]):
         if args.out and form in {"md", "json"}:
             _write(form, whole, report, args.out)
+        elif form == "github":
+            sys.stdout.write(notices.github(whole, args.fail_on))
         else:
             _print(form, whole, report, None if args.out else sources)
     return document.exit_code(whole, args.fail_on)
@@ -139,6 +141,8 @@ def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] |
             present.print_terminal(report)
         case "md":
             sys.stdout.write(reporting.page(report))
+        case "github-summary":
+            sys.stdout.write(notices.summary(reporting.page(report)))
         case "table":
             sys.stdout.write(_tables(report))
         case _:

@@ -13,8 +13,8 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "normalise", "outcomes", "plan",
-        "present", "reporttypes", "schema", "tables", "uvsays", "verdict", "vocabulary", "wire",
+        "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "normalise", "notices", "outcomes",
+        "plan", "present", "reporttypes", "schema", "tables", "uvsays", "verdict", "vocabulary", "wire",
     },
     2: {
         "builds", "downloads", "environments", "filelocks", "frames", "glprobe", "index", "indexsettings", "inputs",

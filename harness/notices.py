@@ -1,0 +1,86 @@
+"""What a CI platform shows beside a log: GitHub's annotations, and a job summary within its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+
+from harness.model import Verdict
+from harness.reporttypes import SEVERITY, CellEntry, Document, number, word
+
+SHOWN = 10
+"""Errors of one step that GitHub shows; it drops the others without a word."""
+
+SUMMARY = 1024 * 1024
+"""Bytes that a step may add to a job's summary; GitHub drops a longer one as a whole."""
+
+CUT = "\n\nThis page is cut off here, at the platform's limit; the whole one is in the uploaded report.\n"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Annotation:
+    """What is wrong with one cell, or with several for the same reason."""
+
+    title: str
+    message: str
+
+
+def github(made: Document, fail_on: Collection[str]) -> str:
+    """One workflow command per thing that makes the report fail, worst first, at most as many as are shown."""
+    wrong = tuple(reasons(made, fail_on))
+    if len(wrong) > SHOWN:
+        rest = number(len(wrong) - SHOWN + 1, "more reason")
+        closing = Annotation(title=f"and {rest} to fail", message="All of them are in the summary and in the report.")
+        wrong = (*wrong[: SHOWN - 1], closing)
+    return "".join(f"::error title={_property(one.title)}::{_data(one.message)}\n" for one in wrong)
+
+
+def reasons(made: Document, fail_on: Collection[str]) -> Iterator[Annotation]:
+    """What makes a report fail: cells not as expected (worst first), stale expectations, verdicts that say nothing."""
+    several = len(made.machines) > 1
+    if "unexpected" in fail_on:
+        yield from _alike([cell for cell in made.cells if cell.as_expected is False], several=several)
+    if "stale" in fail_on:
+        yield from (Annotation(title="expectation out of date", message=sentence) for sentence in made.stale)
+    untold = {Verdict.INCONCLUSIVE, *(verdict for verdict in Verdict if verdict in fail_on)}
+    yield from _alike([cell for cell in made.cells if cell.verdict in untold], several=several)
+
+
+def _alike(cells: Iterable[CellEntry], *, several: bool) -> Iterator[Annotation]:
+    """One annotation per reason; it names every cell that has it."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for cell in sorted(cells, key=lambda cell: SEVERITY.index(cell.verdict)):
+        place = f"{cell.id} on {cell.machine}" if several and cell.machine else cell.id
+        groups.setdefault((_told(cell), cell.decisive or ""), []).append(place)
+    for (told, decisive), places in groups.items():
+        more = f" and {number(len(places) - 1, 'more cell')}" if len(places) > 1 else ""
+        also = "\n".join(["", "also:", *places[1:]]) if more else ""
+        yield Annotation(title=places[0] + more, message=(f"{told}: {decisive}" if decisive else told) + also)
+
+
+def _told(cell: CellEntry) -> str:
+    at = f" in {cell.phase}" if cell.phase else ""
+    expectation = cell.expectation
+    if cell.as_expected is not False or expectation is None:
+        return f"{word(cell.verdict)}{at}"
+    phase = f" in {expectation.phase}" if expectation.phase else ""
+    return f"{word(cell.verdict)}{at}, where the matrix expects {word(expectation.verdict)}{phase}"
+
+
+def _data(text: str) -> str:
+    """Text as the message of a workflow command."""
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    """Text as the value of a property of a workflow command."""
+    return _data(text).replace(":", "%3A").replace(",", "%2C")
+
+
+def summary(page: str, limit: int = SUMMARY) -> str:
+    """The page, cut at the end of a line where it is longer than the platform takes."""
+    content = page.encode()
+    if len(content) <= limit:
+        return page
+    room = content[: limit - len(CUT.encode())]
+    return room[: room.rfind(b"\n") + 1].rstrip(b"\n").decode() + CUT
