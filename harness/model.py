@@ -155,6 +155,38 @@ class Question:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Suite:
+    """The subject's own pytest suite: what its environment holds besides the cell's packages, and how it is run.
+
+    `arguments` are pytest's, `seconds` and `memory_mb` the limits of the whole run.
+    """
+
+    arguments: tuple[str, ...] = ()
+    requirements: tuple[str, ...] = ()
+    extras: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
+    seconds: float = 1800.0
+    memory_mb: int = 6000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Subject:
+    """The package under test as a cell takes it: put on top of the cell's packages, never in a lock.
+
+    `source` is a folder, a wheel or a repository (`git+ADDRESS@REFERENCE`). Once it was looked at, `state` is a hash
+    of all that its wheel depends on, `commit` where it stands, `changed` whether its files differ from that commit.
+    """
+
+    source: str
+    extras: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
+    suite: Suite | None = None
+    state: str | None = None
+    commit: str | None = None
+    changed: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Cell:
     """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`)."""
 
@@ -168,6 +200,7 @@ class Cell:
     needs: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     expect: Expectation | None = None
+    subject: Subject | None = None
 
     @property
     def label(self) -> str:
@@ -292,7 +325,8 @@ class CheckRecord:
 class PhaseRecord:
     """One phase of one case, as stored and reused. `frames` and `evidence` are paths below the state folder.
 
-    `conditions` marks the system that it failed on: with other libraries it may pass.
+    `conditions` marks the system that it failed on: with other libraries it may pass. `peak_mb` is the most memory that
+    the processes of its probe held together.
     """
 
     phase: Phase
@@ -306,6 +340,7 @@ class PhaseRecord:
     attempts: int = 1
     measured: str | None = None
     conditions: str | None = None
+    peak_mb: int | None = None
     reused: bool = False
 
 
@@ -321,10 +356,22 @@ class CaseRecord:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Tested:
+    """The wheel of the subject that a cell was measured with; `content` is the same for two wheels of the same files.
+    """
+
+    name: str
+    version: str
+    sha256: str
+    content: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class CellRecord:
     """All evidence of one cell on one machine; the verdict is computed from it, never stored alone.
 
-    `resolve` and `install` are None when nothing of the cell was run.
+    `resolve` and `install` are None when nothing of the cell was run. `suite` is there where the cell's subject has one
+    and the cell came that far.
     """
 
     cell: Cell
@@ -339,6 +386,8 @@ class CellRecord:
     install: Step | None = None
     unavailable: str | None = None
     cases: tuple[CaseRecord, ...] = ()
+    subject: Tested | None = None
+    suite: PhaseRecord | None = None
     findings: tuple[Finding, ...] = ()
     measured: str | None = None
     reused: bool = False
