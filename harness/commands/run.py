@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import catalog, scheduler, store, tables
+from harness import catalog, fetched, scheduler, store, tables
 from harness.commands import progress, reporting
 from harness.errors import BadInput
 from harness.model import CASE_PHASES, Cell, Phase, Plan
@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
     parser.add_argument("--fresh", action="store_true", help="measure everything again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    parser.add_argument("--fetched", type=Path, metavar="DIR", help="run from a folder of `fetch`, without network")
     parser.add_argument("--verify", action="store_true", help=VERIFYING)
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
     parser.add_argument(
@@ -45,17 +46,23 @@ UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHAS
 
 def main(args: argparse.Namespace) -> int:
     """Run the matrices; the exit code is that of the contract."""
+    layer = fetched.open_folder(args.fetched) if args.fetched else None
     settings = scheduler.Settings(
-        jobs=args.jobs, until=Phase(args.until), fresh=args.fresh, offline=args.offline, verify=args.verify
+        jobs=args.jobs,
+        until=Phase(args.until),
+        fresh=args.fresh,
+        offline=args.offline or layer is not None,
+        verify=args.verify,
+        fetched=layer,
     )
-    planned = [catalog.load(name, tell, offline=args.offline) for name in args.matrices]
-    _check_distinct(planned)
+    planned = [catalog.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
+    check_distinct(planned)
     selected([cell for plan in planned for cell in plan.cells], args.k)
     tables.check_pivot(args.pivot, [plan.axes for plan in planned])
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
-    plans = [catalog.dated(plan, opened) for plan in planned]
+    plans = [catalog.dated(plan, opened, fetched=layer) for plan in planned]
     chosen = selected([cell for plan in plans for cell in plan.cells], args.k)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
@@ -87,7 +94,7 @@ def selected(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
     return choose(cells, pattern)
 
 
-def _check_distinct(plans: Sequence[Plan]) -> None:
+def check_distinct(plans: Sequence[Plan]) -> None:
     """Refuse two matrices of one name: their cells and reports could not be told apart."""
     names = [plan.matrix for plan in plans]
     twice = next((name for name in names if names.count(name) > 1), None)
