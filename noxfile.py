@@ -1,8 +1,17 @@
-"""What a contributor runs: `nox` lints and tests, `nox -s endurance` runs the full counts."""
+"""`nox` lints and tests, `nox -t quickstart` measures a matrix, `nox -s endurance` runs the full counts."""
 
 from __future__ import annotations
 
+import sys
+
 import nox
+
+try:
+    from harness import noxface
+except ImportError as missing:  # nox was installed apart
+    print(f"no sessions of cells here ({missing}): uvx --with-editable . nox", file=sys.stderr)
+else:
+    noxface.cells("quickstart")
 
 nox.options.default_venv_backend = "uv"
 nox.options.sessions = ["lint", "tests"]
@@ -30,3 +39,10 @@ def endurance(session: nox.Session) -> None:
     """Every combination measured by hand against the harness; writes the table of agreement."""
     session.install("-e", ".[dev]")
     session.run("python", "tests/real/agreement.py", *session.posargs)
+
+
+@nox.session(python="3.11")
+def report(session: nox.Session) -> None:
+    """Tables of what was measured here."""
+    session.install("-e", ".")
+    session.run("simmatrix", "report", *session.posargs)

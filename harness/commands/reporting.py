@@ -12,6 +12,7 @@ from pathlib import Path
 
 from harness import document, launch, machine, outcomes, present, store, tables, verdict
 from harness.errors import HarnessError
+from harness.filelocks import exclusive
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.reporttypes import Document, Report, number
 from harness.store import Store
@@ -61,10 +62,11 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
     for plan in plans:
         folder = wanted.out or opened.folder / "reports"
         folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
-        known = [found for cell in plan.cells if (found := measured.get(cell.id) or _kept(opened, here.id, cell))]
-        locate = _Files(opened, folder).place(known)
-        report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, probes(plan))
-        write(report, folder, wanted.pivot)
+        with exclusive(opened.folder / "reports" / f"{plan.matrix}.lock"):  # the last of several runs sees all cells
+            known = [found for cell in plan.cells if (found := measured.get(cell.id) or _kept(opened, here.id, cell))]
+            locate = _Files(opened, folder).place(known)
+            report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, probes(plan))
+            write(report, folder, wanted.pivot)
         made.append((folder, report))
     if wanted.json:
         here_now = [document.moved(report, seen_from_here(folder)) for folder, report in made]

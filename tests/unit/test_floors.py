@@ -13,16 +13,17 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "normalise", "notices", "outcomes",
-        "plan", "present", "reporttypes", "schema", "tables", "uvsays", "verdict", "vocabulary", "wire",
+        "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise", "notices",
+        "outcomes", "plan", "present", "reporttypes", "schema", "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire",
     },
     2: {
         "builds", "downloads", "environments", "filelocks", "frames", "glprobe", "index", "indexsettings", "inputs",
-        "interpreters", "launch", "machine", "process", "sdists", "store", "supervisor", "uv", "uvcli",
+        "fetched", "interpreters", "launch", "machine", "memory", "process", "sdists", "store", "supervisor", "uv",
+        "uvcli",
     },
-    3: {"catalog", "cellrun", "scheduler"},
+    3: {"catalog", "cellrun", "fetching", "scheduler"},
     4: {"commands"},
-    5: {"__main__"},
+    5: {"__main__", "noxface"},
 }  # fmt: skip
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}

@@ -43,11 +43,15 @@ class Ran:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Desk:
-    """A working folder with an empty state; the cache and the wheels are shared with the other tests."""
+    """A working folder with an empty state; the cache and the wheels are shared with the other tests.
+
+    `online` leaves the loopback open, for an index that a test serves.
+    """
 
     folder: Path
     cache: Path
     wheels: Path
+    online: bool = False
 
     @property
     def state(self) -> Path:
@@ -73,17 +77,19 @@ class Desk:
         path.write_text(text, encoding="utf-8")
         return path
 
-    def run(self, *arguments: str | Path, **variables: str) -> Ran:
-        """Run one command to its end."""
-        with self.started(*arguments, **variables) as process:
+    def run(self, *arguments: str | Path, module: str = "harness", **variables: str) -> Ran:
+        """Run one command, of the harness or of another module, to its end."""
+        with self.started(*arguments, module=module, **variables) as process:
             out, err = process.communicate(timeout=LONGEST)
         return Ran(code=process.returncode, out=out, err=err)
 
     @contextmanager
-    def started(self, *arguments: str | Path, **variables: str) -> Iterator[subprocess.Popen[str]]:
+    def started(
+        self, *arguments: str | Path, module: str = "harness", **variables: str
+    ) -> Iterator[subprocess.Popen[str]]:
         """Start one command; it is ended with the block."""
         process = subprocess.Popen(
-            (*closed_network(), sys.executable, "-m", "harness", *map(str, arguments)),
+            (*(() if self.online else closed_network()), sys.executable, "-m", module, *map(str, arguments)),
             cwd=self.folder,
             env=self._environment(variables),
             stdout=subprocess.PIPE,
