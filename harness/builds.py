@@ -19,9 +19,9 @@ from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel
 from packaging.version import Version
 
 from harness import index, locks, machine, normalise, process, sdists, uv, uvcli
-from harness.errors import BadInput
+from harness.errors import BadInput, CouldNotTell
 from harness.filelocks import exclusive
-from harness.model import Interpreter, Lock, Outcome, Phase, Pin, Question, Step
+from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
 from harness.outcomes import MACHINE_TROUBLE
 from harness.store import cache_folder, digest, open_store, write_atomic
 
@@ -60,8 +60,17 @@ class Built:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Tree:
+    """Source that lies in no sdist: what to call it, a hash of all that it holds, and how it is put below a folder."""
+
+    name: str
+    mark: str
+    unpack: Callable[[Path], Path]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class _Job:
-    """One sdist to build. `chain` are the packages whose builds wait for this one."""
+    """One sdist, or what `unpack` puts below a folder, to build. `chain` are the packages whose builds wait for it."""
 
     pin: Pin
     interpreter: Interpreter
@@ -69,17 +78,15 @@ class _Job:
     provide: Provide
     offline: bool
     chain: tuple[str, ...]
+    unpack: Callable[[Path], Path] | None = None
 
     @property
     def title(self) -> str:
-        return f"{self.pin.name} {self.pin.version}"
+        return f"{self.pin.name} {self.pin.version}".rstrip()
 
     @property
     def request(self) -> str:
-        """All that is known before the build requirements are resolved."""
-        asked = self.question
-        inputs = (asked.build_constraints, asked.build_variables, asked.only_binary, asked.index, asked.snapshot)
-        return digest("build", self.pin.artifact.sha256, self.interpreter.identity, *inputs)
+        return _request(self.pin, self.interpreter, self.question)
 
     def stopped(self, outcome: Outcome, decisive: str, log: str | None = None) -> _Stopped:
         """Say how it ended, in a form that leaves all the functions between."""
@@ -127,9 +134,30 @@ def build(
     if pin.name in chain:
         circle = " -> ".join(job.chain)
         return job.stopped(Outcome.FAILED, f"build requirements go in a circle: {circle}").step
-    memory = cache_folder() / "wheels" / "requests" / f"{job.request}.txt"
+    return _done(job)
+
+
+def build_tree(
+    tree: Tree, interpreter: Interpreter, question: Question, provide: Provide, *, offline: bool = False
+) -> Built | Step:
+    """Return the wheel of a source tree, as `build` does of an sdist; which version comes out, only the build tells."""
+    pin = Pin(name=tree.name, version="", artifact=Artifact(filename="", sha256=tree.mark, source=""), hashes=())
+    job = _Job(
+        pin=pin,
+        interpreter=interpreter,
+        question=question,
+        provide=provide,
+        offline=offline,
+        chain=(tree.name,),
+        unpack=tree.unpack,
+    )
+    return _done(job)
+
+
+def _done(job: _Job) -> Built | Step:
+    memory = _memory(job.request)
     with exclusive(memory.with_suffix(".lock")):
-        built = _kept(memory.read_text(encoding="ascii")) if memory.exists() else None
+        built = kept(memory.read_text(encoding="ascii")) if memory.exists() else None
         if built is None:
             try:
                 built = _made(job)
@@ -139,7 +167,28 @@ def build(
         return built
 
 
-def _kept(key: str) -> Built | None:
+def adopt(pin: Pin, interpreter: Interpreter, question: Question, key: str, wheel: Path) -> None:
+    """Take a wheel that was built on another machine for this Python as the answer to its request here."""
+    memory = _memory(_request(pin, interpreter, question))
+    with exclusive(memory.with_suffix(".lock")):
+        if not memory.exists() or kept(memory.read_text(encoding="ascii")) is None:
+            write_atomic(cache_folder() / "wheels" / key / wheel.name, wheel.read_bytes())
+            write_atomic(memory, key.encode())
+
+
+def _request(pin: Pin, interpreter: Interpreter, question: Question) -> str:
+    """All that is known of a build before its requirements are resolved."""
+    inputs = (question.build_constraints, question.build_variables, question.only_binary)
+    places = (question.index, question.snapshot)
+    return digest("build", pin.artifact.sha256, interpreter.identity, *inputs, *places)
+
+
+def _memory(request: str) -> Path:
+    """Where it is remembered which key a request led to."""
+    return cache_folder() / "wheels" / "requests" / f"{request}.txt"
+
+
+def kept(key: str) -> Built | None:
     """The wheel of a build, if it is in the store."""
     wheel = next((cache_folder() / "wheels" / key).glob("*.whl"), None)
     if wheel is None:
@@ -150,14 +199,18 @@ def _kept(key: str) -> Built | None:
 def _made(job: _Job) -> Built:
     with uvcli.scratch() as work:
         try:
-            archive = index.fetch(job.pin.artifact, work / "sdist", job.question.index, offline=job.offline)
-            source = sdists.unpack(archive, work / "source")
+            source = job.unpack(work / "source") if job.unpack else _unpacked(job, work)
             system = sdists.build_system(source)
-        except index.IndexUnreachable as error:
+        except CouldNotTell as error:
             raise job.stopped(Outcome.INFRA, str(error)) from None
         except sdists.BadSdist as error:
             raise job.stopped(Outcome.FAILED, f"{job.title}: {error}") from None
         return _built(_Bench(job=job, work=work, source=source, system=system))
+
+
+def _unpacked(job: _Job, work: Path) -> Path:
+    archive = index.fetch(job.pin.artifact, work / "sdist", job.question.index, offline=job.offline)
+    return sdists.unpack(archive, work / "source")
 
 
 def _built(bench: _Bench) -> Built:
@@ -167,7 +220,7 @@ def _built(bench: _Bench) -> Built:
     if more:
         place = _place(job, (*bench.system.requires, *more))
     key = digest("wheel", job.pin.artifact.sha256, place.key, job.question.build_variables)
-    built = _kept(key)
+    built = kept(key)
     if built is None:
         made = bench.work / "wheel"
         made.mkdir()
@@ -175,7 +228,7 @@ def _built(bench: _Bench) -> Built:
         _fitting(job, made)
         with suppress(OSError):  # another request may have led to the same build meanwhile
             made.rename(cache_folder() / "wheels" / key)
-        built = _kept(key)
+        built = kept(key)
     if built is None:
         raise job.stopped(Outcome.INFRA, f"{job.title}: its wheel could not be put into the cache folder")
     return built
@@ -280,7 +333,8 @@ def _fitting(job: _Job, folder: Path) -> None:
         name, version, _, tags = parse_wheel_filename(made[0] if len(made) == 1 else "")
     except InvalidWheelFilename:
         raise job.stopped(Outcome.FAILED, f"{named}, which is not one wheel") from None
-    if name != canonicalize_name(job.pin.name) or version != Version(job.pin.version):
+    foreign = job.pin.version and (name != canonicalize_name(job.pin.name) or version != Version(job.pin.version))
+    if foreign:
         raise job.stopped(Outcome.FAILED, f"{named}, which is another package or version")
     if not any(tag in locks.tags(job.interpreter) for tag in tags):
         raise job.stopped(Outcome.FAILED, f"{named}, which is not for Python {job.interpreter.minor} on this platform")

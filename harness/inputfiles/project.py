@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -59,6 +60,33 @@ class _Document(_Table, frozen=True):
     project: _Project = _Project()
     dependency_groups: dict[str, Any] = {}
     tool: _Tool = _Tool()
+
+
+FILES = ("pyproject.toml", "setup.py", "setup.cfg")
+"""One of these makes a folder a project."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class About:
+    """What pyproject.toml says of its project without a build; `extras` is None where only a build tells them."""
+
+    name: str
+    python: str
+    extras: tuple[str, ...] | None
+    groups: Mapping[str, Any]
+
+
+def about(text: str, name: str = "pyproject.toml") -> About:
+    """Read what a project says of itself; `name` is the file's in messages."""
+    document = schema.load_toml(text, _Document, name)
+    project = document.project
+    told = bool(project.name) and "optional-dependencies" not in project.dynamic
+    return About(
+        name=canonicalize_name(project.name),
+        python=project.requires_python,
+        extras=tuple(map(canonicalize_name, project.optional_dependencies)) if told else None,
+        groups=document.dependency_groups,
+    )
 
 
 def pyproject(text: str, source: Source, extras: Iterable[str], groups: Iterable[str]) -> Parsed:

@@ -17,9 +17,9 @@ FLOORS = {
         "outcomes", "plan", "present", "reporttypes", "schema", "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire",
     },
     2: {
-        "builds", "downloads", "environments", "filelocks", "frames", "glprobe", "index", "indexsettings", "inputs",
-        "fetched", "interpreters", "launch", "machine", "memory", "process", "sdists", "store", "supervisor", "uv",
-        "uvcli",
+        "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "glprobe", "index",
+        "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process", "sdists", "store",
+        "subjects", "supervisor", "uv", "uvcli",
     },
     3: {"catalog", "cellrun", "fetching", "scheduler"},
     4: {"commands"},

@@ -1,0 +1,251 @@
+"""Source trees of a package under test: what state a folder or a repository is in, and clean copies of it.
+
+Of a git checkout a copy holds what git tracks and what it does not ignore, as it lies there, with the history that
+tools read a version from; of another folder all but what tools leave behind. Leftovers of builds never enter.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import parse_qs, urldefrag, urlsplit
+
+from harness import process, uvcli
+from harness.errors import BadInput, CouldNotTell
+from harness.filelocks import exclusive
+from harness.store import cache_folder, digest
+
+REPOSITORY = "git+"
+DEADLINE = 600.0
+LEFTOVERS = frozenset({".git", ".hg", ".nox", ".tox", ".venv", "__pycache__", "node_modules"})
+MARKERS = ("pyvenv.cfg", "CACHEDIR.TAG")
+"""Files that mark a folder as an environment or a cache."""
+
+LOOK = """
+git -C "$1" rev-parse --show-toplevel > top || exit 9
+git -C "$1" rev-parse --show-prefix > prefix
+git -C "$1" rev-parse --verify --quiet HEAD > commit
+git -C "$1" describe --tags --long > described 2> /dev/null
+git -C "$1" status --porcelain=v1 -z --untracked-files=all --no-renames > changes
+"""
+COPY = """
+if test -n "$2"; then
+    git clone --quiet --shared --no-checkout "$1" tree && git -C tree reset --quiet "$2" || exit 1
+fi
+git -C "$1" ls-files -z --cached --others --exclude-standard > files
+"""
+MIRROR = """
+if test -d "$1"; then git -C "$1" remote update --prune; else git clone --quiet --mirror "$2" "$1"; fi
+"""
+SHOW = 'git -C "$1" show "$2:$3" > content'
+AT = 'git -C "$1" rev-parse --verify --quiet "$2^{commit}" > commit'
+CHECK_OUT = 'git clone --quiet --shared --no-checkout "$1" tree && git -C tree checkout --quiet --detach "$2"'
+
+PASSED_ON = ("HOME", "PATH", "USER", "LANG", "TMPDIR", "SSH_AUTH_SOCK", "XDG_CONFIG_HOME", "GIT_SSH_COMMAND")
+FIXED = {
+    "GIT_TERMINAL_PROMPT": "0",
+    "GIT_OPTIONAL_LOCKS": "0",
+    "GIT_CONFIG_COUNT": "1",  # the user names this folder to be built: whose it is, as in a container, does not matter
+    "GIT_CONFIG_KEY_0": "safe.directory",
+    "GIT_CONFIG_VALUE_0": "*",
+}
+PROXIES = ("http_proxy", "https_proxy", "all_proxy", "no_proxy")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class State:
+    """What a source tree holds: a hash of it, the commit that it stands at, whether its files differ from that."""
+
+    mark: str
+    commit: str | None = None
+    changed: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repository:
+    """A repository as pip writes it: `git+ADDRESS@REFERENCE#subdirectory=FOLDER`."""
+
+    address: str
+    reference: str
+    subfolder: str
+
+    @classmethod
+    def parse(cls, source: str) -> Repository:
+        """Take the address apart; without a reference it is the branch that the repository itself names."""
+        address, fragment = urldefrag(source.removeprefix(REPOSITORY))
+        path = urlsplit(address).path
+        reference = path.rpartition("@")[2] if "@" in path else ""
+        address = address.removesuffix(f"@{reference}") if reference else address
+        subfolder = parse_qs(fragment).get("subdirectory", [""])[0]
+        return cls(address=address, reference=reference or "HEAD", subfolder=subfolder)
+
+    @property
+    def mirror(self) -> Path:
+        """Where it is kept."""
+        return cache_folder() / "repositories" / digest("repository", self.address)
+
+
+# --- what state it is in ---------------------------------------------------------------------------------------
+
+
+def of_folder(folder: Path) -> State:
+    """The state of a folder, in a git checkout or not."""
+    with uvcli.scratch() as work:
+        if _git(LOOK, work, str(folder)) is not None:
+            files = sorted(_files(folder))
+            return State(mark=digest("folder", [(path.as_posix(), _hash(folder / path)) for path in files]))
+        top = Path((work / "top").read_text().rstrip("\n"))
+        told = [(work / name).read_text().strip() for name in ("prefix", "commit", "described")]
+        changes = (work / "changes").read_bytes().split(b"\0")[:-1]
+    names = sorted(os.fsdecode(line[3:]) for line in changes)
+    mark = digest("checkout", told, [(name, _hash(top / name)) for name in names])
+    return State(mark=mark, commit=told[1] or None, changed=bool(names))
+
+
+def of_repository(source: str, *, offline: bool = False) -> State:
+    """The state that a reference of a repository stands for now. Raises CouldNotTell, or BadInput if there is none."""
+    wanted = Repository.parse(source)
+    commit = _commit(wanted) if offline or _is_commit(wanted.reference) else None
+    if commit is None and offline:
+        message = f"subject: {wanted.reference} of the repository was never fetched; run without --offline"
+        raise CouldNotTell(message)
+    if commit is None:
+        with exclusive(wanted.mirror.with_suffix(".lock")), uvcli.scratch() as work:
+            said = _git(MIRROR, work, str(wanted.mirror), wanted.address)
+        if said is not None:
+            message = f"subject: the repository cannot be fetched: {said}"
+            raise CouldNotTell(message)
+        commit = _commit(wanted)
+    if commit is None:
+        message = f'subject: the repository has no branch, tag or commit "{wanted.reference}"'
+        raise BadInput(message)
+    return State(mark=digest("repository", wanted.address, wanted.subfolder, commit), commit=commit)
+
+
+def text(source: str, commit: str | None, name: str) -> str:
+    """The text of a file of a folder, or of a repository at a commit; empty where there is none."""
+    if not source.startswith(REPOSITORY):
+        path = Path(source, name)
+        return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    wanted = Repository.parse(source)
+    with uvcli.scratch() as work:
+        _git(SHOW, work, str(wanted.mirror), commit or "", f"{wanted.subfolder}/{name}".lstrip("/"))
+        return (work / "content").read_text(encoding="utf-8", errors="replace")
+
+
+def _commit(wanted: Repository) -> str | None:
+    if not wanted.mirror.is_dir():
+        return None
+    with uvcli.scratch() as work:
+        _git(AT, work, str(wanted.mirror), wanted.reference)
+        return (work / "commit").read_text().strip() or None
+
+
+def _is_commit(reference: str) -> bool:
+    return len(reference) == 40 and not reference.strip("0123456789abcdef")
+
+
+# --- clean copies ----------------------------------------------------------------------------------------------
+
+
+def copy_folder(folder: Path, target: Path) -> Path:
+    """Copy a folder, with the whole checkout that it lies in; returns where it lies below the target."""
+    target.mkdir(parents=True)
+    with uvcli.scratch() as work:
+        if _git(LOOK, work, str(folder)) is not None:
+            _copy(folder, target, _files(folder))
+            return target
+        top = Path((work / "top").read_text().rstrip("\n"))
+        prefix, commit = ((work / name).read_text().strip() for name in ("prefix", "commit"))
+        said = _git(COPY, work, str(top), commit)
+        if said is not None:
+            message = f"{folder}: git cannot copy it: {said}"
+            raise CouldNotTell(message)
+        if commit:
+            (work / "tree" / ".git").rename(target / ".git")
+        names = (work / "files").read_bytes().split(b"\0")[:-1]
+        _copy(top, target, (Path(os.fsdecode(name)) for name in names))
+    return target / prefix
+
+
+def copy_commit(source: str, commit: str, target: Path) -> Path:
+    """Check out a commit of a repository that was fetched; returns where the package lies below the target."""
+    wanted = Repository.parse(source)
+    with uvcli.scratch() as work:
+        said = _git(CHECK_OUT, work, str(wanted.mirror), commit)
+        if said is not None:
+            message = f"subject: commit {commit} cannot be checked out: {said}"
+            raise CouldNotTell(message)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.move(work / "tree", target)
+    return target / wanted.subfolder
+
+
+def _copy(folder: Path, target: Path, names: Iterable[Path]) -> None:
+    for name in names:
+        origin, copy = folder / name, target / name
+        if not origin.exists() and not origin.is_symlink():
+            continue  # tracked, and deleted
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        if origin.is_dir() and not origin.is_symlink():
+            shutil.copytree(origin, copy, symlinks=True, ignore=shutil.ignore_patterns(".git"))  # a submodule
+        else:
+            shutil.copy2(origin, copy, follow_symlinks=False)
+
+
+def _files(folder: Path, below: Path = Path()) -> Iterator[Path]:
+    """The files of a folder that is under no version control, relative to it, without what tools leave behind."""
+    for path in sorted((folder / below).iterdir()):
+        name = below / path.name
+        if path.is_symlink() or not path.is_dir():
+            yield name
+        elif not _is_leftover(path, at_top=below == Path()):
+            yield from _files(folder, name)
+
+
+def _is_leftover(path: Path, *, at_top: bool) -> bool:
+    ignore = path / ".gitignore"
+    return (
+        path.name in LEFTOVERS
+        or path.name.endswith(".egg-info")
+        or (at_top and path.name in {"build", "dist"})
+        or any((path / marker).exists() for marker in MARKERS)
+        or (ignore.is_file() and ignore.read_bytes().strip() == b"*")
+    )
+
+
+def _hash(path: Path) -> str | None:
+    if path.is_symlink():
+        return f"-> {path.readlink()}"
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        executable = "x" if os.access(path, os.X_OK) else ""
+        return hashlib.file_digest(file, "sha256").hexdigest() + executable
+
+
+def _git(script: str, work: Path, *arguments: str) -> str | None:
+    """Run git in `work`, where its answers go; None when it went well, else its last word."""
+    given = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
+    given |= {name: value for name, value in os.environ.items() if name.lower() in PROXIES}
+    given |= FIXED
+    completed = process.run(
+        process.Command(
+            argv=("/bin/sh", "-c", script, "git", *arguments),
+            cwd=work,
+            env=given,
+            limits=process.Limits(seconds=DEADLINE),
+            log=work / "git.log",
+            profile=process.Profile.HOST,
+        )
+    )
+    if completed.exit_code == 0:
+        return None
+    lines = (work / "git.log").read_text(encoding="utf-8", errors="replace").split("\n")
+    told = [line.strip() for line in lines if line.strip()]
+    fatal = [line for line in told if line.startswith(("fatal: ", "error: "))]
+    return completed.killed or next(iter(fatal or told[-1:]), f"git ended with {completed.exit_code}")

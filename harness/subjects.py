@@ -1,0 +1,263 @@
+"""The package under test: its wheel, what its metadata ask for, and the question that a lock without it answers.
+
+The lock of a cell holds what the subject depends on and never the subject itself, be it required by others: a new
+commit with the same dependencies asks the same question, and finds its lock and its environment made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from email.message import Message
+from email.parser import HeaderParser
+from pathlib import Path
+from typing import Any
+
+from packaging.dependency_groups import resolve_dependency_groups
+from packaging.requirements import InvalidRequirement, Requirement
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
+
+from harness import builds, checkouts, environments, locks, schema
+from harness.errors import BadInput
+from harness.filelocks import exclusive
+from harness.inputfiles import project
+from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Question, Step, Subject, Tested
+from harness.store import cache_folder, digest, write_atomic
+
+WHEEL = ".whl"
+PURE = "-none-any"
+UNNAMED = "the package under test"
+NEVER = "sys_platform == 'never'"
+"""A marker that drops a requirement, whoever states it."""
+
+TESTS = frozenset({"test", "tests"})
+"""Folders that find their way into wheels by mistake; they are no module of the package."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ready:
+    """The subject's wheel for one interpreter, and what its metadata say; `groups` is the table of its pyproject."""
+
+    path: Path
+    tested: Tested
+    requires: tuple[str, ...]
+    extras: tuple[str, ...]
+    modules: tuple[str, ...]
+    groups: Mapping[str, Any]
+
+    @property
+    def wheel(self) -> environments.Wheel:
+        """As environments take it."""
+        artifact = Artifact(filename=self.path.name, sha256=self.tested.sha256, source=str(self.path))
+        return environments.Wheel(
+            name=self.tested.name, version=self.tested.version, artifact=artifact, mark=self.tested.content
+        )
+
+
+def located(source: str, folder: Path) -> str:
+    """The source as it is found from anywhere: a path starts at the project that the matrix file lies in.
+
+    That is the nearest folder above the file that holds a pyproject.toml or a setup.py, else the file's own.
+    """
+    if source.startswith(checkouts.REPOSITORY):
+        return source
+    near = folder.absolute()
+    marked = (one for one in (near, *near.parents) if any((one / name).exists() for name in project.FILES))
+    return str((next(marked, near) / source).resolve())
+
+
+def settled(subject: Subject, *, offline: bool = False) -> Subject:
+    """The subject with what its source holds now. Raises BadInput where there is none."""
+    path = Path(subject.source)
+    if subject.source.startswith(checkouts.REPOSITORY):
+        state = checkouts.of_repository(subject.source, offline=offline)
+    elif path.suffix == WHEEL and path.is_file():
+        if subject.suite or subject.groups:
+            message = (
+                f"subject: {path.name} is a wheel, which brings neither tests nor dependency groups; name a folder"
+            )
+            raise BadInput(message)
+        state = checkouts.State(mark=_sha256(path))
+    elif any((path / name).is_file() for name in project.FILES):
+        state = checkouts.of_folder(path)
+    else:
+        message = f"subject: {path} is neither a wheel nor a folder with a pyproject.toml or setup.py"
+        raise BadInput(message)
+    return replace(subject, state=state.mark, commit=state.commit, changed=state.changed)
+
+
+def copied(subject: Subject, target: Path) -> Path:
+    """A clean copy of the source below a folder; returns where the project lies in it. Raises CouldNotTell."""
+    if subject.source.startswith(checkouts.REPOSITORY):
+        return checkouts.copy_commit(subject.source, subject.commit or "", target)
+    return checkouts.copy_folder(Path(subject.source), target)
+
+
+# --- its wheel -------------------------------------------------------------------------------------------------
+
+
+def ready(subject: Subject, interpreter: Interpreter, question: Question, *, offline: bool = False) -> Ready | Step:
+    """The wheel of a settled subject for an interpreter, built now or before, or the step that failed.
+
+    A wheel that says to be for any Python is built once, by the first that needs it.
+    """
+    if subject.source.endswith(WHEEL):
+        return _read(Path(subject.source), interpreter, {})
+    about = project.about(checkouts.text(subject.source, subject.commit, "pyproject.toml"))
+    refused = _python_refused(about.name or UNNAMED, about.python, interpreter)
+    if refused:
+        return refused
+    inputs = (question.build_constraints, question.build_variables, question.only_binary, question.index)
+    memory = cache_folder() / "subjects" / f"{digest('subject', subject.state, *inputs)}.txt"
+    with exclusive(memory.with_suffix(".lock")):
+        built = builds.kept(memory.read_text(encoding="ascii")) if memory.exists() else None
+        made = built or _built(subject, about.name, interpreter, question, offline=offline)
+        if isinstance(made, Step):
+            return made
+        if built is None and made.path.stem.endswith(PURE):
+            write_atomic(memory, made.key.encode())
+    return _read(made.path, interpreter, about.groups)
+
+
+def _built(
+    subject: Subject, name: str, interpreter: Interpreter, question: Question, *, offline: bool
+) -> builds.Built | Step:
+    def provide(lock: Lock, asked: Question, chain: tuple[str, ...]) -> environments.Environment | Step:
+        return environments.ensure(lock, interpreter, asked, offline=offline, chain=chain)
+
+    tree = builds.Tree(name=name or UNNAMED, mark=subject.state or "", unpack=lambda target: copied(subject, target))
+    return builds.build_tree(tree, interpreter, question, provide, offline=offline)
+
+
+def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Ready | Step:
+    try:
+        name, version, _, tags = parse_wheel_filename(path.name)
+        with zipfile.ZipFile(path) as archive:
+            entries = sorted((info.filename, info.CRC, info.file_size) for info in archive.infolist())
+            headers = _headers(archive, "METADATA")
+            record = archive.read(_inside(archive, "RECORD")).decode("utf-8", "replace").splitlines()
+    except (InvalidWheelFilename, zipfile.BadZipFile, KeyError) as error:
+        return _failed(Phase.INSTALL, f"{path.name} is no wheel: {error}")
+    if not any(tag in locks.tags(interpreter) for tag in tags):
+        return _failed(Phase.INSTALL, f"{path.name} is not for Python {interpreter.minor} on this platform")
+    refused = _python_refused(f"{name} {version}", str(headers.get("Requires-Python", "")), interpreter)
+    if refused:
+        return refused
+    files = [Path(line.partition(",")[0]) for line in record]
+    tops = {file.parts[0].partition(".")[0] for file in files if file.suffix in {".py", ".so"}}
+    return Ready(
+        path=path,
+        tested=Tested(
+            name=name,
+            version=str(version),
+            sha256=_sha256(path),
+            content=digest("content", entries, sorted(record)),
+        ),
+        requires=tuple(str(value) for value in headers.get_all("Requires-Dist", ())),
+        extras=tuple(canonicalize_name(str(value)) for value in headers.get_all("Provides-Extra", ())),
+        modules=tuple(sorted(top for top in tops - TESTS if top.isidentifier() and not top.startswith("_"))),
+        groups=groups,
+    )
+
+
+def _inside(archive: zipfile.ZipFile, name: str) -> str:
+    found = [entry for entry in archive.namelist() if entry.endswith(f".dist-info/{name}") and entry.count("/") == 1]
+    if not found:
+        message = f"it holds no {name}"
+        raise KeyError(message)
+    return found[0]
+
+
+def _headers(archive: zipfile.ZipFile, name: str) -> Message:
+    return HeaderParser().parsestr(archive.read(_inside(archive, name)).decode("utf-8", "replace"))
+
+
+def _python_refused(named: str, asked: str, interpreter: Interpreter) -> Step | None:
+    try:
+        allowed = SpecifierSet(asked)
+    except InvalidSpecifier:
+        return None
+    if allowed.contains(interpreter.version, prereleases=True):
+        return None
+    return _failed(Phase.RESOLVE, f"{named} requires Python {asked}, and this is {interpreter.version}")
+
+
+def _failed(phase: Phase, decisive: str) -> Step:
+    return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+# --- what it asks for ------------------------------------------------------------------------------------------
+
+
+def completed(asked: Question, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
+    """What is to be resolved for a cell: what the subject depends on besides what the matrix asks for.
+
+    Raises BadInput for an extra or a group that the subject does not have, or where the matrix asks for it by name.
+    """
+    name = known.tested.name
+    if any(canonicalize_name(Requirement(line).name) == name for line in asked.requirements):
+        message = f"{name} is the subject, which no requirement and no axis may name; use `extras` for its extras"
+        raise BadInput(message)
+    lines = wanted(known, interpreter, subject.extras, subject.groups)
+    return replace(
+        asked,
+        requirements=tuple(dict.fromkeys((*lines, *asked.requirements))),
+        overrides=(*asked.overrides, f"{name} ; {NEVER}"),
+    )
+
+
+def wanted(known: Ready, interpreter: Interpreter, extras: Iterable[str], groups: Iterable[str]) -> tuple[str, ...]:
+    """The requirements of the subject with some of its extras and groups, as they stand for an interpreter."""
+    for what, names, valid in (("extra", extras, known.extras), ("dependency group", groups, _group_names(known))):
+        unknown = next((one for one in names if one not in valid), None)
+        if unknown:
+            message = f'{known.tested.name} has no {what} "{unknown}"{schema.suggestion(unknown, valid)}'
+            raise BadInput(message)
+    chosen = list(dict.fromkeys(extras))
+    grouped = _grouped(known, groups)
+    environment = locks.marker_environment(interpreter)
+    found: dict[str, None] = {}
+    done = 0
+    while True:
+        for line in (*known.requires, *grouped):
+            found |= dict.fromkeys(_holding(line, known.tested.name, environment, chosen))
+        if done == len(chosen):
+            return tuple(found)
+        done = len(chosen)
+
+
+def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[str]) -> Iterator[str]:
+    """The requirement without its marker, where that holds; one of the package itself adds to the chosen extras."""
+    try:
+        requirement = Requirement(line)
+    except InvalidRequirement:
+        yield line  # uv says what is wrong with it
+        return
+    marker = requirement.marker
+    if marker and not any(marker.evaluate({**environment, "extra": extra}) for extra in ("", *chosen)):
+        return
+    if canonicalize_name(requirement.name) == name:
+        chosen += [one for one in sorted(map(canonicalize_name, requirement.extras)) if one not in chosen]
+        return
+    requirement.marker = None
+    yield str(requirement)
+
+
+def _group_names(known: Ready) -> tuple[str, ...]:
+    return tuple(canonicalize_name(name) for name in known.groups)
+
+
+def _grouped(known: Ready, groups: Iterable[str]) -> tuple[str, ...]:
+    try:
+        return resolve_dependency_groups(known.groups, *groups)
+    except ExceptionGroup as error:
+        message = f"the dependency groups of {known.tested.name}: {str(error.exceptions[0]).splitlines()[0]}"
+        raise BadInput(message) from None
