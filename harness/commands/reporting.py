@@ -6,7 +6,7 @@ import argparse
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -54,9 +54,10 @@ def headline(record: CellRecord) -> str:
     return f"{judged.verdict}{told}{note}"
 
 
-def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, wanted: Wanted) -> int:
-    """Write the report of each matrix, print the table, and return the exit code of all."""
-    measured = {record.cell.id: record for record in records}
+def publish(
+    plans: Sequence[Plan], measured: Mapping[str, CellRecord], opened: Store, wanted: Wanted
+) -> list[tuple[Path, Document]]:
+    """Write the report of each matrix: of each cell what was measured now, by its id, or before."""
     here = machine.facts()
     made: list[tuple[Path, Document]] = []
     for plan in plans:
@@ -68,6 +69,13 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
             report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, probes(plan))
             write(report, folder, wanted.pivot)
         made.append((folder, report))
+    return made
+
+
+def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, wanted: Wanted) -> int:
+    """Write the report of each matrix, print the table, and return the exit code of all."""
+    measured = {record.cell.id: record for record in records}
+    made = publish(plans, measured, opened, wanted)
     if wanted.json:
         here_now = [document.moved(report, seen_from_here(folder)) for folder, report in made]
         sys.stdout.write(document.encode(document.combined(here_now)).decode())
