@@ -34,9 +34,8 @@ def markdown(report: Report, template: str) -> str:
         "number": number,
         "rule": lambda columns, mark: " | ".join(mark for _ in columns),
         "table": small_table,
-        "seen_in": lambda labels, rows: (
-            _codes(labels) if len(labels) < len(rows) else f"all {number(len(rows), 'cell')}"
-        ),
+        "results": _results,
+        "seen_in": lambda labels, cells: _codes(labels) if len(labels) < cells else f"all {number(cells, 'cell')}",
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
     }
     return environment.from_string(template).render(report=report)
@@ -52,6 +51,12 @@ def small_table(pivot: Pivot) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
+def _results(sheet: Sheet) -> str:
+    """`6 cells`, or `6 cells, 11 results on 2 machines`."""
+    cells, machines = number(sheet.cells, "cell"), len(sheet.machines)
+    return cells if machines == 1 else f"{cells}, {number(sheet.results, 'result')} on {number(machines, 'machine')}"
+
+
 def _counts(sheet: Sheet) -> str:
     """`✔ 6 works, ✘ 2 broken; 3 combinations left out.`"""
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
@@ -60,7 +65,7 @@ def _counts(sheet: Sheet) -> str:
 
 
 def _codes(labels: Iterable[str]) -> str:
-    return ", ".join(f"`{label}`" for label in labels)
+    return ", ".join("`" + label.replace(" on ", "` on `") + "`" for label in labels)
 
 
 def _table_cell(text: str) -> str:
@@ -82,7 +87,7 @@ def print_terminal(report: Report, console: Console | None = None) -> None:
     """Print the whole report on the terminal (stdout unless another console is given), at its width."""
     target = console or _console()
     for sheet in report.sheets:
-        for part in _sheet(sheet, several=len(report.machines) > 1):
+        for part in _sheet(sheet):
             target.print(part)
     for sentence in report.stale:
         target.print(_styled((f"out of date: {sentence}", YELLOW)))
@@ -105,13 +110,15 @@ def _console() -> Console:
     return Terminal(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
-def _sheet(sheet: Sheet, *, several: bool) -> Iterable[RenderableType]:
+def _sheet(sheet: Sheet) -> Iterable[RenderableType]:
     yield _heading(sheet)
     yield ""
     if sheet.pivot:
         yield _pivot_table(sheet.pivot)
+        if len(sheet.machines) > 1:
+            yield _styled((f"{' ' * INDENT}in each square, from left to right: {', '.join(sheet.machines)}", GREY))
         yield ""
-    yield _list(sheet, several=several)
+    yield _list(sheet)
     yield ""
     if sheet.findings:
         yield from _remarks("findings, which stop no user's loop", sheet.findings)
@@ -120,7 +127,7 @@ def _sheet(sheet: Sheet, *, several: bool) -> Iterable[RenderableType]:
 
 
 def _heading(sheet: Sheet) -> Text:
-    parts: list[tuple[str, str]] = [(sheet.matrix, "bold"), (f"  {number(len(sheet.rows), 'cell')}", "")]
+    parts: list[tuple[str, str]] = [(sheet.matrix, "bold"), (f"  {_results(sheet)}", "")]
     for verdict, count in sheet.counts:
         parts += [("   ", ""), (f"{SYMBOLS[verdict]} {count} {word(verdict)}", _colour(verdict))]
     return _styled(*parts)
@@ -145,7 +152,7 @@ def _square_text(square: Sequence[Square]) -> Text:
     return _styled(*(piece for part in parts for piece in (part, ("  ", ""))))
 
 
-def _list(sheet: Sheet, *, several: bool) -> RenderableType:
+def _list(sheet: Sheet) -> RenderableType:
     """Every cell: its verdict, its name, what was installed, and the line that says why."""
     from rich.table import Table  # noqa: PLC0415 - start-up
 
@@ -154,7 +161,7 @@ def _list(sheet: Sheet, *, several: bool) -> RenderableType:
     table.add_column(ratio=1, overflow="fold")
     table.add_column(justify="right", no_wrap=True)
     for row in sheet.rows:
-        table.add_row(_verdict(row), _details(sheet, row, several), _measured(row))
+        table.add_row(_verdict(row), _details(sheet, row), _measured(row))
     return table
 
 
@@ -163,9 +170,10 @@ def _verdict(row: Row) -> Text:
     return _styled((f"{SYMBOLS[row.verdict]} {word(row.verdict)}", f"bold {_colour(row.verdict)}"), (phase, GREY))
 
 
-def _details(sheet: Sheet, row: Row, several: bool) -> Text:
+def _details(sheet: Sheet, row: Row) -> Text:
     versions = ", ".join(f"{name} {version}" for name, version in zip(sheet.columns, row.versions, strict=True))
-    parts = [(row.label, ""), (f"\n{versions}" + (f", on {row.machine}" if several else ""), GREY)]
+    where = f"\non {row.machine}" if len(sheet.machines) > 1 and row.verdict is not Verdict.NOT_RUN else ""
+    parts = [(row.label, ""), (f"\n{versions}{where}", GREY)]
     if row.why:
         parts.append((f"\n{row.why}", "" if row.verdict is Verdict.WORKS else _colour(row.verdict)))
     parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]

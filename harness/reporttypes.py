@@ -168,7 +168,7 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
-    """One cell on one machine as the list shows it.
+    """One cell as the list shows it: on one machine, or on all those that found the same.
 
     `versions` stand in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working
     cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one.
@@ -200,7 +200,10 @@ class Square:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pivot:
-    """The cells of a matrix over two of its axes; a square holds one entry per machine, none where no cell is."""
+    """The cells of a matrix over two of its axes.
+
+    A square holds an entry for each machine of the sheet, in their order; none where no cell is.
+    """
 
     down: str
     across: str
@@ -233,9 +236,12 @@ class Remark:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sheet:
-    """Everything about one matrix."""
+    """Everything about one matrix. `counts` are of results: each cell has one for each machine that ran it."""
 
     matrix: str
+    cells: int
+    results: int
+    machines: tuple[str, ...]
     counts: tuple[tuple[Verdict, int], ...]
     pivot: Pivot | None
     columns: tuple[str, ...]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from packaging.version import InvalidVersion, Version
@@ -59,6 +60,7 @@ def _guessed(cells: Iterable[CellEntry], name: str) -> MatrixEntry:
 
 def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str, str] | None) -> Sheet:
     cells = [cell for cell in document.cells if cell.matrix == name]
+    machines = tuple(sorted({cell.machine for cell in cells if cell.machine})) or (NOTHING,)
     columns = tuple(dict.fromkeys((*matrix.axes, *matrix.shown)))
     counts = Counter(cell.verdict for cell in cells)
     chosen = pivot if pivot and set(pivot) <= set(matrix.axes) else _default_axes(matrix.axes, cells)
@@ -69,15 +71,38 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     locks = [(cell.lock, "", cell.id) for cell in cells if cell.lock]
     return Sheet(
         matrix=name,
+        cells=len({cell.id for cell in cells}),
+        results=len(cells),
+        machines=machines,
         counts=tuple((verdict, counts[verdict]) for verdict in reversed(SEVERITY) if counts[verdict]),
-        pivot=_pivot(cells, chosen) if chosen else None,
+        pivot=_pivot(cells, chosen, machines) if chosen else None,
         columns=columns,
-        rows=tuple(_row(cell, columns) for cell in cells),
+        rows=_rows(cells, columns, machines),
         explanations=_explanations(cells),
         findings=_grouped(found),
         dropped=_grouped(dropped),
         locks=_grouped(locks),
     )
+
+
+def _rows(cells: Iterable[CellEntry], columns: Sequence[str], machines: Sequence[str]) -> tuple[Row, ...]:
+    """A row for each result; what several machines found alike is one."""
+    rows = [_row(cell, columns) for cell in cells]
+    if len(machines) == 1:
+        return tuple(rows)
+    alike: dict[Row, list[Row]] = {}
+    for row in rows:
+        alike.setdefault(replace(row, machine="", seconds=0.0), []).append(row)
+    return tuple(
+        replace(
+            row, seconds=max(one.seconds for one in found), machine=_named([one.machine for one in found], machines)
+        )
+        for row, found in alike.items()
+    )
+
+
+def _named(found: Sequence[str], machines: Sequence[str]) -> str:
+    return "every machine" if len(found) == len(machines) else ", ".join(found)
 
 
 def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
@@ -137,13 +162,13 @@ def _default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str,
     return down, (varying[1:] or [axis for axis in axes if axis != down])[0]
 
 
-def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str]) -> Pivot:
+def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[str]) -> Pivot:
     down, across = axes
     rows, columns = (_in_order(cell.axes.get(axis, NOTHING) for cell in cells) for axis in axes)
     met: dict[tuple[str, str], list[CellEntry]] = {}
     for cell in cells:
         met.setdefault((cell.axes.get(down, NOTHING), cell.axes.get(across, NOTHING)), []).append(cell)
-    squares = tuple(tuple(_square(met.get((row, column), ())) for column in columns) for row in rows)
+    squares = tuple(tuple(_square(met.get((row, column), ()), machines) for column in columns) for row in rows)
     return Pivot(down=down, across=across, rows=rows, columns=columns, squares=squares)
 
 
@@ -160,11 +185,13 @@ def _parsed(text: str) -> Version | None:
         return None
 
 
-def _square(cells: Sequence[CellEntry]) -> tuple[Square, ...]:
-    by_machine: dict[str, list[Verdict]] = {}
-    for cell in cells:
-        by_machine.setdefault(cell.machine or NOTHING, []).append(cell.verdict)
-    return tuple(_worst(machine, verdicts) for machine, verdicts in sorted(by_machine.items()))
+def _square(cells: Sequence[CellEntry], machines: Sequence[str]) -> tuple[Square, ...]:
+    """One entry per machine; a cell without a result there was not run there."""
+    if not cells:
+        return ()
+    known = {(cell.id, cell.machine or NOTHING): cell.verdict for cell in cells}
+    ids = dict.fromkeys(cell.id for cell in cells)
+    return tuple(_worst(one, [known.get((cell_id, one), Verdict.NOT_RUN) for cell_id in ids]) for one in machines)
 
 
 def _worst(machine: str, verdicts: Sequence[Verdict]) -> Square:
@@ -183,12 +210,14 @@ def _plain(cell: CellEntry) -> bool:
 
 def _explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
     """One per reason, for every cell that needs one."""
-    groups: dict[tuple[Any, ...], list[str]] = {}
+    groups: dict[tuple[Any, ...], list[CellEntry]] = {}
+    results: Counter[str] = Counter()
     for cell in cells:
+        results[cell.id] += 1
         if not _plain(cell):
             link = cell.expectation.link or "" if cell.expectation else ""
             why = _phase(cell), cell.decisive or "", _hidden_by(cell), _expected(cell), link
-            groups.setdefault((cell.verdict, *why), []).append(_label(cell.id))
+            groups.setdefault((cell.verdict, *why), []).append(cell)
     return tuple(
         Explanation(
             verdict=verdict,
@@ -197,9 +226,20 @@ def _explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
             hidden_by=hidden,
             expected=expected,
             link=link,
-            cells=tuple(labels),
+            cells=_labels(found, results),
         )
-        for (verdict, phase, decisive, hidden, expected, link), labels in groups.items()
+        for (verdict, phase, decisive, hidden, expected, link), found in groups.items()
+    )
+
+
+def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str, ...]:
+    """Each cell once; with the machines that found this, where others found something else."""
+    machines: dict[str, list[str]] = {}
+    for cell in cells:
+        machines.setdefault(cell.id, []).append(cell.machine or NOTHING)
+    return tuple(
+        _label(cell_id) + ("" if len(found) == results[cell_id] else f" on {', '.join(found)}")
+        for cell_id, found in machines.items()
     )
 
 

@@ -18,6 +18,7 @@ from harness.model import (
     CaseRecord,
     Cell,
     CellRecord,
+    Expectation,
     Level,
     Outcome,
     Phase,
@@ -25,7 +26,7 @@ from harness.model import (
     Step,
     Verdict,
 )
-from harness.reporttypes import SEVERITY, UNTOLD
+from harness.reporttypes import SEVERITY, UNTOLD, ExpectationEntry
 
 ONLY_IMPORT = "only the import was tried"
 
@@ -234,17 +235,21 @@ def expected(cell: Cell, judgement: Judgement, today: str) -> tuple[bool | None,
     told = judgement.verdict not in UNTOLD
     if expect is None:
         return (judgement.verdict is Verdict.WORKS if told else None), None
-    stale = None
-    if told and SEVERITY.index(judgement.verdict) > SEVERITY.index(expect.verdict):
-        stale = f"{cell.id} does better than expected: {judgement.verdict} instead of {expect.verdict}"
-    elif expect.until and today[:10] > expect.until[:10]:
-        stale = f"{cell.id} was expected to be {expect.verdict} until {expect.until}, which has passed"
     fits = (
         judgement.verdict is expect.verdict
         and expect.phase in {None, judgement.phase}
         and (expect.match is None or re.search(expect.match, judgement.decisive or "") is not None)
     )
-    return (fits if told else None), stale
+    return (fits if told else None), outdated(cell.id, judgement.verdict, expect, today)
+
+
+def outdated(cell_id: str, verdict: Verdict, expect: Expectation | ExpectationEntry, today: str) -> str | None:
+    """Why the expectation of a cell is stale: the cell does better, or its time has passed."""
+    if verdict not in UNTOLD and SEVERITY.index(verdict) > SEVERITY.index(expect.verdict):
+        return f"{cell_id} does better than expected: {verdict} instead of {expect.verdict}"
+    if expect.until and today[:10] > expect.until[:10]:
+        return f"{cell_id} was expected to be {expect.verdict} until {expect.until}, which has passed"
+    return None
 
 
 def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fail_on: Collection[str]) -> int:

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
-from specimens import MACHINES, agrees, quick_document
+from specimens import agrees, quick_document
 
 import harness
 from harness import document, present, tables
@@ -17,9 +17,9 @@ from harness.reporttypes import SYMBOLS, word
 TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
 
 
-def page() -> str:
+def page(report: tables.Report | None = None) -> str:
     """The Markdown page of `quick`."""
-    return present.markdown(tables.report(quick_document()), TEMPLATE)
+    return present.markdown(report or tables.report(quick_document()), TEMPLATE)
 
 
 def screen(width: int, report: tables.Report | None = None) -> list[str]:
@@ -114,10 +114,33 @@ def test_terminal_tells_all() -> None:
 
 
 def test_terminal_names_the_machine_where_there_are_several() -> None:
-    """With results of several machines each cell says where it was measured."""
-    made = msgspec.structs.replace(quick_document(), machines={**MACHINES, "z": {}})
+    """With results of several machines each says where it was measured, and squares say whose is which."""
+    made = quick_document()
+    twin = msgspec.structs.replace(made.cells[0], machine="z")
+    broken = msgspec.structs.replace(made.cells[2], machine="z", verdict=Verdict.BROKEN, decisive="no GL")
 
-    assert "numpy 2.2.6, on linux-x86_64" in "\n".join(screen(120, tables.report(made)))
+    several = msgspec.structs.replace(made, cells=(*made.cells, twin, broken))
+    lines = screen(120, tables.report(several))
+
+    assert "8 cells, 10 results on 2 machines" in lines[0]
+    assert "  in each square, from left to right: linux-x86_64, z" in lines
+    assert any(line.split() == ["3.11", "∅", "1/2", "✘", "1/2", "◐", "1/2", "-"] for line in lines)
+    told = " ".join(" ".join(lines).split())
+    assert (told.count(" on every machine "), told.count(" on z ")) == (1, 1)
+
+
+def test_page_says_which_machine_found_what() -> None:
+    """A cell is explained once for all machines that agree, and by machine where they do not."""
+    made = quick_document()
+    twin = msgspec.structs.replace(made.cells[1], machine="z")
+    broken = msgspec.structs.replace(made.cells[2], machine="z", verdict=Verdict.BROKEN, decisive="no GL")
+
+    text = page(tables.report(msgspec.structs.replace(made, cells=(*made.cells, twin, broken))))
+
+    assert "\n`py3.9-gymnasium0.29.1-mujoco3.3.7`\n" in text
+    assert "\n`py3.11-gymnasium0.29.1-mujoco3.3.7` on `linux-x86_64`\n" in text
+    assert "\n`py3.11-gymnasium0.29.1-mujoco3.3.7` on `z`\n\n    no GL\n" in text
+    assert "one per machine; from left to right: `linux-x86_64`, `z`." in text
 
 
 def test_markup_is_text() -> None:

@@ -85,6 +85,24 @@ class TestPivot:
         assert [square.verdict for square in sheet.pivot.squares[0][0]] == [Verdict.WORKS, Verdict.BROKEN]
         assert [row.machine for row in sheet.rows] == [HERE, "z"]
 
+    def test_not_run_on_one_machine(self) -> None:
+        """A machine without a result keeps its place in the square."""
+        made = record(case("pppp"))
+        elsewhere = replace(made, cell=replace(made.cell, id="quick/other"), machine="z")
+        plan = Plan(matrix="quick", cells=(made.cell, elsewhere.cell), axes=("python", "gymnasium"))
+        whole = document.build([made, elsewhere], [plan], {**MACHINES, "z": {}}, GENERATED)
+
+        (sheet,) = tables.report(whole, ("python", "gymnasium")).sheets
+
+        assert sheet.pivot is not None
+        assert [(square.machine, square.verdict, square.count) for square in sheet.pivot.squares[0][0]] == [
+            (HERE, Verdict.WORKS, 1),
+            ("z", Verdict.WORKS, 1),
+        ]
+        (square,) = tables._square([cell for cell in whole.cells if cell.machine == "z"], ["z"])
+        absent, _ = tables._square([cell for cell in whole.cells if cell.machine == "z"], [HERE, "z"])
+        assert (square.verdict, absent.verdict) == (Verdict.WORKS, Verdict.NOT_RUN)
+
     def test_unknown_axis(self) -> None:
         """An axis that no matrix has is refused with those that there are."""
         with pytest.raises(BadInput) as caught:

@@ -1,0 +1,162 @@
+"""`simmatrix merge DIR...`: the reports of shards and machines as one."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from harness import document, merging, present, store, tables
+from harness.commands import reporting
+from harness.errors import BadInput
+from harness.model import Verdict
+from harness.reporttypes import Document, number
+
+HELP = (
+    "Make one report of those of shards and machines, in whatever order and however often they are named;"
+    " what no shard measured is not run."
+)
+
+NAME = "report.json"
+DEEPEST = 6
+"""Folders below a named one in which reports are looked for."""
+
+CARRIED = frozenset({"locks", "frames", "evidence"})
+"""The folders beside a report; a file anywhere else is none of its own."""
+
+TEXTS = frozenset({".jsonl", ".log", ".txt"})
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `merge`."""
+    parser.add_argument("sources", metavar="DIR", nargs="+", help="a folder that `run --out` wrote, or one of several")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/merged]")
+    parser.add_argument("--format", choices=("terminal", "md", "json"), default="terminal", help="of what is printed")
+    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
+    parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Write the merged report and print it; the exit code is that of `run`."""
+    folder = args.out or store.state_folder() / "merged"
+    reports = _found(args.sources, folder)
+    files = _Files()
+    whole = merging.united([files.taken(path) for path in reports])
+    pivot = tuple(args.pivot) if args.pivot else None
+    tables.check_pivot(pivot, [matrix.axes for matrix in whole.matrices.values()])
+    whole, copies = merging.placed(whole)
+    files.copy(copies, store.writable(folder))
+    reporting.write(whole, folder, pivot)
+    _print("json" if args.json else args.format, whole, folder, pivot)
+    _tell(whole, len(reports), files.missing)
+    told = sys.stdout if args.format == "terminal" and not args.json else sys.stderr
+    print(f"report: {os.path.relpath(folder)}", file=told)
+    return document.exit_code(whole, args.fail_on)
+
+
+def _print(form: str, whole: Document, folder: Path, pivot: tuple[str, str] | None) -> None:
+    match form:
+        case "terminal":
+            present.print_terminal(tables.report(whole, pivot))
+        case "md":
+            sys.stdout.write(reporting.page(tables.report(whole, pivot)))
+        case _:
+            sys.stdout.write(document.encode(document.moved(whole, reporting.seen_from_here(folder))).decode())
+
+
+def _tell(whole: Document, reports: int, missing: int) -> None:
+    gaps = sum(cell.verdict is Verdict.NOT_RUN for cell in whole.cells)
+    told = f"{number(reports, 'report')} merged: {number(len({cell.id for cell in whole.cells}), 'cell')}"
+    machines = f" on {number(len(whole.machines), 'machine')}" if len(whole.machines) > 1 else ""
+    print(f"{told}{machines}, {gaps or 'none'} not run", file=sys.stderr)
+    if missing:
+        print(
+            f"{number(missing, 'file')} that the reports name are not beside them, and were left out", file=sys.stderr
+        )
+
+
+# --- where reports are -----------------------------------------------------------------------------------------
+
+
+def _found(names: Sequence[str], out: Path) -> list[Path]:
+    """Every report of these places, once; one that this command wrote before counts only where it is named."""
+    written = (out / NAME).resolve()
+    known: dict[Path, Path] = {}
+    for name in names:
+        place = Path(name)
+        whole = {place, place / NAME}
+        found = [place] if place.is_file() else list(_below(place))
+        if not found:
+            message = f"{name}: no {NAME} here, nor in the folders below; `simmatrix run MATRIX --out DIR` writes one"
+            raise BadInput(message)
+        known |= {path.resolve(): path for path in found if path in whole or path.resolve() != written}
+    return list(known.values())
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """The reports in a folder; inside the folder of one there is no other."""
+    for place, folders, names in os.walk(folder):
+        if NAME in names:
+            yield Path(place, NAME)
+        if NAME in names or len(Path(place).relative_to(folder).parts) >= DEEPEST:
+            folders.clear()
+
+
+# --- what lies beside them -------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Files:
+    """What the reports name, by content. They may come from anywhere: nothing outside their own folders is read."""
+
+    places: dict[str, Path] = field(default_factory=dict)
+    missing: int = 0
+
+    def taken(self, path: Path) -> merging.Source:
+        """Read a report, in which a file is named by its path and its content."""
+        made = document.read(path.read_bytes(), str(path))
+        known = {name: self._token(path.parent, name) for name in sorted(document.paths(made))}
+        self.missing += sum(not token for token in known.values())
+        return merging.Source(name=str(path), document=merging.tokened(made, known))
+
+    def _token(self, folder: Path, name: str) -> str:
+        path = PurePosixPath(name)
+        if path.is_absolute() or ".." in path.parts or len(path.parts) < 2 or path.parts[0] not in CARRIED:
+            return ""
+        try:
+            files = dict(_inside(folder, folder / path))
+        except OSError:  # no name that a file could have, or a file that cannot be read
+            files = {}
+        if not files:
+            return ""
+        content = hashlib.sha256()
+        for inner, file in sorted(files.items()):
+            content.update(inner.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
+        token = merging.token(str(path), content.hexdigest())
+        self.places[token] = folder / path
+        return token
+
+    def copy(self, names: dict[str, str], folder: Path) -> None:
+        """Put files by their tokens under names below a folder."""
+        for token, name in names.items():
+            source, target = self.places[token], folder / name
+            if not target.resolve().is_relative_to(folder.resolve()):
+                message = f"{target} leads out of {folder}; name another folder with --out"
+                raise BadInput(message)
+            if source.resolve() != target.resolve():
+                reporting.carry(source, target)
+
+
+def _inside(folder: Path, path: Path) -> Iterator[tuple[str, Path]]:
+    """A file, or the texts of a folder, by their names in it; a link that leads out of the report is none of them."""
+    candidates = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in candidates:
+        plain = file.is_file() and not file.is_symlink() and file.resolve().is_relative_to(folder.resolve())
+        if plain and (file is path or file.suffix in TEXTS):
+            yield file.relative_to(path).as_posix(), file

@@ -1,0 +1,213 @@
+"""Reports of shards and machines as one.
+
+What comes out does not depend on the order in which reports are given, on how often, or on which of them were merged
+before. Of a cell that was measured more than once on one machine a verdict about the packages goes before one that says
+nothing about them (a newer `inconclusive` does not undo what was known), then the newer goes before the older.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import PurePosixPath
+from typing import Any
+
+import msgspec
+
+from harness import document
+from harness.errors import BadInput
+from harness.model import Verdict
+from harness.reporttypes import UNTOLD, CellEntry, Document, DroppedEntry, word
+from harness.verdict import outdated
+
+MARK = re.compile(r"~[0-9a-f]{8}(?=(?:\.[^./]*)?$)")
+"""What tells files of one name and several contents apart."""
+
+ASKED = ("matrix", "axes", "requested_python", "environment", "expectation")
+"""What a cell is; two reports that differ in it were made of two states of a matrix."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Source:
+    """A report and the name of its file, for messages. Its paths are tokens: path and content."""
+
+    name: str
+    document: Document
+
+
+def united(sources: Sequence[Source]) -> Document:
+    """One document of several; BadInput where they do not speak of the same things."""
+    _check_alike(sources)
+    documents = [source.document for source in sources]
+    cells = _cells(documents)
+    planned = {cell.id for cell in cells}
+    generated = max(made.generated for made in documents)
+    return Document(
+        generated=generated,
+        machines=_machines(documents),
+        cells=tuple(cells),
+        dropped=tuple(_dropped(documents, planned)),
+        matrices={name: matrix for made in documents for name, matrix in made.matrices.items()},
+        stale=_stale(documents, cells, planned, generated),
+        probes={name: probe for made in documents for name, probe in made.probes.items()},
+    )
+
+
+# --- cells -----------------------------------------------------------------------------------------------------
+
+
+def _cells(documents: Iterable[Document]) -> list[CellEntry]:
+    """The best entry of each cell on each machine; one that nobody ran has a single row, of no machine."""
+    best: dict[str, dict[str, CellEntry]] = {}
+    orders: dict[str, set[tuple[str, ...]]] = {}
+    for made in documents:
+        listed: dict[str, dict[str, None]] = {}
+        for entry in made.cells:
+            listed.setdefault(entry.matrix, {})[entry.id] = None
+            unrun = entry.verdict is Verdict.NOT_RUN and not entry.measured
+            cell = msgspec.structs.replace(entry, machine=None) if unrun else entry
+            of_machine = best.setdefault(cell.id, {})
+            of_machine[cell.machine or ""] = max(of_machine.get(cell.machine or "", cell), cell, key=_worth)
+        for matrix, ids in listed.items():
+            orders.setdefault(matrix, set()).add(tuple(ids))
+    names = [cell_id for matrix in sorted(orders) for cell_id in _ordered(orders[matrix])]
+    return [entry for cell_id in names for _, entry in sorted(best[cell_id].items()) if _counts(entry, best[cell_id])]
+
+
+def _worth(cell: CellEntry) -> tuple[bool, bool, str, bool, bytes]:
+    """The greater is kept; the content decides where nothing else does."""
+    told, ran = cell.verdict not in UNTOLD, cell.verdict is not Verdict.NOT_RUN
+    content = msgspec.json.encode(cell, order="deterministic")
+    return told, ran, cell.measured or "", not cell.reused, content
+
+
+def _counts(entry: CellEntry, known: Mapping[str, CellEntry]) -> bool:
+    """A cell that was not run has a row only where no machine ran it."""
+    return bool(entry.machine) or len(known) == 1
+
+
+def _ordered(orders: set[tuple[str, ...]]) -> list[str]:
+    """The order of the plan; where reports list other cells, all of them by their names."""
+    if len(orders) == 1:
+        return list(next(iter(orders)))
+    return sorted({name for order in orders for name in order}, key=_natural)
+
+
+def _natural(name: str) -> tuple[list[str | int], str]:
+    """Numbers by their size: 3.9 before 3.11."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"([0-9]+)", name)], name
+
+
+# --- what stands beside them -----------------------------------------------------------------------------------
+
+
+def _dropped(documents: Iterable[Document], planned: set[str]) -> list[DroppedEntry]:
+    """What every report leaves out: a combination that one of them plans is a cell."""
+    reasons: dict[str, str] = {}
+    orders = set()
+    for made in documents:
+        gone = [entry for entry in made.dropped if entry.id not in planned]
+        orders |= {tuple(entry.id for entry in gone)} - {()}
+        for entry in gone:
+            reasons[entry.id] = min(reasons.get(entry.id, entry.reason), entry.reason)
+    return [DroppedEntry(id=name, reason=reasons[name]) for name in (_ordered(orders) if orders else ())]
+
+
+def _machines(documents: Iterable[Document]) -> dict[str, dict[str, Any]]:
+    """The facts of each class of machines in which all of its machines agree."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for made in documents:
+        for name, facts in made.machines.items():
+            found.setdefault(name, []).append(facts)
+    return {name: reduce(_common, facts) for name, facts in sorted(found.items())}
+
+
+def _common(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    return {name: fact for name, fact in one.items() if name in other and other[name] == fact}
+
+
+def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: set[str], today: str) -> tuple[str, ...]:
+    """What the matrix itself says, and what the cells say as they are now, not as a shard saw them."""
+    said = {text for made in documents for text in made.stale if text.partition(" ")[0] not in planned}
+    of_cells = {outdated(cell.id, cell.verdict, cell.expectation, today) for cell in cells if cell.expectation}
+    return tuple(sorted(said | {text for text in of_cells if text}, key=_natural))
+
+
+# --- whether they belong together ------------------------------------------------------------------------------
+
+
+def _check_alike(sources: Iterable[Source]) -> None:
+    """Refuse answers to different questions, and answers found in different ways."""
+    known: dict[tuple[str, str], tuple[str, Any]] = {}
+    for source in sources:
+        for (what, of), value in _said(source.document):
+            before, other = known.setdefault((what, of), (source.name, value))
+            if value != other:
+                cause, remedy = (
+                    ("by another simmatrix", "one version of it")
+                    if what == "probes"
+                    else ("of another state of the matrix", "one state of it")
+                )
+                message = (
+                    f"{source.name}: made {cause} than {before}: the {word(what)} of {of} differ;"
+                    f" measure again what was measured before, with {remedy}"
+                )
+                raise BadInput(message)
+
+
+def _said(made: Document) -> Iterator[tuple[tuple[str, str], Any]]:
+    """What reports that belong together say alike: of each cell what it is, of each matrix its axes."""
+    for cell in made.cells:
+        yield from (((name, cell.id), getattr(cell, name)) for name in ASKED)
+        if cell.requirements:
+            yield ("requirements", cell.id), cell.requirements
+        if cell.cases:
+            yield ("cases", cell.id), [(case.case, case.env, case.api) for case in cell.cases]
+    yield from ((("axes", name), matrix) for name, matrix in made.matrices.items())
+    yield from ((("probes", name), probe) for name, probe in made.probes.items())
+
+
+# --- files -----------------------------------------------------------------------------------------------------
+
+
+def token(path: str, content: str) -> str:
+    """A file or folder by its path, without a mark, and the hash of its content."""
+    return f"{MARK.sub('', path)}\0{content}"
+
+
+def tokened(made: Document, tokens: Mapping[str, str]) -> Document:
+    """The document with tokens for paths; what has none (the empty text) is left out of it."""
+    moved = document.moved(made, lambda path: tokens[path])
+    return msgspec.structs.replace(moved, cells=tuple(_without_missing(cell) for cell in moved.cells))
+
+
+def _without_missing(cell: CellEntry) -> CellEntry:
+    cases = tuple(
+        msgspec.structs.replace(
+            case,
+            frames=tuple(frame for frame in case.frames if frame),
+            evidence={phase: path for phase, path in case.evidence.items() if path},
+        )
+        for case in cell.cases
+    )
+    return msgspec.structs.replace(cell, lock=cell.lock or None, evidence=cell.evidence or None, cases=cases)
+
+
+def placed(made: Document) -> tuple[Document, dict[str, str]]:
+    """The document with paths for tokens, and which token is to lie where: files of one content lie there once."""
+    contents: dict[str, list[str]] = {}
+    for known in sorted(document.paths(made)):
+        contents.setdefault(known.partition("\0")[0], []).append(known)
+    names = {
+        known: path if len(tokens) == 1 else _marked(path, known.partition("\0")[2])
+        for path, tokens in contents.items()
+        for known in tokens
+    }
+    return document.moved(made, lambda known: names[known]), names
+
+
+def _marked(path: str, content: str) -> str:
+    pure = PurePosixPath(path)
+    return str(pure.with_name(f"{pure.stem}~{content[:8]}{pure.suffix}"))
