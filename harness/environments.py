@@ -10,7 +10,7 @@ import base64
 import csv
 import hashlib
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import Distribution, distributions
@@ -27,6 +27,9 @@ from harness import builds, downloads, locks, process, sdists, uvcli, uvsays
 from harness.filelocks import exclusive
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest, open_store, write_atomic
+
+LEADS_ON = "_simmatrix_below.pth"
+"""What makes Python look on in the environment below."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,18 +85,40 @@ def ensure(
     infra. `chain` names the packages whose builds wait for this environment.
     """
     started = monotonic()
-    wheels = _wheels(lock, interpreter, question, offline=offline, chain=chain)
+    wheels = wheels_of(lock, interpreter, question, offline=offline, chain=chain)
     if isinstance(wheels, Step):
         return replace(wheels, seconds=monotonic() - started)
     path = cache_folder() / "environments" / environment_key(interpreter, wheels)
+    made = _provided(path, lambda: _make(path, wheels, interpreter, question, offline=offline))
+    if isinstance(made, Step):
+        return replace(made, seconds=monotonic() - started)
+    return replace(made, seconds=monotonic() - started, findings=(*_built_here(lock), *made.findings))
+
+
+def on_top(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environment | Step:
+    """Return a thin environment that holds one wheel and leads on to the environment below it, which is not touched.
+
+    It is found before what lies below, its data and its scripts lie where an install puts them, and children that are
+    started in whatever way find both. A wheel that cannot be installed is a failed install.
+    """
+    started = monotonic()
+    path = base.path.with_name(digest("on top", base.key, wheel.mark))
+
+    nothing = Question(requirements=())
+    made = _provided(path, lambda: _make(path, (wheel,), interpreter, nothing, offline=True, below=base.path))
+    return made if isinstance(made, Step) else replace(made, seconds=monotonic() - started)
+
+
+def _provided(path: Path, make: Callable[[], _Stamp | Step]) -> Environment | Step:
+    """The environment that stands there, or is made now."""
     stamp, reused = _usable(path), True
     if stamp is None:
         with exclusive(path.with_name(f"{path.name}.lock")):
             stamp = _usable(path)  # it may have been made while we waited
             if stamp is None:
-                made, reused = _make(path, wheels, interpreter, question, offline=offline), False
+                made, reused = make(), False
                 if isinstance(made, Step):
-                    return replace(made, seconds=monotonic() - started)
+                    return made
                 stamp = made
     return Environment(
         path=path,
@@ -101,8 +126,8 @@ def ensure(
         key=path.name,
         installed=stamp.installed,
         reused=reused,
-        seconds=monotonic() - started,
-        findings=(*_built_here(lock), *stamp.findings),
+        seconds=0.0,
+        findings=stamp.findings,
     )
 
 
@@ -141,9 +166,11 @@ def discard(environment: Environment) -> None:
 # --- wheels ----------------------------------------------------------------------------------------------------
 
 
-def _wheels(
-    lock: Lock, interpreter: Interpreter, question: Question, *, offline: bool, chain: tuple[str, ...]
+def wheels_of(
+    lock: Lock, interpreter: Interpreter, question: Question, *, offline: bool = False, chain: tuple[str, ...] = ()
 ) -> tuple[Wheel, ...] | Step:
+    """The wheels of a lock, its sdists built first, or the step that failed."""
+
     def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> Environment | Step:
         return ensure(lock, interpreter, question, offline=offline, chain=chain)
 
@@ -201,7 +228,13 @@ def _usable(path: Path) -> _Stamp | None:
 
 
 def _make(
-    path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, *, offline: bool
+    path: Path,
+    wheels: tuple[Wheel, ...],
+    interpreter: Interpreter,
+    question: Question,
+    *,
+    offline: bool,
+    below: Path | None = None,
 ) -> _Stamp | Step:
     """Make it in its own place, since scripts name their interpreter by path; what is left of another goes first."""
     shutil.rmtree(path, ignore_errors=True)
@@ -221,6 +254,9 @@ def _make(
     if failed:
         shutil.rmtree(path, ignore_errors=True)
         return failed
+    if below:
+        (site,), (more,) = (list(_site_packages(one)) for one in (path, below))
+        (site / LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
         key=path.name,
         link_mode=mode(),
@@ -275,7 +311,11 @@ def _known_hashes(folder: Path) -> frozenset[str]:
 
 
 def _distributions(path: Path) -> Iterable[Distribution]:
-    return distributions(path=[str(folder) for folder in path.glob("lib/python*/site-packages")])
+    return distributions(path=[str(folder) for folder in _site_packages(path)])
+
+
+def _site_packages(path: Path) -> Iterator[Path]:
+    return path.glob("lib/python*/site-packages")
 
 
 def _plain(version: str) -> str:
