@@ -29,6 +29,8 @@ OLDEST = Version("3.7")
 
 _ASKING = threading.RLock()
 _REQUEST = re.compile(r"(?P<name>[a-z]*)[@-]?(?P<number>\d[\da-z.]*?)(?P<threads>t?)")
+_MANAGED = re.compile(r"(?:cpython|pypy)-\d+\.\d+\.\w+(?:\+\w+)?-linux-\w+-(?:gnu\w*|musl\w*)")
+"""How uv names the folders of Pythons that run wherever they are put."""
 _MARK = "simmatrix-facts "
 _ASK = f"""
 import json, platform, sys, sysconfig
@@ -131,6 +133,19 @@ def hint(request: str) -> str:
     )
 
 
+def managed_folder() -> Path:
+    """Where uv puts the Pythons that it downloads for the harness."""
+    folder = cache_folder() / "pythons"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def relocatable(interpreter: Interpreter) -> Path | None:
+    """The folder of a Python that uv downloaded, which runs wherever it is put; None for one that was built here."""
+    folder = Path(interpreter.path).parent.parent
+    return folder if _MANAGED.fullmatch(folder.name) else None
+
+
 def _is_path(request: str) -> bool:
     return os.sep in request or request.startswith("~")
 
@@ -165,7 +180,7 @@ def _candidates() -> Iterator[Path]:
     from findpython.providers.uv import UvProvider  # noqa: PLC0415
 
     yield Path(sys.executable)
-    providers = [*Finder().setup_providers(), UvProvider(_downloads())]
+    providers = [*Finder().setup_providers(), UvProvider(managed_folder())]
     seen = set()
     for python in (python for provider in providers for python in provider.find_pythons()):
         real = python.executable.resolve()
@@ -265,10 +280,6 @@ def _known() -> dict[str, _Known]:
         return {}
 
 
-def _downloads() -> Path:
-    return cache_folder() / "pythons"
-
-
 def _downloadable(request: str) -> bool:
     """Whether uv may be asked: a version is meant, and neither downloads nor the network are forbidden to it."""
     allowed = os.environ.get("UV_PYTHON_DOWNLOADS", "").lower() not in {"never", "false", "0"}
@@ -282,8 +293,7 @@ def _install(request: str) -> bool:
     """Let uv download it; asked once per process, since a refusal takes seconds."""
     from uv import find_uv_bin  # noqa: PLC0415  (not needed by most commands)
 
-    folder = _downloads()
-    folder.mkdir(exist_ok=True)
+    folder = managed_folder()
     argv = (find_uv_bin(), "python", "install", "--no-bin", request)
     log = folder / f"install-{request}-{os.getpid()}.log"
     try:

@@ -43,12 +43,19 @@ def _lock() -> type:
     return Locked
 
 
+def _manifest() -> type:
+    from harness.fetched import Manifest  # noqa: PLC0415
+
+    return Manifest
+
+
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges of a matrix came to, `NAME.expanded.json`", _expansion),
     "report": ("`report.json`, and `--json` of run, try, report and show", _report),
     "plan": ("`plan --json`", _plan),
     "lock": ("`lock --json`", _lock),
+    "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }
 
 

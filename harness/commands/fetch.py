@@ -1,0 +1,131 @@
+"""`simmatrix fetch MATRIX --to DIR`: everything that a matrix needs, in a folder for machines without network."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+
+from harness import catalog, fetched, fetching, scheduler, store, verdict
+from harness.commands import progress
+from harness.commands.run import jobs, selected, tell
+from harness.fetched import FetchedCell, FetchedMatrix, Manifest
+from harness.filelocks import exclusive
+from harness.model import CellRecord, Phase, Plan
+from harness.reporttypes import number
+
+HELP = (
+    "Bring locks, wheels, builds and Pythons of a matrix into a folder: `simmatrix run MATRIX --fetched DIR` needs no "
+    "network then. What is there already is kept; an interrupted fetch goes on where it was."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `fetch`."""
+    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="the folder, made where it is absent")
+    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
+    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), help="cells at a time [cores]")
+    parser.add_argument("--json", action="store_true", help="print the manifest, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Fetch; exit 3 when something could not be had, 0 when all is there, be it the reason why a cell has no lock."""
+    planned = catalog.load(args.matrix, tell)
+    selected(planned.cells, args.k)
+    opened = store.open_store()
+    folder = store.writable(args.to).absolute()
+    with exclusive(folder / ".fetch.lock"):
+        earlier = _earlier(folder, args.matrix, planned.matrix)
+        plan = _dated(planned, earlier, opened)
+        cells = selected(plan.cells, args.k)
+        with progress.Progress(len(cells), args.jobs, _headline) as board:
+            settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE)
+            records = scheduler.run([replace(cell, needs=()) for cell in cells], opened, settings, board)
+        bringing = fetching.Bringing(folder, opened, tell)
+        found = bringing.cells(records)
+        manifest = _manifest(bringing, args.matrix, plan, earlier, found)
+        fetching.write(folder, manifest)
+    _tell_pythons(manifest, found)
+    if args.json:
+        sys.stdout.buffer.write((folder / fetched.MANIFEST).read_bytes())
+    else:
+        _summary(found, folder, bringing.brought)
+    return 0 if all(cell.complete for cell in found) else 3
+
+
+def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
+    """What is there of earlier fetches; of a matrix that was changed since, nothing."""
+    old = fetching.intact(folder)
+    mine = next((one for one in old.matrices if one.name == matrix), None) if old else None
+    if old is None or mine is None:
+        return old
+    now = {f"matrices/{matrix}/{inner}": path for inner, path in catalog.files(name).items()}
+    if now.keys() == {mine.file, *mine.beside} and all(
+        fetched.hash_of(path) == old.files[file].sha256 for file, path in now.items()
+    ):
+        return old
+    tell(f"{name}: was changed since it was fetched; its cells are fetched anew")
+    kept = msgspec.structs.replace(
+        old,
+        matrices=tuple(one for one in old.matrices if one is not mine),
+        cells=tuple(one for one in old.cells if one.matrix != matrix),
+        files={file: known for file, known in old.files.items() if file not in {mine.file, *mine.beside}},
+    )
+    fetching.write(folder, kept)
+    return kept
+
+
+def _dated(planned: Plan, earlier: Manifest | None, opened: store.Store) -> Plan:
+    """The plan as of the instant of the earlier fetch, so that all cells of the folder are as of one."""
+    instants = {one.name: one.instant for one in earlier.matrices} if earlier else {}
+    instant = instants.get(planned.matrix)
+    return catalog.as_of(planned, instant) if instant else catalog.dated(planned, opened)
+
+
+def _manifest(
+    bringing: fetching.Bringing, name: str, plan: Plan, earlier: Manifest | None, found: Sequence[FetchedCell]
+) -> Manifest:
+    mine = bringing.files(plan.matrix, catalog.files(name), plan.cells[0].question.snapshot)
+    before: tuple[FetchedMatrix, ...] = earlier.matrices if earlier else ()
+    matrices = {one.name: one for one in (*before, mine)}
+    cells = {one.id: one for one in (*(earlier.cells if earlier else ()), *found)}
+    return Manifest(
+        made=store.now(),
+        harness=version("simmatrix"),
+        architecture=os.uname().machine,
+        matrices=tuple(matrices[key] for key in sorted(matrices)),
+        cells=tuple(cells[key] for key in sorted(cells)),
+        pythons=bringing.pythons(cells.values()),
+        files=earlier.files if earlier else {},
+    )
+
+
+def _headline(record: CellRecord) -> str:
+    return "locked" if record.lock else verdict.judge(record).verdict.value
+
+
+def _tell_pythons(manifest: Manifest, found: Sequence[FetchedCell]) -> None:
+    """Say which Pythons the other machine has to have."""
+    needed = {(cell.implementation, cell.python) for cell in found}
+    for python in manifest.pythons:
+        if python.file is None and (python.implementation, python.version) in needed:
+            tell(f"{python.implementation} {python.version} must exist where this is run: it {python.note}")
+
+
+def _summary(found: Sequence[FetchedCell], folder: Path, brought: int) -> None:
+    for cell in found:
+        if cell.lock is None:
+            what = "no lock" if cell.complete else "not fetched"
+            print(f"{cell.id}  {what}: {cell.decisive}")
+    locked = [cell for cell in found if cell.lock]
+    wheels = {name for cell in found for name in cell.wheels}
+    counted = f"{number(len(found), 'cell')}, {len(locked)} with a lock; {number(len(wheels), 'wheel')}"
+    print(f"{counted}; {brought / 1e6:.1f} MB brought into {os.path.relpath(folder)}")
+    print(f"without network: simmatrix run {found[0].matrix} --fetched {os.path.relpath(folder)}")

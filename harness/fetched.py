@@ -1,0 +1,291 @@
+"""What `simmatrix fetch` brought into a folder, read on a machine without network: matrices, locks, wheels, Pythons.
+
+The folder is only read, so that many machines can share it. `manifest.json` is written last and names every file with
+its hash; a file is compared with its hash before it is used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tarfile
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import mkdtemp
+
+import msgspec
+
+from harness import builds, interpreters, locks, schema
+from harness.errors import BadInput
+from harness.filelocks import exclusive
+from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step
+from harness.store import digest, open_store, write_atomic
+
+MANIFEST = "manifest.json"
+
+
+class FetchedFile(msgspec.Struct, frozen=True, kw_only=True):
+    """One file of the folder; `size` in bytes."""
+
+    sha256: str
+    size: int
+
+
+class FetchedMatrix(msgspec.Struct, frozen=True, kw_only=True):
+    """One matrix: its file, the others that it needs, the instant of its locks where it names none itself."""
+
+    name: str
+    file: str
+    beside: tuple[str, ...] = ()
+    instant: str | None = None
+
+
+class FetchedCell(msgspec.Struct, frozen=True, kw_only=True):
+    """One cell: the Python that its lock is for, the lock, its wheels; `decisive` is why there is none of them.
+
+    `question` marks what was resolved; `complete` is false where the network or this machine got in the way.
+    """
+
+    id: str
+    matrix: str
+    question: str
+    python: str | None = None
+    implementation: str | None = None
+    answer: str | None = None
+    lock: str | None = None
+    wheels: tuple[str, ...] = ()
+    decisive: str | None = None
+    complete: bool = True
+
+
+class FetchedPython(msgspec.Struct, frozen=True, kw_only=True):
+    """A Python that the cells need: its archive, or why it has to be there already."""
+
+    implementation: str
+    version: str
+    file: str | None = None
+    note: str | None = None
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """The document `manifest.json` of `fetch`: paths are relative to its folder."""
+
+    schema: int = 1
+    made: str
+    harness: str
+    architecture: str
+    matrices: tuple[FetchedMatrix, ...] = ()
+    cells: tuple[FetchedCell, ...] = ()
+    pythons: tuple[FetchedPython, ...] = ()
+    files: dict[str, FetchedFile] = {}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BuiltWheel:
+    """A wheel that was built before: the key of its build, its file below the folder."""
+
+    key: str
+    file: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Answer:
+    """What became of a question: a lock whose wheels lie below the folder, or the step that failed."""
+
+    lock: Lock | None = None
+    step: Step | None = None
+    built: Mapping[str, BuiltWheel] = field(default_factory=dict)
+
+
+class Changed(Exception):
+    """A file is gone or is not the one that was fetched."""
+
+
+def read(folder: Path) -> Manifest:
+    """The manifest of a folder. Raises BadInput where there is none: the fetch did not come to its end."""
+    path = folder / MANIFEST
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        message = f"{path}: {error.strerror}; `simmatrix fetch MATRIX --to {folder}` makes it, and goes on where it was"
+        raise BadInput(message) from None
+    return schema.load_json(content, Manifest, str(path))
+
+
+def open_folder(folder: Path) -> Fetched:
+    """The layer to run from. Raises BadInput where it is incomplete or for another kind of machine."""
+    manifest = read(folder)
+    here = os.uname().machine
+    if manifest.architecture != here:
+        message = f"{folder}: was fetched for {manifest.architecture}, and this machine is {here}; fetch on its like"
+        raise BadInput(message)
+    return Fetched(folder=folder.absolute(), manifest=manifest)
+
+
+def question_mark(cell: Cell) -> str:
+    """Marks what a cell asks, the places apart that packages come from: these differ between machines."""
+    return digest("question", replace(cell.question, index=IndexSettings()))
+
+
+def hash_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def request_for(implementation: str, version: str) -> str:
+    """How to ask for exactly this Python."""
+    name, _, build = implementation.partition("+")
+    return ("" if name == "cpython" else name) + version + "t" * (build == "freethreaded")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fetched:
+    """A folder that was fetched, as the source of everything that a run needs."""
+
+    folder: Path
+    manifest: Manifest
+    _sound: set[str] = field(default_factory=set)
+    _guard: threading.Lock = field(default_factory=threading.Lock)
+
+    def matrix(self, name: str) -> tuple[FetchedMatrix, Path]:
+        """The fetched matrix of a name, or of a file that has to be the same. Raises BadInput."""
+        given = Path(name)
+        stem = given.stem if given.suffix == ".toml" else name
+        known = {one.name: one for one in self.manifest.matrices}
+        if stem not in known:
+            message = f"{name}: was not fetched into {self.folder}{schema.suggestion(stem, known)}"
+            raise BadInput(message)
+        found = known[stem]
+        try:
+            path, *_ = [self.sound(file) for file in (found.file, *found.beside)]
+        except Changed as error:
+            raise BadInput(str(error)) from None
+        if given.suffix == ".toml" and (not given.is_file() or given.read_bytes() != path.read_bytes()):
+            message = f"{name}: is not the matrix that was fetched; fetch it again, or run `{stem}`, as it was fetched"
+            raise BadInput(message)
+        return found, path
+
+    def instant(self, matrix: str) -> str | None:
+        """The instant that a matrix was locked as of."""
+        return next((one.instant for one in self.manifest.matrices if one.name == matrix), None)
+
+    def interpreter(self, cell: Cell) -> Interpreter | str:
+        """The very Python that a cell was locked for, or why the cell cannot be run."""
+        entry = self._cells.get(cell.id)
+        if entry is None:
+            return f"was not fetched; `simmatrix fetch {cell.matrix} --to {self.folder.name}` brings it"
+        if entry.question != question_mark(cell):
+            return "was fetched by another simmatrix, which asked otherwise; fetch it again"
+        if entry.python is None or entry.implementation is None:
+            return f"could not be fetched: {entry.decisive}"
+        found = interpreters.obtain(cell.python, offline=True)
+        wanted = (entry.implementation, entry.python)
+        if found is not None and (found.implementation, found.version) == wanted:
+            return found
+        exact = self._exact(*wanted)
+        if isinstance(exact, Interpreter):
+            return exact
+        there = f"there is {found.version}" if found else "it is not on this machine"
+        return f"its lock is for {entry.implementation} {entry.python}, and {there}{exact}"
+
+    def answer(self, cell: Cell) -> tuple[Lock | None, Step]:
+        """The lock of a cell, its wheels named by their paths here, and how it came; or the step that failed.
+
+        Its requirements go beside the results; as an answer it is not kept, since it holds for this folder only.
+        """
+        entry = self._cells[cell.id]
+        if entry.answer is None:
+            told = f"was not fetched: {entry.decisive}; fetch it again"
+            return None, Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=told)
+        try:
+            kept = self._answer(entry.answer)
+        except Changed as error:
+            return None, Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error))
+        if kept.lock is None:
+            assert kept.step
+            return None, replace(kept.step, reused=True)
+        lock = replace(kept.lock, pins=tuple(map(self._here, kept.lock.pins)))
+        file = open_store().lock_file(lock)
+        if not file.exists():
+            write_atomic(file, lock.requirements.encode())
+        return lock, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)
+
+    def supply(self, cell: Cell, lock: Lock, interpreter: Interpreter) -> Step | None:
+        """Compare the wheels of a cell with their hashes and hand over what was built; a step where that fails."""
+        try:
+            built = self._answer(self._cells[cell.id].answer or "").built
+            for pin in lock.pins:
+                if pin.name in built:
+                    wheel = self.sound(built[pin.name].file)
+                    builds.adopt(pin, interpreter, cell.question, built[pin.name].key, wheel)
+                else:
+                    wheel = self.sound(Path(pin.artifact.source).relative_to(self.folder).as_posix())
+                if locks.rank(wheel.name, interpreter)[0] == locks.UNRANKED:
+                    message = f"{wheel.name} does not fit this machine (its C library is older?); fetch on its like"
+                    raise Changed(message)
+        except Changed as error:
+            return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=str(error))
+        return None
+
+    def sound(self, name: str) -> Path:
+        """The path of a file that is what was fetched; hashed once by a process. Raises Changed."""
+        path, wanted = self.folder / name, self.manifest.files.get(name)
+        with self._guard:
+            if name not in self._sound:
+                if wanted is None or not path.is_file():
+                    message = f"{path}: is not there; fetch it again"
+                    raise Changed(message)
+                if path.stat().st_size != wanted.size or hash_of(path) != wanted.sha256:
+                    message = f"{name}: is not the file that was fetched, its SHA-256 is another; fetch it again"
+                    raise Changed(message)
+                self._sound.add(name)
+        return path
+
+    @cached_property
+    def _cells(self) -> dict[str, FetchedCell]:
+        return {one.id: one for one in self.manifest.cells}
+
+    def _answer(self, name: str) -> Answer:
+        return msgspec.json.decode(self.sound(name).read_bytes(), type=Answer)
+
+    def _here(self, pin: Pin) -> Pin:
+        """A pin whose wheel is named by its path; an sdist is not here, its built wheel is handed over instead."""
+        if not pin.artifact.is_wheel:
+            return pin
+        return replace(pin, artifact=replace(pin.artifact, source=str(self.folder / pin.artifact.source)))
+
+    def _exact(self, implementation: str, version: str) -> Interpreter | str:
+        """This Python, from this machine or unpacked from the folder; else what to do about it."""
+        request = request_for(implementation, version)
+        found = interpreters.obtain(request, offline=True)
+        if found is not None:
+            return found
+        kept = {(one.implementation, one.version): one for one in self.manifest.pythons}.get((implementation, version))
+        if kept is None or kept.file is None:
+            return f"; install {version} here, or fetch on a machine with the Python that is here"
+        try:
+            found = unpack(self.sound(kept.file), request)
+        except Changed as error:
+            return f"; {error}"
+        return found or f"; {kept.file} does not start on this machine"
+
+
+def unpack(archive: Path, request: str) -> Interpreter | None:
+    """Put a packed Python among those that the harness looks after, and find it there."""
+    folder = interpreters.managed_folder() / archive.name.removesuffix(".tar")
+    with exclusive(folder.with_name(f"{folder.name}.lock")):
+        if not folder.exists():
+            making = Path(mkdtemp(dir=folder.parent, prefix=".making-"))
+            try:
+                with tarfile.open(archive) as tar:
+                    tar.extractall(making, filter="data")
+                (making / folder.name).rename(folder)
+            finally:
+                shutil.rmtree(making)
+    interpreters.available.cache_clear()
+    return interpreters.obtain(request, offline=True)

@@ -1,0 +1,264 @@
+"""Brings into a folder what cells need: locks, wheels, builds, Pythons; `fetched` reads it where there is no network.
+
+A file comes into place whole or not at all and is never changed, the manifest is written last: a fetch that was
+killed goes on where it was, and what an earlier one brought stays valid.
+"""
+
+from __future__ import annotations
+
+import tarfile
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
+
+import msgspec
+
+from harness import downloads, environments, fetched, index, interpreters
+from harness.errors import CouldNotTell
+from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
+from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
+from harness.store import Store, digest, question_key, write_atomic
+
+AT_ONCE = 4
+"""Downloads side by side; more help no one when the wheels are large."""
+
+_BUILT = "build:"
+
+NOT_RELOCATABLE = "was built or installed on the machine that fetched, and runs at its own path only"
+
+
+def intact(folder: Path) -> Manifest | None:
+    """What an earlier fetch brought and is still as it was; what is not is forgotten, and its files removed."""
+    for leftover in folder.glob("wheels/*/tmp*"):
+        leftover.unlink()
+    if not (folder / fetched.MANIFEST).exists():
+        return None
+    old = fetched.read(folder)
+    sound = {name for name, file in old.files.items() if _is_sound(folder / name, file)}
+    for name in old.files.keys() - sound:
+        (folder / name).unlink(missing_ok=True)
+    matrices = tuple(one for one in old.matrices if {one.file, *one.beside} <= sound)
+    names = {one.name for one in matrices}
+    cells = tuple(one for one in old.cells if one.matrix in names and _files(one) <= sound)
+    pythons = tuple(one for one in old.pythons if one.file is None or one.file in sound)
+    kept = msgspec.structs.replace(old, matrices=matrices, cells=cells, pythons=pythons)
+    if kept != old:
+        write(folder, kept)
+    return kept
+
+
+def write(folder: Path, manifest: Manifest) -> None:
+    """Write the manifest; files that none of its parts names are left out of its list."""
+    named = {name for one in manifest.matrices for name in (one.file, *one.beside)}
+    named |= {name for cell in manifest.cells for name in _files(cell)}
+    named |= {one.file for one in manifest.pythons if one.file}
+    files = {name: manifest.files.get(name) or _described(folder / name) for name in sorted(named)}
+    document = msgspec.structs.replace(manifest, files=files)
+    write_atomic(folder / fetched.MANIFEST, msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Resolved:
+    """A cell on its way: the lock with its files' addresses, or the step or the reason why there is none."""
+
+    record: CellRecord
+    interpreter: Interpreter | None = None
+    lock: Lock | None = None
+    step: Step | None = None
+    built: Mapping[str, BuiltWheel] = field(default_factory=dict)
+    reason: str | None = None
+
+
+@dataclass
+class Bringing:
+    """One fetch into a folder. `say` tells the user what is going on."""
+
+    folder: Path
+    store: Store
+    say: Callable[[str], None]
+    brought: int = 0
+    """Bytes that were not in the folder before."""
+
+    def cells(self, records: Sequence[CellRecord]) -> tuple[FetchedCell, ...]:
+        """Bring the locks and wheels of cells that were resolved; a cell that has none keeps the reason."""
+        resolved = [self._resolved(record) for record in records]
+        wanted = {
+            pin.artifact.sha256: (pin.artifact, one.record.cell.question.index)
+            for one in resolved
+            for pin in (one.lock.pins if one.lock else ())
+            if pin.artifact.is_wheel
+        }
+        failures = self._download(list(wanted.values()))
+        return tuple(self._cell(one, failures) for one in resolved)
+
+    def files(self, matrix: str, files: Mapping[str, Path], instant: str | None) -> FetchedMatrix:
+        """Bring the files of a matrix, the matrix itself first."""
+        names = {name: f"matrices/{matrix}/{name}" for name in files}
+        for name, path in files.items():
+            write_atomic(self.folder / names[name], path.read_bytes())
+        first, *beside = names.values()
+        return FetchedMatrix(name=matrix, file=first, beside=tuple(beside), instant=instant)
+
+    def pythons(self, cells: Iterable[FetchedCell]) -> tuple[FetchedPython, ...]:
+        """Bring the Pythons that run wherever they are put; say of the others that they have to be there."""
+        wanted = {(one.implementation, one.python) for one in cells if one.implementation and one.python}
+        return tuple(self._python(implementation, version) for implementation, version in sorted(wanted))
+
+    def _resolved(self, record: CellRecord) -> _Resolved:
+        """What became of a cell, its sdists built."""
+        interpreter = interpreters.obtain(record.cell.python)
+        if record.unavailable or interpreter is None or record.resolve is None:
+            return _Resolved(record=record, reason=record.unavailable or interpreters.hint(record.cell.python))
+        asked = _Resolved(record=record, interpreter=interpreter)
+        lock = self.store.load_lock(question_key(record.cell.question, interpreter))
+        if record.lock is None or not isinstance(lock, Lock):
+            return replace(asked, step=record.resolve)
+        if not all(pin.artifact.is_wheel for pin in lock.pins):
+            self.say(f"{record.cell.id}: building what has no wheel")
+        wheels = environments.wheels_of(lock, interpreter, record.cell.question)
+        if isinstance(wheels, Step):
+            return replace(asked, step=wheels)
+        built = {one.name: self._built(one) for one in wheels if one.mark.startswith(_BUILT)}
+        return replace(asked, lock=lock, built=built)
+
+    def _built(self, wheel: environments.Wheel) -> BuiltWheel:
+        key = wheel.mark.removeprefix(_BUILT)
+        name = f"builds/{key}/{wheel.artifact.filename}"
+        if not (self.folder / name).exists():
+            content = Path(wheel.artifact.source).read_bytes()
+            write_atomic(self.folder / name, content)
+            self.brought += len(content)
+        return BuiltWheel(key=key, file=name)
+
+    def _cell(self, one: _Resolved, failures: Mapping[str, str]) -> FetchedCell:
+        cell, mark = one.record.cell, fetched.question_mark(one.record.cell)
+        entry = FetchedCell(id=cell.id, matrix=cell.matrix, question=mark, decisive=one.reason)
+        if one.interpreter is None:
+            return msgspec.structs.replace(entry, complete=False)
+        entry = msgspec.structs.replace(
+            entry, python=one.interpreter.version, implementation=one.interpreter.implementation
+        )
+        if one.lock is None:
+            return self._failed(entry, one.step)
+        wheels = [pin.artifact for pin in one.lock.pins if pin.artifact.is_wheel]
+        lost = [failures[wheel.sha256] for wheel in wheels if wheel.sha256 in failures]
+        if lost:
+            return msgspec.structs.replace(entry, decisive=lost[0], complete=False)
+        lock_file = f"locks/{one.lock.sha256[:16]}.txt"
+        write_atomic(self.folder / lock_file, one.lock.requirements.encode())
+        portable = replace(one.lock, pins=tuple(map(_portable, one.lock.pins)))
+        files = (*map(_place, wheels), *(built.file for built in one.built.values()))
+        answer = self._write(entry, Answer(lock=portable, built=one.built))
+        return msgspec.structs.replace(entry, answer=answer, lock=lock_file, wheels=tuple(sorted(files)))
+
+    def _failed(self, entry: FetchedCell, step: Step | None) -> FetchedCell:
+        """A cell without a lock: what the packages are at fault for is an answer, another day's trouble is none."""
+        told = step.decisive if step else None
+        if step is None or step.outcome not in {Outcome.FAILED, Outcome.UNAVAILABLE}:
+            return msgspec.structs.replace(entry, decisive=told, complete=False)
+        answer = self._write(entry, Answer(step=replace(step, log=None, conditions=None, reused=False)))
+        return msgspec.structs.replace(entry, decisive=told, answer=answer)
+
+    def _write(self, entry: FetchedCell, answer: Answer) -> str:
+        """Put an answer into a file named by its content, so that none is ever changed."""
+        content = msgspec.json.encode(answer, order="deterministic")
+        name = f"answers/{digest('answer', entry.question, content.decode())}.json"
+        write_atomic(self.folder / name, content)
+        return name
+
+    def _download(self, wanted: Sequence[tuple[Artifact, IndexSettings]]) -> dict[str, str]:
+        """Bring files that are not there; returns why not, by the hash of each that could not be had."""
+        missing = [(artifact, settings) for artifact, settings in wanted if not self._has(artifact)]
+        downloads.announce([artifact for artifact, _ in missing], frozenset())
+        todo: SimpleQueue[tuple[Artifact, IndexSettings]] = SimpleQueue()
+        done: SimpleQueue[tuple[Artifact, str | None]] = SimpleQueue()
+        for one in sorted(missing, key=lambda pair: -(pair[0].size or 0)):
+            todo.put(one)
+        for _ in range(min(AT_ONCE, len(missing))):
+            # daemons: an interrupt does not wait for the end of a download of gigabytes
+            Thread(target=_fetch_all, args=(self.folder / "wheels", todo, done), daemon=True).start()
+        failures = {}
+        for number in range(1, len(missing) + 1):
+            artifact, trouble = done.get()
+            if trouble is None:
+                size = (self.folder / _place(artifact)).stat().st_size
+                self.brought += size
+                self.say(f"[{number}/{len(missing)}] {artifact.filename} ({size / 1e6:.1f} MB)")
+            else:
+                failures[artifact.sha256] = trouble
+                self.say(f"[{number}/{len(missing)}] {trouble}")
+        return failures
+
+    def _has(self, artifact: Artifact) -> bool:
+        """Whether the file is there; one that is, but is another, goes: what no manifest names was never compared."""
+        path = self.folder / _place(artifact)
+        if path.exists() and fetched.hash_of(path) != artifact.sha256:
+            path.unlink()
+        return path.exists()
+
+    def _python(self, implementation: str, version: str) -> FetchedPython:
+        made = FetchedPython(implementation=implementation, version=version)
+        found = interpreters.obtain(fetched.request_for(implementation, version))
+        folder = interpreters.relocatable(found) if found else None
+        if folder is None:
+            return msgspec.structs.replace(made, note=NOT_RELOCATABLE)
+        name = f"pythons/{folder.name}.tar"
+        if not (self.folder / name).exists():
+            self.say(f"packing Python {version}")
+            self.brought += pack(folder, self.folder / name)
+        return msgspec.structs.replace(made, file=name)
+
+
+def pack(folder: Path, target: Path) -> int:
+    """Write a folder as a tar file, whole or not at all; returns its size in bytes."""
+    target.parent.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".making-") as making:
+        path = Path(making) / target.name
+        with tarfile.open(path, "w") as tar:
+            tar.add(folder, folder.name, filter=lambda one: None if "__pycache__" in one.name else one)
+        path.chmod(0o644)
+        path.replace(target)
+    return target.stat().st_size
+
+
+def _fetch_all(
+    folder: Path,
+    todo: SimpleQueue[tuple[Artifact, IndexSettings]],
+    done: SimpleQueue[tuple[Artifact, str | None]],
+) -> None:
+    while True:
+        try:
+            artifact, settings = todo.get_nowait()
+        except Empty:
+            return
+        try:
+            index.fetch(artifact, folder, settings)
+            done.put((artifact, None))
+        except (CouldNotTell, OSError) as error:
+            done.put((artifact, str(error)))
+
+
+def _portable(pin: Pin) -> Pin:
+    """A pin that names its wheel by its place in the folder, and of an sdist nothing but its name."""
+    source = _place(pin.artifact) if pin.artifact.is_wheel else pin.artifact.filename
+    return replace(pin, artifact=replace(pin.artifact, source=source))
+
+
+def _place(wheel: Artifact) -> str:
+    """Where a wheel lies: `index.fetch` names it so."""
+    return f"wheels/{wheel.sha256[:16]}/{wheel.filename}"
+
+
+def _files(cell: FetchedCell) -> set[str]:
+    return {name for name in (cell.answer, cell.lock, *cell.wheels) if name}
+
+
+def _is_sound(path: Path, file: FetchedFile) -> bool:
+    return path.is_file() and path.stat().st_size == file.size and fetched.hash_of(path) == file.sha256
+
+
+def _described(path: Path) -> FetchedFile:
+    return FetchedFile(sha256=fetched.hash_of(path), size=path.stat().st_size)
