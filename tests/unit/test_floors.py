@@ -14,7 +14,8 @@ FLOORS = {
     0: {"model", "errors"},
     1: {
         "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise", "notices",
-        "outcomes", "plan", "present", "reporttypes", "schema", "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire",
+        "outcomes", "pipelines", "plan", "present", "reporttypes", "schema", "strategy", "tables", "uvsays", "verdict",
+        "vocabulary", "wire",
     },
     2: {
         "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "glprobe", "index",

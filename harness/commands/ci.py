@@ -1,0 +1,187 @@
+"""`simmatrix ci MATRIX --provider P`: a workflow that runs a matrix on GitHub, on GitLab, or on a Slurm cluster."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from harness import catalog, pipelines, store
+from harness.commands import reporting
+from harness.commands.run import selected, tell
+from harness.errors import BadInput
+from harness.model import Plan
+from harness.pipelines import Pipeline, Provider
+from harness.reporttypes import number
+
+HELP = (
+    "Print a workflow that runs a matrix on GitHub, on GitLab, or on a Slurm cluster: plan, balanced shards, a merge"
+    " that judges. With --check, exit 1 when a file is out of date."
+)
+
+FAIL_ON = ("unexpected", "stale", "not_run")
+"""A shard that was lost leaves gaps, which must not be green."""
+
+DIFFERENCES = 20
+"""Lines of a difference that are shown."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `ci`."""
+    parser.add_argument(
+        "matrix", metavar="MATRIX", help="a matrix file of this repository, or the name of a built-in one"
+    )
+    parser.add_argument("--provider", choices=[*Provider], type=Provider, default=Provider.GITHUB, help="[github]")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write it to a file instead of stdout")
+    parser.add_argument("--check", type=Path, metavar="FILE", help="compare with a file; exit 1 when it is out of date")
+    parser.add_argument("--shards", type=_count, metavar="N", help="jobs to spread the cells over [by --minutes]")
+    parser.add_argument("--minutes", type=_count, default=15, metavar="M", help="work for one shard [15]")
+    parser.add_argument(
+        "--limit", type=_count, default=90, metavar="M", help="minutes after which a shard is ended [90]"
+    )
+    parser.add_argument("--install", metavar="WORDS", help="what pip is to install [this version of simmatrix]")
+    parser.add_argument("--python", default="3.11", metavar="V", help="the Python that simmatrix runs on [3.11]")
+    parser.add_argument("--branch", default="main", metavar="NAME", help="GitHub: pushes to it are measured [main]")
+    parser.add_argument("--runner", metavar="NAME", help="GitHub's runner [ubuntu-24.04], GitLab's image")
+    parser.add_argument("--fail-on", type=reporting.kinds, default=FAIL_ON, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [{','.join(FAIL_ON)}]")  # fmt: skip
+    parser.add_argument("--emit", choices=EMITTED, default=EMITTED[0], help="what a workflow asks for when it plans")
+
+
+EMITTED = ("workflow", "summary", "shards")
+PLANNING = ("shards", "minutes")
+OPTIONS = (*PLANNING, "limit", "install", "python", "branch", "runner", "fail_on")
+"""What a workflow depends on beside its matrix, in the order in which its first line tells it."""
+
+
+def main(args: argparse.Namespace) -> int:
+    """Print, write or compare the workflow."""
+    if args.check and args.out:
+        message = "--check compares and --out writes: name one of them"
+        raise BadInput(message)
+    plan = catalog.load(args.matrix, tell, offline=True)
+    selected(plan.cells, None)
+    count = _shards(args, plan)
+    match args.emit:
+        case "summary":
+            text = pipelines.plan_page(plan, count)
+        case "shards":
+            text = pipelines.shard_outputs(count)
+        case _:
+            text = workflow(args, plan, count)
+    if args.check:
+        return _check(args.check, text)
+    if args.out:
+        store.write_atomic(args.out, text.encode())
+        tell(f"workflow: {args.out}")
+    else:
+        sys.stdout.write(text)
+    return 0
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        message = f"{text!r} is not a number of at least 1"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
+
+
+def _shards(args: argparse.Namespace, plan: Plan) -> int:
+    """As many as were asked for, else by the work that there is; a platform takes only so many."""
+    most = pipelines.MOST_SHARDS[args.provider]
+    if args.shards and args.shards > most:
+        message = f"--shards {args.shards}: {args.provider} runs at most {most} jobs of one kind"
+        raise BadInput(message)
+    cells = [cell.id for cell in plan.cells]
+    return args.shards or pipelines.shard_count(cells, {}, args.minutes, most)
+
+
+# --- the workflow ----------------------------------------------------------------------------------------------
+
+
+def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
+    """The whole file, the same bytes for the same matrix, options and version."""
+    provider = args.provider
+    path = _in_repository(args.matrix) if args.matrix.endswith(".toml") else None
+    matrix = pipelines.plain(path or args.matrix, "MATRIX")
+    pipeline = Pipeline(
+        matrix=matrix,
+        name=pipelines.plain(plan.matrix, "the name of the matrix"),
+        made_by=shlex.join(["simmatrix", "ci", matrix, "--provider", provider, *_given(args, OPTIONS)]),
+        shards=count,
+        planning=shlex.join(["--provider", provider, *_given(args, PLANNING)]),
+        state=_state(path),
+        install=pipelines.words(args.install or f"simmatrix=={version('simmatrix')}", "--install"),
+        python=pipelines.plain(args.python, "--python"),
+        branch=pipelines.plain(args.branch, "--branch"),
+        runner=pipelines.plain(args.runner or pipelines.RUNNERS[provider], "--runner"),
+        limit=args.limit,
+        fail_on=",".join(args.fail_on),
+    )
+    actions = pipelines.actions(_template(pipelines.ACTIONS))
+    return pipelines.render(pipeline, _template(pipelines.TEMPLATES[provider]), actions)
+
+
+def _state(path: str | None) -> str:
+    """A built-in matrix changes with its version only, a file with any commit."""
+    if path is None:
+        return version("simmatrix")
+    return f"${{{{ hashFiles('{path}', '{path.removesuffix('.toml')}.expanded.json') }}}}"
+
+
+def _given(args: argparse.Namespace, names: Sequence[str]) -> Iterator[str]:
+    """The options that differ from what they are by themselves, as they are typed."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    for name in names:
+        value = getattr(args, name)
+        if value != parser.get_default(name):
+            yield from (f"--{name.replace('_', '-')}", ",".join(value) if isinstance(value, tuple) else str(value))
+
+
+def _in_repository(name: str) -> str:
+    """The path of a matrix as the workflow names it: from the root of the repository, which is the working folder."""
+    here = Path.cwd()
+    root = next((folder for folder in (here, *here.parents) if (folder / ".git").exists()), here)
+    if root != here:
+        message = f"{name}: a workflow starts at the root of its repository; run this there, in {os.path.relpath(root)}"
+        raise BadInput(message)
+    path = Path(os.path.relpath(name))
+    if ".." in path.parts:
+        message = f"{name}: lies outside the working folder, so no checkout has it; copy it into the repository"
+        raise BadInput(message)
+    return path.as_posix()
+
+
+def _template(name: str) -> str:
+    return (Path(pipelines.__file__).parent / "templates" / name).read_text(encoding="utf-8")
+
+
+# --- comparing -------------------------------------------------------------------------------------------------
+
+
+def _check(file: Path, text: str) -> int:
+    """Compare to the byte; what differs goes to stderr."""
+    try:
+        there = file.read_bytes()
+    except OSError as error:
+        message = f"--check {file}: cannot be read: {error.strerror}; --out {file} makes it"
+        raise BadInput(message) from None
+    if there == text.encode():
+        tell(f"{file}: is up to date")
+        return 0
+    before = there.decode("utf-8", "replace").splitlines()
+    lines = list(
+        difflib.unified_diff(before, text.splitlines(), f"{file}", "as it would be made now", n=1, lineterm="")
+    )
+    for line in lines[:DIFFERENCES]:
+        tell(line)
+    if len(lines) > DIFFERENCES:
+        tell(f"... and {number(len(lines) - DIFFERENCES, 'more line')}")
+    tell(f"{file}: is out of date; the command in its first line, with --out {file}, makes it again")
+    return 1

@@ -1,0 +1,179 @@
+"""A matrix as a workflow of a CI platform or a cluster: plan, balanced shards, a merge that judges."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from enum import StrEnum
+
+import msgspec
+
+from harness import schema
+from harness.errors import BadInput
+from harness.model import Plan
+from harness.reporttypes import number
+
+ACTIONS = "actions.toml"
+
+TYPICAL = 60.0
+"""Seconds taken for a cell that was never measured: most of it are downloads and the install."""
+
+
+class Provider(StrEnum):
+    """Where a matrix is run."""
+
+    GITHUB = "github"
+    GITLAB = "gitlab"
+    SLURM = "slurm"
+
+
+TEMPLATES = {Provider.GITHUB: "github.yml.j2", Provider.GITLAB: "gitlab.yml.j2", Provider.SLURM: "slurm.sh.j2"}
+
+MOST_SHARDS = {Provider.GITHUB: 256, Provider.GITLAB: 200, Provider.SLURM: 1001}
+"""Jobs that a matrix of GitHub, a `parallel` of GitLab, an array of Slurm (by its default `MaxArraySize`) may have."""
+
+RUNNERS = {Provider.GITHUB: "ubuntu-24.04", Provider.GITLAB: "python:3.11-bookworm", Provider.SLURM: "-"}
+"""A machine or an image by name, not `latest`: results belong to a class of machine."""
+
+LIBRARIES = ("libegl1", "libgl1-mesa-dri", "libosmesa6")
+"""Packages of Debian and Ubuntu that rendering without a screen needs."""
+
+
+class Action(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One action of GitHub; `commit` was read from a copy of its repository on the day `read`."""
+
+    repository: str
+    tag: str
+    commit: str | None = None
+    read: date | None = None
+
+    def __str__(self) -> str:
+        """What follows `uses: `."""
+        if self.commit is None:
+            return (
+                f"{self.repository}@{self.tag} # by tag: no copy of its repository was at hand to read the commit from"
+            )
+        return f"{self.repository}@{self.commit} # {self.tag}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pipeline:
+    """What a workflow is made for.
+
+    `matrix` is what the commands in it are given: the name of a built-in matrix or a path in the repository. `made_by`
+    is the command that makes the workflow. `planning` are the options with which a workflow counts its shards itself
+    each time it runs; where a platform cannot, `shards` stand in the file. `state` tells caches of one state of the
+    matrix from those of another. `limit` is in minutes.
+    """
+
+    matrix: str
+    name: str
+    made_by: str
+    shards: int
+    planning: str
+    state: str
+    install: str
+    python: str
+    branch: str
+    runner: str
+    limit: int
+    fail_on: str
+
+
+def actions(text: str) -> dict[str, Action]:
+    """Read the table of actions."""
+    return schema.load_toml(text, dict[str, Action], ACTIONS)
+
+
+def render(pipeline: Pipeline, template: str, known: Mapping[str, Action]) -> str:
+    """The whole file: the template filled."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
+
+    environment = Environment(
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+        variable_start_string="<<",  # the platforms have their own braces
+        variable_end_string=">>",
+    )
+    environment.filters |= {"quoted": json.dumps, "shell": shlex.quote}
+    read = max((action.read for action in known.values() if action.read), default=None)
+    return environment.from_string(template).render(
+        it=pipeline,
+        uses=known,
+        read=read,
+        unread=[name for name, action in known.items() if action.commit is None],
+        libraries=" ".join(LIBRARIES),
+        slug=re.sub(r"[^A-Za-z0-9]+", "-", pipeline.name),
+    )
+
+
+# --- shards ----------------------------------------------------------------------------------------------------
+
+
+def shard_count(cells: Sequence[str], seconds: Mapping[str, float], minutes: int, most: int) -> int:
+    """How many shards of so many minutes, one cell after another, the cells make; `seconds` are recorded ones by id."""
+    whole = sum(seconds.get(cell, TYPICAL) for cell in cells)
+    return max(1, min(math.ceil(whole / (60 * minutes)), len(cells), most))
+
+
+def shard_outputs(count: int) -> str:
+    """The shards as outputs of a GitHub step: `count`, and `shards` as a JSON list."""
+    return f"count={count}\nshards={json.dumps([*range(1, count + 1)])}\n"
+
+
+def plan_page(plan: Plan, count: int) -> str:
+    """What will be run, as Markdown."""
+    values = {axis: dict.fromkeys(cell.axes[axis] for cell in plan.cells if axis in cell.axes) for axis in plan.axes}
+    lines = [
+        f"## {plan.matrix}: {number(len(plan.cells), 'cell')} in {number(count, 'shard')}",
+        "",
+        "| axis | values |",
+        "| --- | --- |",
+        *(f"| {axis} | {', '.join(found)} |" for axis, found in values.items()),
+        "",
+        *_left_out(plan),
+        *(f"Out of date: {sentence}.\n" for sentence in plan.stale),
+    ]
+    return "\n".join(lines)
+
+
+def _left_out(plan: Plan) -> Iterable[str]:
+    reasons: dict[str, int] = {}
+    for gone in plan.dropped:
+        reasons[gone.reason] = reasons.get(gone.reason, 0) + 1
+    for reason, count in reasons.items():
+        yield f"{number(count, 'combination')} left out: {reason}.\n"
+
+
+# --- texts that go into a workflow -------------------------------------------------------------------------------
+
+_PLAIN = re.compile(r"[A-Za-z0-9_./+@:-]+( +[A-Za-z0-9_./+@:-]+)*")
+
+
+def plain(text: str, what: str) -> str:
+    """The text of an option that goes into a workflow as it is; refused where a platform would read more into it."""
+    if _PLAIN.fullmatch(text):
+        return text
+    message = f"{what} {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here"
+    raise BadInput(message)
+
+
+def words(text: str, what: str) -> str:
+    """Words of a shell, each quoted; refused where the platform would put something of its own in their place."""
+    try:
+        found = shlex.split(text)
+    except ValueError as error:
+        message = f"{what} {text!r}: cannot be read as words of a shell: {error}"
+        raise BadInput(message) from None
+    if not found or "\n" in text or "${{" in text:
+        message = f"{what} {text!r}: takes words for `pip install` on one line, and no expressions of the platform"
+        raise BadInput(message)
+    return shlex.join(found)
