@@ -104,6 +104,7 @@ def _below(folder: Path) -> Iterator[Path]:
     for place, folders, names in os.walk(folder):
         if NAME in names:
             yield Path(place, NAME)
+        folders.sort()
         if NAME in names or len(Path(place).relative_to(folder).parts) >= DEEPEST:
             folders.clear()
 

@@ -105,7 +105,8 @@ def _sweep(folder: Path, named: frozenset[str]) -> None:
         before = document.read((folder / "report.json").read_bytes(), str(folder / "report.json"))
     except (FileNotFoundError, HarnessError):
         return
-    for path in (folder / name for name in document.paths(before) - named if ".." not in Path(name).parts):
+    places = ((folder / name).resolve() for name in document.paths(before) - named)
+    for path in (place for place in places if folder.resolve() in place.parents):  # a report may name anything
         if path.is_dir():
             shutil.rmtree(path)
         else:
