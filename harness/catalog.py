@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
+
+import msgspec
 
 from harness import expansion, index, interpreters, matrixfile, plan
 from harness.errors import BadInput, CouldNotTell
+from harness.fetched import Fetched
 from harness.matrix import Expansion, Matrix
 from harness.model import IndexSettings, Plan, Question
 from harness.store import Store, now, write_atomic
@@ -23,28 +27,60 @@ def built_in() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def load(name: str, say: Callable[[str], None], *, offline: bool = False, renew: bool = False) -> Plan:
-    """Plan a matrix; a range that was never expanded (or is to be renewed) is expanded from the index and kept."""
-    path = _locate(name)
+def load(
+    name: str,
+    say: Callable[[str], None],
+    *,
+    offline: bool = False,
+    renew: bool = False,
+    fetched: Fetched | None = None,
+    ask: plan.Ask | None = None,
+) -> Plan:
+    """Plan a matrix; a range that was never expanded (or is to be renewed) is expanded from the index and kept.
+
+    With `ask`, which resolves, so is a covering strategy that was never worked out.
+    """
+    path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrixfile.read(_text(path), str(path))
-    expanded = _expansion(matrix, path, say, offline=offline, renew=renew) if matrix.ranges else None
+    breaks = _breaks()
+    expanded = _expansion(matrix, path, say, offline=offline, renew=renew)
     sources = {source: _text(path.parent / source, place) for source, place in matrixfile.sources(matrix).items()}
-    planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources)
     index = _located(plan.index_settings(matrix), path.parent)
+    if ask and expanded and matrix.strategy.covering and (renew or not expanded.chosen):
+        known = plan.candidates(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks)
+        expanded = _chosen(known, expanded, partial(_asked, ask, index), say)
+    planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks)
     if matrix.snapshot and str(matrix.snapshot) > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
     return _with_questions(planned, lambda question: replace(question, index=index))
 
 
-def dated(planned: Plan, store: Store, *, renew: bool = False) -> Plan:
+def dated(planned: Plan, store: Store, *, renew: bool = False, fetched: Fetched | None = None) -> Plan:
     """The plan with an instant in every question: the matrix's own, else that of its first lock, which is kept."""
     if all(cell.question.snapshot for cell in planned.cells):
         return planned
-    instant = store.instant(planned.matrix, renew=renew)
+    kept = fetched.instant(planned.matrix) if fetched else None
+    instant = kept or store.instant(planned.matrix, renew=renew)
+    return as_of(planned, instant)
+
+
+def as_of(planned: Plan, instant: str) -> Plan:
+    """The plan with this instant in every question that has none."""
     return _with_questions(planned, lambda question: replace(question, snapshot=question.snapshot or instant))
 
 
-def _locate(name: str) -> Path:
+def files(name: str) -> dict[str, Path]:
+    """All files that a plan is made of, the matrix first, by their paths relative to its folder."""
+    path = locate(name)
+    matrix = matrixfile.read(_text(path), str(path))
+    expanded = _expanded(path)
+    beside = [Path(expanded.name)] if matrix.expands and expanded.exists() else []
+    names = [Path(path.name), *beside, *map(Path, matrixfile.sources(matrix))]
+    return {one.as_posix(): path.parent / one for one in names}
+
+
+def locate(name: str) -> Path:
+    """The file of a matrix, given as a path or as the name of a built-in one."""
     path = Path(name)
     if path.suffix == ".toml":
         return path
@@ -70,24 +106,54 @@ def _text(path: Path, place: str | None = None) -> str:
         raise BadInput(message) from None
 
 
-def _expansion(matrix: Matrix, path: Path, say: Callable[[str], None], *, offline: bool, renew: bool) -> Expansion:
-    file = path.with_suffix(".expanded.json")
+def _expansion(
+    matrix: Matrix, path: Path, say: Callable[[str], None], *, offline: bool, renew: bool
+) -> Expansion | None:
+    """The committed expansion; made now where there is none, kept where it has ranges (a choice is kept once made)."""
+    file = _expanded(path)
+    if not matrix.expands:
+        return None
     if file.exists() and not renew:
         return expansion.read(_text(file), str(file))
+    instant = str(matrix.snapshot or now())
+    if not matrix.ranges:
+        return expansion.expand(matrix, {}, instant)
     if offline:
         known = "are to be expanded again" if renew else "were never expanded"
         message = f"{path}: its ranges {known}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
-    instant = str(matrix.snapshot or now())
     settings = _located(plan.index_settings(matrix), path.parent)
     releases = {
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
         for name in matrix.ranges
     }
-    made = expansion.expand(matrix, releases, instant)
+    made = expansion.expand(matrix, releases, instant, _breaks())
     write_atomic(file, expansion.text_of(made).encode())
     say(f"expanded {', '.join(matrix.ranges)} as of {instant} into {file}; commit it beside the matrix")
     return made
+
+
+def _expanded(path: Path) -> Path:
+    return path.with_suffix(".expanded.json")
+
+
+def _chosen(known: plan.Candidates, expanded: Expansion, ask: plan.Ask, say: Callable[[str], None]) -> Expansion:
+    """The expansion with the combinations that a covering strategy chose of those that resolve."""
+    file = _expanded(Path(known.matrix.path))
+    made = msgspec.structs.replace(expanded, chosen=plan.choose(known, ask, say))
+    write_atomic(file, expansion.text_of(made).encode())
+    say(f"chose combinations as of {made.instant} into {file}; commit it beside the matrix")
+    return made
+
+
+def _asked(ask: plan.Ask, places: IndexSettings, questions: Sequence[tuple[str, Question]]) -> list[str | None]:
+    """Ask with the index settings as cells have them."""
+    return ask([(python, replace(question, index=places)) for python, question in questions])
+
+
+def _breaks() -> expansion.Breaks:
+    path = PACKAGE / "breaks.toml"
+    return expansion.read_breaks(_text(path), path.name)
 
 
 def _host() -> str:

@@ -65,7 +65,9 @@ def build(
         generated=generated,
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
         cells=tuple(cells),
-        dropped=tuple(DroppedEntry(id=gone.id, reason=gone.reason) for plan in plans for gone in plan.dropped),
+        dropped=tuple(
+            DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
+        ),
         matrices={plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown) for plan in plans},
         stale=tuple(dict.fromkeys(stale)),
         probes=dict(probes),

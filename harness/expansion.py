@@ -5,12 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 import msgspec
+from msgspec import Struct
 from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from harness.matrix import Expansion, Matrix, RangeTable
-from harness.schema import load_json, located
-from harness.vocabulary import Instant, Rule
+from harness.schema import load_json, load_toml, located
+from harness.vocabulary import Instant, PackageName, Rule
+
+Breaks = Mapping[str, tuple[Version, ...]]
+NO_BREAKS: Breaks = {}
+
+
+class BreakTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A release that user code, or another package, had to follow."""
+
+    package: PackageName
+    version: str
+    what: str
+    source: str
+
+
+class BreaksTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The known API breaks, `breaks.toml`."""
+
+    breaks: tuple[BreakTable, ...]
 
 
 def read(text: str, path: str) -> Expansion:
@@ -23,10 +42,12 @@ def text_of(expansion: Expansion) -> str:
     return msgspec.json.format(msgspec.json.encode(expansion, enc_hook=str), indent=2).decode() + "\n"
 
 
-def expand(matrix: Matrix, releases: Mapping[str, Iterable[tuple[str, bool]]], instant: str) -> Expansion:
+def expand(
+    matrix: Matrix, releases: Mapping[str, Iterable[tuple[str, bool]]], instant: str, breaks: Breaks = NO_BREAKS
+) -> Expansion:
     """Expand every range of a matrix; `releases` are (version, yanked) by package, `instant` when they were read."""
     wanted = matrix.ranges
-    axes = {name: expand_range(table, releases[name]) for name, table in wanted.items()}
+    axes = {name: expand_range(table, releases[name], breaks.get(name, ())) for name, table in wanted.items()}
     for name, versions in axes.items():
         with located(matrix.path, "axes", name):
             if not versions:
@@ -35,8 +56,10 @@ def expand(matrix: Matrix, releases: Mapping[str, Iterable[tuple[str, bool]]], i
     return Expansion(matrix=matrix.name, instant=Instant(Instant.canonical(instant)), ranges=wanted, axes=axes)
 
 
-def expand_range(wanted: RangeTable, releases: Iterable[tuple[str, bool]]) -> tuple[str, ...]:
-    """Versions of a range by its rule, oldest first, from (version, yanked) pairs."""
+def expand_range(
+    wanted: RangeTable, releases: Iterable[tuple[str, bool]], breaks: Iterable[Version] = ()
+) -> tuple[str, ...]:
+    """Versions of a range by its rule, oldest first, from (version, yanked) pairs; `breaks` are those that broke."""
     allowed = SpecifierSet(wanted.range)
     found = sorted(
         version
@@ -47,14 +70,39 @@ def expand_range(wanted: RangeTable, releases: Iterable[tuple[str, bool]]) -> tu
         case Rule.ALL:
             kept = found
         case Rule.LATEST_PATCH:
-            kept = list({(version.major, version.minor): version for version in found}.values())
+            kept = _latest_patches(found)
         case Rule.LATEST_MINOR:
             kept = list({version.major: version for version in found}.values())
         case Rule.NEWEST:
             kept = found[-1:]
         case Rule.OLDEST_AND_NEWEST:
             kept = found[:1] + found[1:][-1:]
+        case Rule.BOUNDARIES:
+            kept = boundaries(found, breaks)
     return tuple(str(version) for version in kept)
+
+
+def boundaries(versions: Iterable[Version], breaks: Iterable[Version]) -> list[Version]:
+    """The newest patch of each minor, and of each break the last version before it and the first one with it."""
+    known = sorted(versions)
+    kept = set(_latest_patches(known))
+    for broke in breaks:
+        before, since = [one for one in known if one < broke], [one for one in known if one >= broke]
+        if before and since:
+            kept |= {before[-1], since[0]}
+    return sorted(kept)
+
+
+def _latest_patches(ascending: Iterable[Version]) -> list[Version]:
+    return list({(version.major, version.minor): version for version in ascending}.values())
+
+
+def read_breaks(text: str, path: str) -> dict[str, tuple[Version, ...]]:
+    """The versions of each package that are known to have broken its API, oldest first."""
+    found: dict[str, list[Version]] = {}
+    for known in load_toml(text, BreaksTable, path).breaks:
+        found.setdefault(known.package, []).append(Version(known.version))
+    return {package: tuple(sorted(versions)) for package, versions in found.items()}
 
 
 def _versions(releases: Iterable[tuple[str, bool]], *, yanked: bool) -> Iterator[Version]:

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from harness.model import Phase, Verdict
+from harness.strategy import FULL, Strategy
 from harness.vocabulary import (
     Api,
     Capability,
@@ -27,6 +28,7 @@ from harness.vocabulary import (
     Pattern,
     Requirement,
     Rule,
+    SubjectNames,
     TorchBackend,
     Variables,
     When,
@@ -105,6 +107,8 @@ class Changes(Table, frozen=True, kw_only=True):
     environment: Annotated[Variables, Meta(description="environment variables of the cell")] = Variables()
     needs: Annotated[tuple[Capability, ...], Meta(description="what the machine must have")] = ()
     files: Annotated[Files, Meta(description="files placed into the cell's HOME")] = Files()
+    extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject")] = ()
+    groups: Annotated[tuple[PackageName, ...], Meta(description="dependency groups of the subject (PEP 735)")] = ()
 
 
 class CaseTable(Table, frozen=True, kw_only=True):
@@ -120,6 +124,9 @@ class CaseTable(Table, frozen=True, kw_only=True):
     required: Annotated[tuple[FindingName, ...], Meta(description="warnings that turn the case red")] = ()
     imports: Annotated[tuple[ModuleName, ...], Meta(description="modules imported first")] = ()
     when: When = {}
+    only: Annotated[
+        Literal["baseline"] | None, Meta(description="baseline: exists in the cells of that strategy alone")
+    ] = None
     timeouts: Annotated[
         dict[Literal["import", "single", "vector", "render"], Annotated[float, Meta(gt=0)]],
         Meta(description="phase to seconds for each of its checks"),
@@ -147,9 +154,13 @@ class RangeTable(Table, frozen=True, kw_only=True):
     """Releases of a package, expanded from the index once; the expansion is committed beside the matrix."""
 
     range: Annotated[str, Meta(description="a specifier, such as `>=2.3,<4`")]
-    rule: Annotated[Rule, Meta(description="latest-patch: newest of each X.Y; latest-minor: newest of each X")] = (
-        Rule.LATEST_PATCH
-    )
+    rule: Annotated[
+        Rule,
+        Meta(
+            description="latest-patch: newest of each X.Y; latest-minor: newest of each X; "
+            "boundaries: latest-patch, and both sides of each known API break"
+        ),
+    ] = Rule.LATEST_PATCH
     prereleases: bool = False
     yanked: bool = False
 
@@ -158,6 +169,21 @@ class VariableTable(Table, frozen=True, kw_only=True):
     """Values of an environment variable; such an axis never changes the lock."""
 
     variable: Annotated[tuple[str, ...], Meta(min_length=1, description="values; the empty string stays unset")]
+
+
+SUBJECT_NAMES = "such as `mujoco`, or several as `mujoco+render`; the empty string is none"
+
+
+class ExtraTable(Table, frozen=True, kw_only=True):
+    """Extras of the subject, one value of the axis each."""
+
+    extra: Annotated[tuple[SubjectNames, ...], Meta(min_length=1, description=SUBJECT_NAMES)]
+
+
+class GroupTable(Table, frozen=True, kw_only=True):
+    """Dependency groups of the subject, one value of the axis each."""
+
+    group: Annotated[tuple[SubjectNames, ...], Meta(min_length=1, description=SUBJECT_NAMES)]
 
 
 NO_CHANGES = Changes()
@@ -172,13 +198,15 @@ class Value(Struct, frozen=True, kw_only=True):
 
 
 class Axis:
-    """A dimension: a list of versions, a range, the values of a variable, or a bundle of named values."""
+    """A dimension: versions, a range, a variable's values, the subject's extras or groups, or a bundle of named values."""
 
     __slots__ = ("kind", "range", "values")
     reads: ClassVar[tuple[Any, ...]] = (
         Annotated[tuple[str | VersionTable, ...], Meta(min_length=1)],
         RangeTable,
         VariableTable,
+        ExtraTable,
+        GroupTable,
         Annotated[dict[str, BundleTable], Meta(min_length=1)],
     )
 
@@ -189,8 +217,8 @@ class Axis:
 
     @classmethod
     def parse(cls, plain: Any, convert: Callable[[Any, Any], Any]) -> Self:
-        """Return the axis that any of the four forms stands for; python is told from packages by its name, later."""
-        versions, _, _, bundles = cls.reads
+        """Return the axis that any of the forms stands for; python is told from packages by its name, later."""
+        versions, *_, bundles = cls.reads
         if not isinstance(plain, dict):
             return cls(Kind.PACKAGE, tuple(map(_version_value, convert(plain, versions))))
         if all(isinstance(value, dict) for value in plain.values()):
@@ -201,6 +229,10 @@ class Axis:
         if "variable" in plain:
             values = convert(plain, VariableTable).variable
             return cls(Kind.VARIABLE, tuple(Value(text=text) for text in values))
+        if "extra" in plain:
+            return cls(Kind.EXTRA, tuple(Value(text=text) for text in convert(plain, ExtraTable).extra))
+        if "group" in plain:
+            return cls(Kind.GROUP, tuple(Value(text=text) for text in convert(plain, GroupTable).group))
         return cls(Kind.PACKAGE, (), convert(plain, RangeTable))
 
 
@@ -208,6 +240,18 @@ def _version_value(written: str | VersionTable) -> Value:
     if isinstance(written, str):
         return Value(text=written)
     return Value(text=written.version, changes=written)
+
+
+class SuiteTable(Table, frozen=True, kw_only=True):
+    """The subject's own pytest suite, run in an environment of its own beside each cell."""
+
+    arguments: Annotated[tuple[str, ...], Meta(description="of pytest; default: what the project's settings say")] = ()
+    requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides; pytest always is")] = ()
+    extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject that its tests need")] = ()
+    groups: Annotated[tuple[PackageName, ...], Meta(description="its dependency groups that its tests need")] = ()
+    when: Annotated[When, Meta(description="cells that run it; default: all")] = {}
+    timeout: Annotated[float, Meta(gt=0, description="seconds for the whole suite")] = 1800.0
+    memory_mb: Annotated[int, Meta(ge=64, description="of all its processes together")] = 6000
 
 
 class ExcludeTable(Table, frozen=True, kw_only=True):
@@ -243,8 +287,18 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
 
     axes: Annotated[dict[str, Axis], Meta(description="name to values; `python` must be one of them")]
     description: str = ""
+    subject: Annotated[
+        str | None,
+        Meta(
+            description="the package under test: a folder or a wheel, as seen from the project's folder, "
+            "or `git+ADDRESS@REFERENCE`; locks never hold it"
+        ),
+    ] = None
+    suite: SuiteTable | None = None
     snapshot: Annotated[Instant | None, Meta(description="nothing uploaded later is installed")] = None
-    strategy: Annotated[Literal["full"], Meta(description="which combinations are planned: all of them")] = "full"
+    strategy: Annotated[Strategy, Meta(description="which combinations are planned; default: all of them")] = field(
+        default_factory=lambda: FULL
+    )
     resolution: Literal["highest", "lowest-direct"] = "highest"
     prerelease: Literal["disallow", "allow", "if-necessary", "explicit", "if-necessary-or-explicit"] = (
         "if-necessary-or-explicit"
@@ -265,19 +319,44 @@ class Matrix(MatrixTable, frozen=True, kw_only=True):
     path: str
 
     @property
+    def expands(self) -> bool:
+        """Whether its plan needs what `NAME.expanded.json` keeps."""
+        return bool(self.ranges or self.strategy.covering)
+
+    @property
     def ranges(self) -> dict[str, RangeTable]:
         """The axes (packages) that are ranges; without any, the matrix needs no expansion."""
         return {name: axis.range for name, axis in self.axes.items() if axis.range is not None}
 
 
+class Unresolvable(Table, frozen=True, kw_only=True):
+    """Values that no resolution has together, by axis, and the line that says why."""
+
+    axes: dict[str, str]
+    reason: str
+
+
+class Chosen(Table, frozen=True, kw_only=True):
+    """The combinations that a covering strategy chose, values in the order of the axes; what of them does not resolve.
+
+    `made_from` is a hash of all that the choice depends on.
+    """
+
+    made_from: str
+    axes: tuple[str, ...]
+    combinations: tuple[tuple[str, ...], ...]
+    unresolvable: tuple[Unresolvable, ...] = ()
+
+
 class Expansion(Table, frozen=True, kw_only=True):
-    """What the ranges of a matrix came to at one instant: `NAME.expanded.json`."""
+    """What the ranges and the strategy of a matrix came to at one instant: `NAME.expanded.json`."""
 
     schema: Literal[1] = 1
     matrix: str
     instant: Instant
     ranges: Annotated[dict[str, RangeTable], Meta(description="the ranges as they were, to tell when one changes")]
     axes: dict[str, tuple[str, ...]]
+    chosen: Chosen | UnsetType = UNSET
 
     def fits(self, matrix: Matrix) -> bool:
         """Whether it was made from the ranges and the snapshot that the matrix has now."""

@@ -27,15 +27,19 @@ from harness.matrix import (
     SourceTable,
     Value,
 )
-from harness.model import CELL_PHASES, Verdict
+from harness.model import CELL_PHASES, Phase, Verdict
 from harness.schema import key_path, load_toml, located, suggestion
 from harness.vocabulary import (
     ABSENT,
     HOST,
     IMPORT_CHECK,
+    NAMED,
+    NONE,
+    OF_SUBJECT,
     UNSET,
     Kind,
     Label,
+    SubjectNames,
     When,
     alternatives,
     api_of,
@@ -87,7 +91,7 @@ def _named(file: str, name: str, axis: Axis) -> Axis:
         _check_name(name, axis)
     values: dict[str, Value] = {}
     for index, value in enumerate(axis.values):
-        segment = (value.text,) if kind is Kind.BUNDLE else ("variable", index) if kind is Kind.VARIABLE else (index,)
+        segment = _segment(kind, value, index)
         with located(file, "axes", name, *segment):
             text = value_text(kind, value.text)
             if text in values:
@@ -95,6 +99,17 @@ def _named(file: str, name: str, axis: Axis) -> Axis:
                 raise ValueError(message)
         values[text] = msgspec.structs.replace(value, text=text)
     return Axis(kind, tuple(values.values()), axis.range)
+
+
+def _segment(kind: Kind, value: Value, index: int) -> Keys:
+    """Where in its axis a value is written."""
+    match kind:
+        case Kind.BUNDLE:
+            return (value.text,)
+        case Kind.VARIABLE | Kind.EXTRA | Kind.GROUP:
+            return (kind.value, index)
+        case _:
+            return (index,)
 
 
 def _check_name(name: str, axis: Axis) -> None:
@@ -107,7 +122,7 @@ def _check_name(name: str, axis: Axis) -> None:
         raise ValueError(message)
     if axis.kind is Kind.VARIABLE:
         check_variable(name)
-    elif axis.kind is Kind.BUNDLE:
+    elif axis.kind in {Kind.BUNDLE, Kind.EXTRA, Kind.GROUP}:
         Label.canonical(name)
     if axis.range:
         try:
@@ -131,6 +146,8 @@ def value_text(kind: Kind, text: str) -> str:
             return Label.canonical(text)
         case Kind.VARIABLE:
             return Label.canonical(text) if text else text
+        case Kind.EXTRA | Kind.GROUP:
+            return "" if text == NONE else SubjectNames.canonical(text)
 
 
 # --- checks across the file ------------------------------------------------------------------------------------
@@ -142,8 +159,9 @@ def _check(matrix: Matrix) -> None:
         raise BadInput(message)
     for path, changes in _changes(matrix):
         _check_changes(matrix, path, changes)
+    _check_subject(matrix)
     cases = list(_cases(matrix))
-    if not cases:
+    if not cases and matrix.subject is None:
         message = f"{matrix.path}: there is no case; write for instance [[cases]] with env and api"
         raise BadInput(message)
     for path, case in cases:
@@ -152,7 +170,25 @@ def _check(matrix: Matrix) -> None:
         _check_when(matrix, path, when)
     for index, expected in enumerate(matrix.expect):
         with located(matrix.path, "expect", index):
-            _check_expect(expected)
+            _check_expect(expected, CELL_PHASES + ((Phase.SUITE,) if matrix.suite else ()))
+
+
+def _check_subject(matrix: Matrix) -> None:
+    """What is said of a subject needs one."""
+    if matrix.subject is not None:
+        with located(matrix.path, "subject"):
+            if not matrix.subject.strip():
+                message = 'write a folder, such as ".", a wheel, or git+ADDRESS@REFERENCE'
+                raise ValueError(message)
+        return
+    said: list[Keys] = [(*path, key) for path, changes in _changes(matrix) for key in ("extras", "groups")
+                        if getattr(changes, key)]  # fmt: skip
+    said += [("axes", name) for name, axis in matrix.axes.items() if axis.kind in {Kind.EXTRA, Kind.GROUP}]
+    said += [("suite",)] if matrix.suite else []
+    if said:
+        with located(matrix.path, *said[0]):
+            message = 'there is no package under test to have it; write for instance subject = "."'
+            raise ValueError(message)
 
 
 def _changes(matrix: Matrix) -> Iterator[tuple[Keys, Changes]]:
@@ -173,6 +209,7 @@ def _cases(matrix: Matrix) -> Iterator[tuple[Keys, CaseTable]]:
 def _conditions(matrix: Matrix) -> Iterator[tuple[Keys, When]]:
     """Every `when`, those of constraints apart."""
     yield from ((path, case.when) for path, case in _cases(matrix))
+    yield from [(("suite",), matrix.suite.when)] if matrix.suite else []
     yield from ((("exclude", index), table.when) for index, table in enumerate(matrix.exclude))
     yield from ((("expect", index), table.when) for index, table in enumerate(matrix.expect))
 
@@ -186,7 +223,7 @@ def _check_when(matrix: Matrix, path: Keys, when: When, *, locks: bool = False) 
                 raise ValueError(message)
             for pattern in alternatives(patterns):
                 holds = matcher(kind, pattern)
-                if kind in {Kind.BUNDLE, Kind.VARIABLE}:
+                if kind in NAMED:
                     _check_named(pattern, holds, _labels(matrix, name))
 
 
@@ -200,7 +237,8 @@ def _check_named(pattern: str, holds: Callable[[str], bool], labels: Sequence[st
 def _labels(matrix: Matrix, name: str) -> list[str]:
     listed = [value.text for value in matrix.axes[name].values]
     included = [table.axes[name] for table in matrix.include if name in table.axes]
-    return [text or UNSET for text in (*listed, *included)]
+    empty = NONE if matrix.axes[name].kind in OF_SUBJECT else UNSET
+    return [text or empty for text in (*listed, *included)]
 
 
 def _axis(matrix: Matrix, name: str) -> Axis:
@@ -256,13 +294,13 @@ def _check_finite(plain: Any) -> None:
         _check_finite(inner)
 
 
-def _check_expect(expected: ExpectTable) -> None:
+def _check_expect(expected: ExpectTable, phases: Sequence[Phase]) -> None:
     message = None
     if expected.cells is None and not expected.when:
         message = 'say which cells: a glob as "cells", or a "when"'
     elif expected.verdict not in EXPECTABLE:
         message = f'"{expected.verdict}" says nothing about packages and cannot be expected'
-    elif expected.phase is not None and expected.phase not in CELL_PHASES:
+    elif expected.phase is not None and expected.phase not in phases:
         message = f'no cell goes through the phase "{expected.phase}" yet'
     elif expected.signature is not None:
         message = f'no signature "{expected.signature}" is known; say with "match" what the decisive line is like'

@@ -210,10 +210,11 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Dropped:
-    """A combination that is not run, and why."""
+    """Combinations that are not run, and why: `id` is that of one, or a pattern that stands for `count` of them."""
 
     id: str
     reason: str
+    count: int = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -357,8 +358,7 @@ class CaseRecord:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tested:
-    """The wheel of the subject that a cell was measured with; `content` is the same for two wheels of the same files.
-    """
+    """The wheel of the subject that a cell was measured with; `content` is the same for two wheels of the same files."""
 
     name: str
     version: str

@@ -60,8 +60,7 @@ def _results(sheet: Sheet) -> str:
 def _counts(sheet: Sheet) -> str:
     """`✔ 6 works, ✘ 2 broken; 3 combinations left out.`"""
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
-    gone = sum(len(remark.cells) for remark in sheet.dropped)
-    return counts + (f"; {number(gone, 'combination')} left out." if gone else ".")
+    return counts + (f"; {number(sheet.left_out, 'combination')} left out." if sheet.left_out else ".")
 
 
 def _codes(labels: Iterable[str]) -> str:

@@ -136,11 +136,12 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[str, ...] = ()
 
 
-class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A combination that is not run, and why."""
+class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Combinations that are not run, and why: `id` is that of one, or a pattern that stands for `count` of them."""
 
     id: str
     reason: str
+    count: int = 1
 
 
 class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -250,6 +251,7 @@ class Sheet:
     findings: tuple[Remark, ...]
     dropped: tuple[Remark, ...]
     locks: tuple[Remark, ...]
+    left_out: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

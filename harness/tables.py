@@ -81,6 +81,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         explanations=_explanations(cells),
         findings=_grouped(found),
         dropped=_grouped(dropped),
+        left_out=sum(gone.count for gone in document.dropped if gone.id.partition("/")[0] == name),
         locks=_grouped(locks),
     )
 

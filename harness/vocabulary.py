@@ -44,6 +44,8 @@ class Kind(StrEnum):
     PACKAGE = "package"
     BUNDLE = "bundle"
     VARIABLE = "variable"
+    EXTRA = "extra"
+    GROUP = "group"
 
 
 class Rule(StrEnum):
@@ -54,6 +56,7 @@ class Rule(StrEnum):
     LATEST_MINOR = "latest-minor"
     NEWEST = "newest"
     OLDEST_AND_NEWEST = "oldest-and-newest"
+    BOUNDARIES = "boundaries"
 
 
 CheckName = Literal[
@@ -73,6 +76,14 @@ IMPORT_CHECK = CHECKS[0]
 HOST = "host"
 ABSENT = "absent"
 UNSET = "unset"
+NONE = "none"
+SELF = "."
+"""The package under test, whose name only its metadata tell."""
+
+OF_SUBJECT = frozenset({Kind.EXTRA, Kind.GROUP})
+NAMED = frozenset({Kind.BUNDLE, Kind.VARIABLE, *OF_SUBJECT})
+"""Axes whose values are names; those of the others are versions."""
+
 LONGEST_LABEL = 150
 ALL_PACKAGES = ":all:"
 
@@ -164,6 +175,15 @@ class Pattern(Word):
             message = f'"{text}" is not a regular expression: {error}'
             raise ValueError(message) from None
         return text
+
+
+class SubjectNames(Word):
+    """Extras or dependency groups of the subject, such as `mujoco` or `mujoco+render`; the empty string is none."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the normalised names."""
+        return "+".join(PackageName.canonical(part) for part in text.split("+")) if text else text
 
 
 class TorchBackend(Word):
@@ -310,8 +330,8 @@ def alternatives(patterns: str | tuple[str, ...]) -> tuple[str, ...]:
 @cache
 def matcher(kind: Kind, pattern: str) -> Callable[[str], bool]:
     """Return the test of an axis value that a pattern of a `when` stands for; ValueError where it stands for none."""
-    if kind in {Kind.BUNDLE, Kind.VARIABLE}:
-        glob = re.escape(pattern or UNSET).replace(r"\*", ".*").replace(r"\?", ".")
+    if kind in NAMED:
+        glob = re.escape(pattern or (NONE if kind in OF_SUBJECT else UNSET)).replace(r"\*", ".*").replace(r"\?", ".")
         return cache(lambda value: re.fullmatch(glob, value) is not None)
     if pattern == ABSENT and kind is Kind.PACKAGE:
         return lambda value: value == ABSENT

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, scheduler, store, verdict
+from harness import catalog, resolving, scheduler, store, verdict
 from harness.commands import progress, reporting
 from harness.commands.run import jobs, selected, tell
 from harness.model import CellRecord, Phase, Verdict
@@ -48,12 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Lock the cells; exit 1 when one has no lock for a reason of its packages, 3 when it could not be told."""
-    planned = catalog.load(args.matrix, tell, offline=args.offline, renew=args.upgrade)
-    selected(planned.cells, args.k)
+    settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
     opened = store.open_store()
+    ask = resolving.asking(opened, settings)
+    planned = catalog.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
     plan = catalog.dated(planned, opened, renew=args.upgrade)
     cells = selected(plan.cells, args.k)
-    settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
     with progress.Progress(len(cells), args.jobs, _headline) as board:
         records = scheduler.run(cells, opened, settings, board)
     if args.json:

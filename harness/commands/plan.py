@@ -26,11 +26,12 @@ class PlannedCell(msgspec.Struct, frozen=True, kw_only=True):
     expected: str
 
 
-class DroppedCell(msgspec.Struct, frozen=True, kw_only=True):
-    """A combination that is not run."""
+class DroppedCell(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Combinations that are not run: `id` is that of one, or a pattern that stands for `count` of them."""
 
     id: str
     reason: str
+    count: int = 1
 
 
 class Planned(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,10 +63,12 @@ def main(args: argparse.Namespace) -> int:
         expected = f"  [{cell.expect.verdict}]" if cell.expect else ""
         print(f"{cell.id}  {', '.join(case.id for case in cell.cases)}{expected}")
     for dropped in plan.dropped:
-        print(f"left out: {dropped.id}: {dropped.reason}")
+        several = f" ({number(dropped.count, 'combination')})" if dropped.count > 1 else ""
+        print(f"left out: {dropped.id}{several}: {dropped.reason}")
     for sentence in plan.stale:
         print(f"out of date: {sentence}")
-    print(f"{number(len(cells), 'cell')}, {number(len(plan.dropped), 'combination')} left out")
+    gone = sum(dropped.count for dropped in plan.dropped)
+    print(f"{number(len(cells), 'cell')}, {number(gone, 'combination')} left out")
     return 0
 
 
@@ -83,6 +86,6 @@ def _document(plan: Plan, cells: tuple[Cell, ...]) -> Planned:
             )
             for cell in cells
         ),
-        dropped=tuple(DroppedCell(id=dropped.id, reason=dropped.reason) for dropped in plan.dropped),
+        dropped=tuple(DroppedCell(id=gone.id, reason=gone.reason, count=gone.count) for gone in plan.dropped),
         stale=plan.stale,
     )

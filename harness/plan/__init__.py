@@ -4,9 +4,23 @@ Cells share what they have in common (questions, cases, variables), so that ten 
 second or two.
 """
 
+from harness.plan.choosing import Ask, choose
 from harness.plan.contents import index_settings
-from harness.plan.product import expand
+from harness.plan.product import candidates, expand
+from harness.plan.strategies import Candidates
 from harness.plan.trial import NAME as TRY_MATRIX
 from harness.plan.trial import Asked, cases_for, named_api, single
 
-__all__ = ["TRY_MATRIX", "Asked", "cases_for", "expand", "index_settings", "named_api", "single"]
+__all__ = [
+    "TRY_MATRIX",
+    "Ask",
+    "Asked",
+    "Candidates",
+    "candidates",
+    "cases_for",
+    "choose",
+    "expand",
+    "index_settings",
+    "named_api",
+    "single",
+]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from harness.matrix import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
 from harness.schema import located
-from harness.vocabulary import ABSENT, HOST, UNSET, Kind, Label, When, alternatives, matcher
+from harness.vocabulary import ABSENT, HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -70,6 +70,8 @@ def choice_of(name: str, kind: Kind, value: Value, host: str) -> Choice:
             label = f"{name}-{ABSENT}" if asked == ABSENT else f"{name}{asked}"
         case Kind.BUNDLE | Kind.VARIABLE:
             text = label = asked or UNSET
+        case Kind.EXTRA | Kind.GROUP:
+            text, label = asked or NONE, asked or f"no-{kind}"
     Label.canonical(label)
     return Choice(axis=name, kind=kind, asked=asked, text=text, label=label, changes=value.changes, cases=value.cases)
 

@@ -3,22 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import chain
 from pathlib import PurePosixPath
 from typing import NamedTuple, TypeVar
 
 import msgspec
 
 from harness.errors import BadInput
-from harness.matrix import NO_CHANGES, CaseTable, Changes, Constraint, Matrix, SourceTable
-from harness.model import Case, IndexSettings, Phase, Question
+from harness.matrix import NO_CHANGES, CaseTable, Changes, Constraint, Matrix, SourceTable, SuiteTable
+from harness.model import Case, IndexSettings, Phase, Question, Subject, Suite
 from harness.plan.choices import Choice, Combination, Condition, condition
 from harness.schema import key_path
-from harness.vocabulary import ABSENT, IMPORT_CHECK, Kind, api_of, case_id, checks_of, required_name
+from harness.vocabulary import ABSENT, IMPORT_CHECK, OF_SUBJECT, SELF, Kind, api_of, case_id, checks_of, required_name
 
 T = TypeVar("T")
 
 Rules = tuple[tuple[str, Condition], ...]
-CasesWhen = tuple[tuple[Case, Condition], ...]
+CasesWhen = tuple[tuple[Case, "Condition | _InBaseline"], ...]
+
+IMPORTED = Case(id="import", env=None, api="", checks=(IMPORT_CHECK,), packages=(SELF,))
+"""What is tried of a subject where the matrix has no case: its modules are imported."""
+
+
+class _InBaseline(NamedTuple):
+    """The condition of a case that exists in the cells of the baseline strategy only."""
+
+    when: Condition
+    combinations: frozenset[Combination]
+
+    def holds(self, combination: Combination) -> bool:
+        """Whether it is one of them, and every axis agrees."""
+        return combination in self.combinations and self.when.holds(combination)
 
 
 class _Part(NamedTuple):
@@ -43,23 +59,56 @@ class Surroundings(NamedTuple):
 class Contents:
     """Makes questions, cases and surroundings of combinations; equal ones are made once and shared."""
 
-    def __init__(self, matrix: Matrix, sources: Mapping[str, str], snapshot: str | None) -> None:
+    def __init__(
+        self,
+        matrix: Matrix,
+        sources: Mapping[str, str],
+        snapshot: str | None,
+        baseline: frozenset[Combination] = frozenset(),
+    ) -> None:
         self.matrix = matrix
+        self.baseline = baseline
         self.sources = sources
         self.snapshot = str(snapshot) if snapshot else None
         self.index = index_settings(matrix)
         self.base = self._part(matrix, matrix.cases)
+        if (
+            matrix.subject
+            and not matrix.cases
+            and not any(v.cases for axis in matrix.axes.values() for v in axis.values)
+        ):
+            self.base = self.base._replace(cases=((IMPORTED, condition(matrix, {})),))
         self.parts: dict[Choice, _Part] = {}
         self.questions: dict[Combination, Question] = {}
         self.surrounded: dict[Combination, Surroundings] = {}
         self.known_cases: dict[tuple[int, ...], tuple[Case, ...]] = {}
+        self.suite = _suite(matrix.suite) if matrix.suite else None
+        self.suite_when = condition(matrix, matrix.suite.when if matrix.suite else {})
+        self.subjects: dict[tuple[tuple[str, ...], tuple[str, ...], bool], Subject] = {}
 
     def question(self, combination: Combination) -> Question:
         """What is to be resolved; environment variables have no say in it."""
-        key = tuple(choice for choice in combination if choice.kind is not Kind.VARIABLE)
+        key = tuple(choice for choice in combination if choice.kind not in {Kind.VARIABLE, *OF_SUBJECT})
         if key not in self.questions:
             self.questions[key] = self._question(combination)
         return self.questions[key]
+
+    def subject(self, combination: Combination) -> Subject | None:
+        """The package under test with the extras and groups of a combination."""
+        if self.matrix.subject is None:
+            return None
+        chosen = {kind: [c.asked.split("+") for c in combination if c.kind is kind and c.asked] for kind in OF_SUBJECT}
+        changes = [part.changes for part in self._parts(combination)]
+        key = (
+            _distinct(chain(*(map(str, change.extras) for change in changes), *chosen[Kind.EXTRA])),
+            _distinct(chain(*(map(str, change.groups) for change in changes), *chosen[Kind.GROUP])),
+            self.suite is not None and self.suite_when.holds(combination),
+        )
+        if key not in self.subjects:
+            extras, groups, tested = key
+            suite = self.suite if tested else None
+            self.subjects[key] = Subject(source=self.matrix.subject, extras=extras, groups=groups, suite=suite)
+        return self.subjects[key]
 
     def surroundings(self, combination: Combination) -> Surroundings:
         """Variables, capabilities and files: the matrix's, then those of values, then the variable axes."""
@@ -156,8 +205,16 @@ class Contents:
             constraints=self._rules(changes.constraints),
             overrides=self._rules(changes.overrides),
             build_constraints=self._rules(changes.build_constraints),
-            cases=tuple((_case(table), condition(self.matrix, table.when)) for table in cases),
+            cases=tuple((self._case(table), condition(self.matrix, table.when)) for table in cases),
         )
+
+    def _case(self, table: CaseTable) -> Case:
+        """A case; the modules of the subject may register its environment."""
+        return replace(_case(table), packages=(SELF,) if self.matrix.subject and table.env else ())
+
+    def _when(self, table: CaseTable) -> Condition | _InBaseline:
+        when = condition(self.matrix, table.when)
+        return _InBaseline(when, self.baseline) if table.only else when
 
     def _rules(self, constraints: Iterable[Constraint]) -> Rules:
         return tuple((each.require, condition(self.matrix, each.when)) for each in constraints)
@@ -181,6 +238,17 @@ def _case(table: CaseTable) -> Case:
         timeouts={Phase(phase): seconds for phase, seconds in table.timeouts.items()},
         steps=table.steps,
         seed=table.seed,
+        memory_mb=table.memory_mb,
+    )
+
+
+def _suite(table: SuiteTable) -> Suite:
+    return Suite(
+        arguments=table.arguments,
+        requirements=tuple(map(str, table.requirements)),
+        extras=tuple(map(str, table.extras)),
+        groups=tuple(map(str, table.groups)),
+        seconds=table.timeout,
         memory_mb=table.memory_mb,
     )
 

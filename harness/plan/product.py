@@ -9,10 +9,12 @@ from itertools import chain, product
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
+from harness.expansion import NO_BREAKS, Breaks
 from harness.matrix import Expansion, ExpectTable, Matrix, Value
 from harness.model import Case, Cell, Dropped, Expectation, Plan
 from harness.plan.choices import Choice, Combination, Condition, as_folder, choice_of, choices, condition
 from harness.plan.contents import Contents
+from harness.plan.strategies import Axes, Candidates, baseline_combinations
 from harness.schema import located
 from harness.vocabulary import LONGEST_LABEL, Kind
 
@@ -25,16 +27,16 @@ def expand(
     *,
     host_python: str,
     sources: Mapping[str, str] | None = None,
+    breaks: Breaks = NO_BREAKS,
 ) -> Plan:
     """Plan a matrix.
 
-    `expansion` is what its ranges came to, where it has any. `host_python` is the version that `host` stands for,
-    `sources` the texts of `matrixfile.sources(matrix)`.
+    `expansion` is what its ranges came to and what was chosen, where that is needed. `host_python` is the version that
+    `host` stands for, `sources` the texts of `matrixfile.sources(matrix)`, `breaks` the known API breaks.
     """
-    axes = choices(matrix, expansion, host_python)
-    snapshot = matrix.snapshot or (expansion.instant if expansion and matrix.ranges else None)
-    contents = Contents(matrix, sources or {}, snapshot)
-    sorted_out = _sort_out(matrix, axes, contents)
+    axes, contents, sorted_out = _all(matrix, expansion, host_python, sources or {})
+    known = _candidates(matrix, axes, contents, sorted_out, breaks)
+    sorted_out.planned = known.chosen(expansion)
     for index, table in enumerate(matrix.include):
         with located(matrix.path, "include", index, "axes"):
             _include(sorted_out, matrix, _combination(matrix, axes, table.axes, host_python), contents)
@@ -42,7 +44,10 @@ def expand(
     return Plan(
         matrix=matrix.name,
         cells=cells,
-        dropped=tuple(Dropped(id=name, reason=reason) for name, reason in sorted_out.dropped.items()),
+        dropped=(
+            *(Dropped(id=name, reason=reason) for name, reason in sorted_out.dropped.items()),
+            *known.left_out(sorted_out.planned, expansion),
+        ),
         stale=(
             *sorted_out.stale,
             *unmet,
@@ -50,6 +55,40 @@ def expand(
         ),
         axes=tuple(matrix.axes),
         shown=tuple(map(str, matrix.shown)),
+    )
+
+
+def candidates(
+    matrix: Matrix,
+    expansion: Expansion | None,
+    *,
+    host_python: str,
+    sources: Mapping[str, str],
+    breaks: Breaks = NO_BREAKS,
+) -> Candidates:
+    """What the strategy of a matrix has to choose from."""
+    return _candidates(matrix, *_all(matrix, expansion, host_python, sources), breaks)
+
+
+def _all(
+    matrix: Matrix, expansion: Expansion | None, host_python: str, sources: Mapping[str, str]
+) -> tuple[Axes, Contents, _SortedOut]:
+    """Every combination, sorted into what can be run and what cannot."""
+    axes = choices(matrix, expansion, host_python)
+    dated = expansion and (matrix.ranges or matrix.strategy.covering)
+    snapshot = matrix.snapshot or (expansion.instant if expansion and dated else None)
+    contents = Contents(matrix, sources, snapshot, baseline_combinations(matrix, axes))
+    return axes, contents, _sort_out(matrix, axes, contents)
+
+
+def _candidates(matrix: Matrix, axes: Axes, contents: Contents, found: _SortedOut, breaks: Breaks) -> Candidates:
+    return Candidates(
+        matrix=matrix,
+        axes=axes,
+        contents=contents,
+        combinations=found.planned,
+        excluded=found.dropped,
+        breaks=breaks,
     )
 
 
@@ -169,6 +208,7 @@ def _cells(
                 needs=around.needs,
                 files=around.files,
                 expect=hit.expectation if hit else None,
+                subject=contents.subject(combination),
             )
         )
     unmet = (each for each in expected if each.place not in met)

@@ -22,7 +22,7 @@ FLOORS = {
         "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process", "sdists", "store",
         "subjects", "supervisor", "uv", "uvcli",
     },
-    3: {"catalog", "cellrun", "fetching", "scheduler"},
+    3: {"catalog", "cellrun", "fetching", "resolving", "scheduler"},
     4: {"commands"},
     5: {"__main__", "noxface"},
 }  # fmt: skip

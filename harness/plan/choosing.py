@@ -1,0 +1,122 @@
+"""The combinations of a covering array, chosen of those that resolve: choose, ask, and choose again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from packaging.version import Version
+
+from harness.matrix import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
+from harness.model import Question
+from harness.plan.choices import Choice, Combination
+from harness.plan.covering import Row, covering
+from harness.plan.strategies import Candidates
+from harness.schema import located
+from harness.vocabulary import ABSENT, Kind
+
+Ask = Callable[[Sequence[tuple[str, Question]]], list[str | None]]
+"""Resolves (Python, question) each; the answers are the lines that say why not, None where there is a lock."""
+
+
+def choose(candidates: Candidates, ask: Ask, say: Callable[[str], None]) -> Chosen:
+    """Find combinations that resolve and cover; what was found not to resolve is kept with the reason.
+
+    Of a combination that does not resolve the pins that have no part in it are set aside, so that one answer speaks of
+    many combinations.
+    """
+    with located(candidates.matrix.path, "strategy"):
+        candidates.check()
+    search = _Search(candidates, ask)
+    rows = search.run(say)
+    return Chosen(
+        made_from=candidates.made_from,
+        axes=tuple(candidates.axes),
+        combinations=tuple(tuple(choice.asked for choice in candidates.combination(row)) for row in rows),
+        unresolvable=tuple(
+            Unresolvable(axes={choice.axis: choice.asked for choice in part}, reason=search.found[part])
+            for part in sorted(search.found, key=lambda part: [candidates.places[choice] for choice in part])
+        ),
+    )
+
+
+class _Search:
+    """Rows that were asked for, and the values that do not resolve together."""
+
+    def __init__(self, candidates: Candidates, ask: Ask) -> None:
+        self.candidates = candidates
+        self.ask = ask
+        self.resolved: set[Row] = set()
+        self.found: dict[tuple[Choice, ...], str] = {}
+        self.free = _free_axes(candidates.matrix)
+
+    def run(self, say: Callable[[str], None]) -> list[Row]:
+        """Choose, ask, and choose again until all that is chosen resolves; the rows in order, without the named."""
+        ways = self.candidates.matrix.strategy.covering
+        allowed = [self.candidates.row(each) for each in self.candidates.combinations.values()]
+        named = [self.candidates.row(each) for each in self.candidates.named.values()]
+        self._try(named)
+        while True:
+            allowed = [row for row in allowed if not self._unresolvable(row)]
+            given = [row for row in named if not self._unresolvable(row)]
+            rows = covering(allowed, ways, given=given, kept=sorted(self.resolved - set(named)))
+            if not (new := [row for row in rows if row not in self.resolved]):
+                return sorted(set(rows) - set(named))
+            say(f"asking whether {len(new)} combinations resolve ({len(self.resolved)} of those chosen do)")
+            self._try(new)
+
+    def _unresolvable(self, row: Row) -> bool:
+        chosen = set(self.candidates.combination(row))
+        return any(chosen.issuperset(part) for part in self.found)
+
+    def _try(self, rows: Sequence[Row]) -> None:
+        parts = {row: self.candidates.combination(row) for row in rows}
+        failed: dict[Row, str] = {}
+        for row, reason in zip(rows, self._answers([(parts[row], parts[row]) for row in rows]), strict=True):
+            if reason is None:
+                self.resolved.add(row)
+            else:
+                failed[row] = reason
+        for axis in self.free:
+            self._set_aside(axis, failed, parts)
+        self.found.update({parts[row]: reason for row, reason in failed.items()})
+
+    def _set_aside(self, axis: str, failed: dict[Row, str], parts: dict[Row, Combination]) -> None:
+        """Where it fails without the pin of this axis, too, the pin has no part in it."""
+        smaller = {
+            row: without
+            for row in failed
+            if (without := tuple(c for c in parts[row] if c.axis != axis or not _is_plain(c))) != parts[row]
+        }
+        distinct = {part: row for row, part in smaller.items()}
+        asked = [(self.candidates.combination(row), part) for part, row in distinct.items()]
+        answers = dict(zip(distinct, self._answers(asked), strict=True))
+        for row, part in smaller.items():
+            if reason := answers[part]:
+                parts[row], failed[row] = part, reason
+
+    def _answers(self, asked: Sequence[tuple[Combination, Combination]]) -> list[str | None]:
+        """Ask for combinations, each with the part of it whose pins are kept."""
+        questions = []
+        for whole, part in asked:
+            question = self.candidates.contents.question(whole)
+            gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part)}
+            kept = tuple(text for text in question.requirements if text not in gone)
+            python = next(choice.asked for choice in whole if choice.kind is Kind.PYTHON)
+            questions.append((python, replace(question, requirements=kept)))
+        return self.ask(questions)
+
+
+def _free_axes(matrix: Matrix) -> list[str]:
+    """Packages whose version decides nothing but its own pin: what fails without that pin fails with any."""
+    tables: list[Changes] = [matrix, *(value.changes for axis in matrix.axes.values() for value in axis.values)]
+    rules = [rule for table in tables for rule in (*table.constraints, *table.overrides, *table.build_constraints)]
+    ruling = {name for rule in rules for name in rule.when}
+    if any(value.text == ABSENT for axis in matrix.axes.values() for value in axis.values):
+        return []
+    return [name for name, axis in matrix.axes.items() if axis.kind is Kind.PACKAGE and name not in ruling]
+
+
+def _is_plain(choice: Choice) -> bool:
+    """Whether a value is a pin alone; a pin of a pre-release also lets it in."""
+    return choice.changes is NO_CHANGES and not Version(choice.text).is_prerelease

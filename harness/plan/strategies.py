@@ -1,0 +1,243 @@
+"""What a strategy leaves of all combinations: which are chosen, what is left out, and what no cell has.
+
+`baseline` and `boundaries` follow from the matrix alone. A covering array is made once, when the matrix is locked
+(`choosing`), and committed with the expansion.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+from typing import Any
+
+import msgspec
+from packaging.version import Version
+
+from harness.expansion import Breaks, boundaries
+from harness.matrix import NO_CHANGES, Changes, Chosen, Expansion, Matrix, MatrixTable
+from harness.model import Dropped
+from harness.plan.choices import Choice, Combination
+from harness.plan.contents import Contents
+from harness.plan.covering import Part, Row, uncovered
+from harness.schema import located, suggestion
+from harness.vocabulary import ABSENT, Kind
+
+Axes = Mapping[str, tuple[Choice, ...]]
+WITHOUT_WEIGHT = {"axes", "cases", "description", "environment", "expect", "files", "include", "needs", "shown"}
+"""Keys that have no say in which combinations exist and resolve; axes and cases are looked into."""
+
+
+# --- chosen by what the file says ------------------------------------------------------------------------------
+
+
+def baseline_combinations(matrix: Matrix, axes: Axes) -> frozenset[Combination]:
+    """The baselines of the strategy, and what differs from one of them in one axis."""
+    found: set[Combination] = set()
+    for named in matrix.strategy.baselines:
+        base = _baseline(matrix, axes, named)
+        for position, choices in enumerate(axes.values()):
+            found.update((*base[:position], choice, *base[position + 1 :]) for choice in choices)
+    return frozenset(found)
+
+
+def _baseline(matrix: Matrix, axes: Axes, named: Mapping[str, str]) -> Combination:
+    return tuple(
+        _named(matrix, choices, named[name]) if name in named else _default(choices) for name, choices in axes.items()
+    )
+
+
+def _named(matrix: Matrix, choices: Sequence[Choice], asked: str) -> Choice:
+    with located(matrix.path, "strategy", "baseline", choices[0].axis):
+        for choice in choices:
+            if choice.asked == asked:
+                return choice
+        message = f'the axis has no value "{asked}"{suggestion(asked, [choice.asked for choice in choices])}'
+        raise ValueError(message)
+
+
+def _default(choices: Sequence[Choice]) -> Choice:
+    """The newest version; of names and variables the first."""
+    versions = [choice for choice in choices if choice.kind in {Kind.PYTHON, Kind.PACKAGE} and choice.text != ABSENT]
+    return max(versions, key=lambda choice: Version(choice.text)) if versions else choices[0]
+
+
+def _at_boundaries(axes: Axes, breaks: Breaks) -> Callable[[Combination], bool]:
+    """Whether every package of a combination has the newest patch of a minor, or stands at a known API break."""
+    kept: set[Choice] = set()
+    for name, choices in axes.items():
+        versions = {choice.text: choice for choice in choices if choice.text != ABSENT}
+        if choices[0].kind is Kind.PACKAGE:
+            wanted = boundaries(map(Version, versions), breaks.get(name, ()))
+            kept.update(choice for text, choice in versions.items() if Version(text) in wanted)
+            kept.update(choice for choice in choices if choice.text == ABSENT)
+        else:
+            kept.update(choices)
+    return kept.issuperset
+
+
+# --- all together ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidates:
+    """The combinations, by id, of which a strategy chooses; `excluded` are those left out before, with the reason."""
+
+    matrix: Matrix
+    axes: Axes
+    contents: Contents
+    combinations: Mapping[str, Combination]
+    excluded: Mapping[str, str]
+    breaks: Breaks
+
+    @cached_property
+    def named(self) -> dict[str, Combination]:
+        """Those that `baseline` and `boundaries` choose."""
+        strategy = self.matrix.strategy
+        baseline = baseline_combinations(self.matrix, self.axes)
+        at_boundary = _at_boundaries(self.axes, self.breaks) if strategy.boundaries else lambda _: False
+        return {
+            name: combination
+            for name, combination in self.combinations.items()
+            if combination in baseline or at_boundary(combination)
+        }
+
+    @cached_property
+    def places(self) -> dict[Choice, int]:
+        """Each value's position in its axis."""
+        return {choice: position for choices in self.axes.values() for position, choice in enumerate(choices)}
+
+    @property
+    def made_from(self) -> str:
+        """A hash of all that decides which combinations a covering array has, but for the index."""
+        matrix = self.matrix
+        axes = {
+            name: [(choice.asked, choice.changes is NO_CHANGES or _weighty(choice.changes)) for choice in choices]
+            for name, choices in self.axes.items()
+        }
+        cases = chain(matrix.cases, *(choice.cases for choices in self.axes.values() for choice in choices))
+        said: dict[str, Any] = {
+            "axes": axes,
+            "cases": [(case.when, case.only) for case in cases],
+            "matrix": {name: getattr(matrix, name) for name in _fields(MatrixTable)},
+            "exclude": [table.when for table in matrix.exclude],
+            "breaks": sorted(self.breaks.items()) if matrix.strategy.boundaries else [],
+        }
+        return hashlib.sha256(msgspec.json.encode(said, enc_hook=_plain, order="deterministic")).hexdigest()
+
+    def row(self, combination: Combination) -> Row:
+        """A combination as positions in its axes."""
+        return tuple(self.places[choice] for choice in combination)
+
+    def combination(self, row: Row) -> Combination:
+        """The values at positions."""
+        return tuple(choices[position] for position, choices in zip(row, self.axes.values(), strict=True))
+
+    def chosen(self, expansion: Expansion | None) -> dict[str, Combination]:
+        """The combinations that the strategy chooses; a covering array is taken from the expansion."""
+        strategy = self.matrix.strategy
+        if strategy.full:
+            return dict(self.combinations)
+        with located(self.matrix.path, "strategy"):
+            self.check()
+            if not strategy.covering:
+                return self.named
+            kept = set(self._covering(expansion).combinations)
+        names = {tuple(choice.asked for choice in each): name for name, each in self.combinations.items()}
+        covering = {names[values] for values in kept}
+        return {name: each for name, each in self.combinations.items() if name in covering or name in self.named}
+
+    def check(self) -> None:
+        """Refuse, by a ValueError, a strategy that this matrix cannot have."""
+        ways = self.matrix.strategy.covering
+        if ways > len(self.axes):
+            message = f"{ways}-way needs {ways} axes, the matrix has {len(self.axes)}"
+            raise ValueError(message)
+        labels = {tuple(each): name for name, each in self.combinations.items()}
+        for named in self.matrix.strategy.baselines:
+            base = _baseline(self.matrix, self.axes, named)
+            if base not in labels:
+                label = "-".join(choice.label for choice in base)
+                why = self.excluded[f"{self.matrix.name}/{label}"]
+                message = f'the baseline "{label}" is left out ({why}); name another: {{ baseline = {{ ... }} }}'
+                raise ValueError(message)
+
+    def _covering(self, expansion: Expansion | None) -> Chosen:
+        file = self.matrix.path
+        if expansion is None or not isinstance(expansion.chosen, Chosen):
+            message = f'the combinations are not chosen yet; run "simmatrix lock {file}"'
+            raise ValueError(message)
+        if not self.fits(expansion):
+            message = f'the matrix has changed since they were chosen; run "simmatrix lock {file} --upgrade"'
+            raise ValueError(message)
+        return expansion.chosen
+
+    def fits(self, expansion: Expansion) -> bool:
+        """Whether the choice was made from the matrix as it is now."""
+        chosen = expansion.chosen
+        return isinstance(chosen, Chosen) and expansion.fits(self.matrix) and chosen.made_from == self.made_from
+
+    def left_out(self, chosen: Mapping[str, Combination], expansion: Expansion | None) -> Iterator[Dropped]:
+        """What the strategy leaves out, in a few lines however much it is."""
+        rest = {name: each for name, each in self.combinations.items() if name not in chosen}
+        told = expansion.chosen if expansion and self.matrix.strategy.covering else None
+        for entry in told.unresolvable if isinstance(told, Chosen) else ():
+            gone = [name for name, each in rest.items() if _has(each, entry.axes)]
+            for name in gone:
+                del rest[name]
+            label = "-".join(
+                next(choice.label for choice in choices if choice.asked == entry.axes[name])
+                if name in entry.axes
+                else "*"
+                for name, choices in self.axes.items()
+            )
+            if gone:
+                reason = f"does not resolve: {entry.reason}"
+                yield Dropped(id=f"{self.matrix.name}/{label}", reason=reason, count=len(gone))
+        if rest:
+            listed = [each for name, each in self.combinations.items() if name in chosen]
+            yield Dropped(id=f"{self.matrix.name}/*", reason=self._unchosen(listed), count=len(rest))
+
+    def _unchosen(self, chosen: Iterable[Combination]) -> str:
+        strategy = self.matrix.strategy
+        said = f"not chosen by {' and '.join(strategy.names)}"
+        if not strategy.covering:
+            return said
+        every = {1: "value", 2: "pair of values"}.get(strategy.ways, f"combination of {strategy.ways} values")
+        rows = [self.row(each) for each in chosen]
+        missing = uncovered(rows, [len(choices) for choices in self.axes.values()], strategy.ways)
+        return f"{said}; each {every} is in some cell{self._but(missing)}"
+
+    def _but(self, missing: Sequence[Part]) -> str:
+        """The values that are in no cell together: of parts that differ in the last value only, one phrase."""
+        names = list(self.axes)
+        phrases: dict[tuple[str, str], list[str]] = {}
+        for part in missing:
+            *first, last = [(names[axis], self.axes[names[axis]][place].text or "unset") for axis, place in part]
+            head = " and ".join(f"{name} {text}" for name, text in first)
+            phrases.setdefault((head, last[0]), []).append(last[1])
+        told = [f"{head} with " * bool(head) + f"{name} {', '.join(texts)}" for (head, name), texts in phrases.items()]
+        return f", but for those that nothing left has: {'; '.join(told)}" if told else ""
+
+
+def _has(combination: Combination, values: Mapping[str, str]) -> bool:
+    return all(values.get(choice.axis, choice.asked) == choice.asked for choice in combination)
+
+
+def _fields(table: type[msgspec.Struct]) -> list[str]:
+    return [name for name in table.__struct_fields__ if name not in WITHOUT_WEIGHT]
+
+
+def _weighty(changes: Changes) -> dict[str, Any]:
+    return {name: getattr(changes, name) for name in _fields(Changes)}
+
+
+def _plain(value: Any) -> Any:
+    """What msgspec does not know: our strings, tables and objects with slots."""
+    if isinstance(value, str):
+        return str.__str__(value)
+    if isinstance(value, dict):
+        return dict(value)
+    return {name: getattr(value, name) for name in value.__slots__}

@@ -1,0 +1,72 @@
+"""The strategy of a matrix, as its file says it: which of all combinations are planned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from msgspec import Meta, Struct
+
+StrategyName = Literal["full", "pairwise", "baseline", "boundaries"]
+
+
+class StrategyTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A strategy with its own numbers and values; one that names both is the union of them."""
+
+    ways: Annotated[
+        Annotated[int, Meta(ge=1)] | None,
+        Meta(description="every combination of values of this many axes is in some cell"),
+    ] = None
+    baseline: Annotated[
+        dict[str, str] | None,
+        Meta(description="axis to the value kept while another axis varies; default: newest version, first name"),
+    ] = None
+
+
+class Strategy:
+    """Which combinations are planned: a name, a table, or a list of them, which is their union."""
+
+    __slots__ = ("baselines", "boundaries", "full", "names", "ways")
+    reads: ClassVar[tuple[Any, ...]] = (
+        StrategyName,
+        StrategyTable,
+        Annotated[tuple[StrategyName | StrategyTable, ...], Meta(min_length=1)],
+    )
+
+    def __init__(self, parts: Iterable[str | StrategyTable]) -> None:
+        written = tuple(parts)
+        tables = [part for part in written if isinstance(part, StrategyTable)]
+        baselines = [table.baseline for table in tables if table.baseline is not None]
+        self.full = "full" in written
+        self.ways = max([table.ways or 0 for table in tables] + [2 * ("pairwise" in written)])
+        self.baselines = (*([{}] if "baseline" in written else []), *baselines)
+        self.boundaries = "boundaries" in written
+        self.names = tuple(
+            name
+            for name, given in (
+                ("baseline", self.baselines),
+                ("boundaries", self.boundaries),
+                ("pairwise" if self.ways == 2 else f"{self.ways}-way", self.ways),
+            )
+            if given
+        )
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Callable[[Any, Any], Any]) -> Self:
+        """Return the strategy that any of the three forms stands for."""
+        name, table, several = cls.reads
+        if isinstance(plain, list):
+            return cls(convert(plain, several))
+        made = cls([convert(plain, table if isinstance(plain, dict) else name)])
+        if not made.full and not made.names:
+            message = 'an empty table is no strategy; write "ways" or "baseline"'
+            raise ValueError(message)
+        return made
+
+    @property
+    def covering(self) -> int:
+        """Of how many axes every combination of values is to be covered; 0 where nothing has to be computed for it."""
+        return 0 if self.full else self.ways
+
+
+FULL = Strategy(["full"])
