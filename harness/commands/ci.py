@@ -183,5 +183,5 @@ def _check(file: Path, text: str) -> int:
         tell(line)
     if len(lines) > DIFFERENCES:
         tell(f"... and {number(len(lines) - DIFFERENCES, 'more line')}")
-    tell(f"{file}: is out of date; the command in its first line, with --out {file}, makes it again")
+    tell(f"{file}: is out of date; the command in its first lines, with --out {file}, makes it again")
     return 1

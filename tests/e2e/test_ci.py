@@ -1,0 +1,252 @@
+"""`ci`: linters of each platform are content, `--check` tells what is current, and bad input gets a sentence."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sysconfig
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import harness
+from harness import pipelines
+from harness.__main__ import main
+
+ROOT = Path(__file__).parents[2]
+WORKFLOW = ROOT / ".github" / "workflows" / "simmatrix.yml"
+SCRIPTS = Path(sysconfig.get_path("scripts"))
+MATRIX = """
+requirements = ["fake-healthy"]
+cases = [{ env = "fake_healthy:Healthy-v0", api = "gymnasium" }]
+
+[axes]
+python = ["host"]
+numpy = { range = ">=2", rule = "newest" }
+"""
+EXPANDED = """{"matrix": "mine", "instant": "2026-01-01T00:00:00Z", "axes": {"numpy": ["2.4.0"]},
+"ranges": {"numpy": {"range": ">=2", "rule": "newest"}}}"""
+
+
+@pytest.fixture
+def repository(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository with a matrix and its expansion, which is the working folder."""
+    folder = workplace / "repository"
+    (folder / ".git").mkdir(parents=True)
+    (folder / "matrices").mkdir()
+    (folder / "matrices" / "mine.toml").write_text(MATRIX)
+    (folder / "matrices" / "mine.expanded.json").write_text(EXPANDED)
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def made(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What `ci` prints for the matrix."""
+    assert main(["ci", "matrices/mine.toml", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def linted(*command: str | Path) -> subprocess.CompletedProcess[str]:
+    """What a linter says."""
+    program = shutil.which(command[0], path=f"{SCRIPTS}{os.pathsep}{os.environ['PATH']}")
+    if program is None:
+        pytest.skip(f"missing library: {command[0]}")
+    return subprocess.run([program, *command[1:]], capture_output=True, text=True, check=False)
+
+
+ZIZMOR = ("zizmor", "--offline", "--no-progress", "--persona", "auditor", "--no-config")
+GITHUB = ("check-jsonschema", "--builtin-schema", "vendor.github-workflows")
+GITLAB = ("check-jsonschema", "--builtin-schema", "vendor.gitlab-ci")
+
+
+class TestLinters:
+    @pytest.mark.parametrize(
+        ("provider", "command", "wrong"),
+        [
+            pytest.param("github", ZIZMOR, ("persist-credentials: false", "fetch-depth: 1"), id="zizmor"),
+            pytest.param("github", GITHUB, ("runs-on:", "run-on:"), id="github-schema"),
+            pytest.param("gitlab", GITLAB, ("parallel: 1", "parallel: one"), id="gitlab-schema"),
+            pytest.param("slurm", ("shellcheck", "--severity=style"), ('"$FAIL_ON"', "$FAIL_ON"), id="shellcheck"),
+            pytest.param("slurm", ("bash", "-n"), ("esac", ""), id="bash"),
+        ],
+    )
+    def test_has_nothing_to_say(
+        self,
+        repository: Path,
+        capsys: pytest.CaptureFixture[str],
+        provider: str,
+        command: tuple[str, ...],
+        wrong: tuple[str, str],
+    ) -> None:
+        """The platform's linter, at its strictest, finds nothing; in the same file spoilt it finds something."""
+        text = made(capsys, "--provider", provider, "--install", "simmatrix @ ./checkout")
+        file = repository / f"made.{'sh' if provider == 'slurm' else 'yml'}"
+        file.write_text(text)
+
+        done = linted(*command, file)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+        assert text.count(wrong[0]) >= 1
+        file.write_text(text.replace(*wrong))
+        assert linted(*command, file).returncode != 0
+
+
+class TestCheck:
+    def test_current(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """A file just written is up to date, whoever asks, however often; stdout stays empty."""
+        for provider in pipelines.Provider:
+            asked = ["ci", "matrices/mine.toml", "--provider", provider]
+            assert main([*asked, "--out", "made"]) == 0
+            assert (repository / "made").read_text() == made(capsys, "--provider", provider)
+            assert main([*asked, "--check", "made"]) == 0
+            assert capsys.readouterr() == ("", "made: is up to date\n")
+
+    def test_out_of_date(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """Other options, or an edit by hand: exit code 1, the difference, and what to do."""
+        main(["ci", "matrices/mine.toml", "--out", "made.yml", "--limit", "60"])
+        capsys.readouterr()
+
+        assert main(["ci", "matrices/mine.toml", "--check", "made.yml"]) == 1
+
+        out, err = capsys.readouterr()
+        lines = err.splitlines()
+        assert out == ""
+        assert "-# Made by `simmatrix ci matrices/mine.toml --provider github --limit 60`." in lines
+        assert "+# Made by `simmatrix ci matrices/mine.toml --provider github`." in lines
+        assert "-    timeout-minutes: 60" in lines
+        assert lines[-1] == (
+            "made.yml: is out of date; the command in its first lines, with --out made.yml, makes it again"
+        )
+
+    def test_a_long_difference_is_cut(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """Of another file altogether only the beginning is shown."""
+        Path("made.yml").write_text("other\n")
+
+        assert main(["ci", "matrices/mine.toml", "--check", "made.yml"]) == 1
+
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == 22
+        assert lines[-2].startswith("... and 1")
+
+    def test_our_own(
+        self, workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        """The workflow of this repository is what `ci` makes now."""
+        monkeypatch.chdir(ROOT)
+
+        code = main(["ci", "quickstart", "--install", ".", "--check", str(WORKFLOW.relative_to(ROOT))])
+
+        assert code == 0, capsys.readouterr().err
+
+
+class TestPlanning:
+    def test_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """What the plan job of a workflow asks for: its outputs and its summary."""
+        assert made(capsys, "--emit", "shards") == "count=1\nshards=[1]\n"
+        assert made(capsys, "--emit", "summary").startswith("## mine: 1 cell in 1 shard\n")
+
+    def test_how_many_shards_is_up_to_the_user(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """`--shards` goes into the file that it makes, in the command and where the shards are."""
+        text = made(capsys, "--provider", "gitlab", "--shards", "7")
+
+        assert text.startswith("# Made by `simmatrix ci matrices/mine.toml --provider gitlab --shards 7`.\n")
+        assert "  parallel: 7\n" in text
+        assert "--provider github --shards 7 --emit shards" in made(capsys, "--shards", "7")
+
+    def test_installs_the_version_that_made_it(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """Unless something else is asked for."""
+        assert f"pip install --quiet simmatrix=={version('simmatrix')}\n" in made(capsys)
+
+
+class TestBadInput:
+    def refused(self, capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
+        """The message, and nothing on stdout."""
+        assert main(["ci", *arguments]) == code
+        out, err = capsys.readouterr()
+        assert out == ""
+        return err
+
+    def test_outside_the_repository(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """A matrix that no checkout has is refused."""
+        shutil.copytree("matrices", "../elsewhere")
+
+        assert self.refused(capsys, "../elsewhere/mine.toml") == (
+            "simmatrix: ../elsewhere/mine.toml: lies outside the working folder, so no checkout has it; copy it into"
+            " the repository\n"
+        )
+
+    def test_not_at_the_root(
+        self, repository: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        """Paths in a workflow start at the root of the repository."""
+        monkeypatch.chdir(repository / "matrices")
+
+        assert self.refused(capsys, "mine.toml") == (
+            "simmatrix: mine.toml: a workflow starts at the root of its repository; run this there, in ..\n"
+        )
+
+    def test_absolute_path(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """An absolute path of the same file makes the same workflow."""
+        expected = made(capsys)
+
+        assert main(["ci", str(repository / "matrices" / "mine.toml")]) == 0
+        assert capsys.readouterr().out == expected
+
+    def test_never_expanded(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """A plan that could only be made with an index is no plan that every job would make."""
+        Path("matrices/mine.expanded.json").unlink()
+
+        assert self.refused(capsys, "matrices/mine.toml", code=3) == (
+            "simmatrix: matrices/mine.toml: its ranges were never expanded, which asks the index; run"
+            " `simmatrix lock matrices/mine.toml` without --offline\n"
+        )
+
+    def test_too_many_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """The platform's limit is told."""
+        assert self.refused(capsys, "matrices/mine.toml", "--shards", "257") == (
+            "simmatrix: --shards 257: github runs at most 256 jobs of one kind\n"
+        )
+
+    def test_nothing_to_compare_with(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """A missing file is no file out of date."""
+        assert self.refused(capsys, "matrices/mine.toml", "--check", "made.yml") == (
+            "simmatrix: --check made.yml: cannot be read: No such file or directory; --out made.yml makes it\n"
+        )
+
+    def test_comparing_and_writing(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """One or the other."""
+        assert self.refused(capsys, "matrices/mine.toml", "--check", "a", "--out", "a") == (
+            "simmatrix: --check compares and --out writes: name one of them\n"
+        )
+
+
+# --- actions ---------------------------------------------------------------------------------------------------
+
+COPIES = "SIMMATRIX_ACTIONS"
+"""A folder of copies of the actions' repositories: OWNER+NAME or OWNER-NAME, bare or not."""
+
+
+def copy_of(repository: str) -> Path:
+    """The git folder of a copy."""
+    places = Path(os.environ.get(COPIES) or os.devnull)
+    owner, name = repository.split("/")
+    heads = (head for found in places.glob(f"{owner}[+-]{name}") for head in (found, *found.glob("*")))
+    copy = next((head for head in heads if (head / "HEAD").is_file()), None)
+    if copy is None:
+        pytest.skip(f"unavailable: copies of the actions' repositories (set {COPIES})")
+    return copy
+
+
+@pytest.mark.parametrize("name", ["checkout", "setup-python", "cache", "upload-artifact", "download-artifact"])
+def test_commits_are_those_of_the_tags(name: str) -> None:
+    """Read again from a copy of the action's repository, the tag names the commit of the table."""
+    table = Path(harness.__file__).parent / "templates" / pipelines.ACTIONS
+    action = pipelines.actions(table.read_text(encoding="utf-8"))[name]
+    asked = ["git", "--git-dir", str(copy_of(action.repository)), "rev-parse", f"refs/tags/{action.tag}^{{commit}}"]
+
+    assert subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip() == action.commit
+    assert action.read
+    assert action.read <= date.today()
