@@ -31,6 +31,8 @@ from harness.reporttypes import (
     ExpectationEntry,
     FindingEntry,
     MatrixEntry,
+    SubjectEntry,
+    SuiteEntry,
 )
 
 Locate = Callable[[str], str]
@@ -77,7 +79,7 @@ def build(
 def _entry(record: CellRecord, today: str, locate: Locate) -> tuple[CellEntry, str | None]:
     cell, judged = record.cell, verdict.judge(record)
     as_expected, stale = verdict.expected(cell, judged, today)
-    phases = [phase for case in record.cases for phase in case.phases]
+    phases = [phase for case in record.cases for phase in case.phases] + ([record.suite] if record.suite else [])
     lock = locate(record.lock) if record.lock else None
     entry = CellEntry(
         id=cell.id,
@@ -103,7 +105,7 @@ def _entry(record: CellRecord, today: str, locate: Locate) -> tuple[CellEntry, s
         as_expected=as_expected,
         repairs=(),
         findings=_findings(record),
-        phases={phase: judged.phases[phase] for phase in CELL_PHASES},
+        phases={phase: judged.phases[phase] for phase in (*CELL_PHASES, Phase.SUITE) if phase in judged.phases},
         cases=tuple(_case(cell, case, locate) for case in record.cases),
         decisive=judged.decisive,
         diagnoses=(),
@@ -111,8 +113,38 @@ def _entry(record: CellRecord, today: str, locate: Locate) -> tuple[CellEntry, s
         phase=judged.phase,
         expectation=_expectation(cell),
         requirements=cell.question.requirements,
+        subject=_subject(record),
+        suite=_suite(record, locate),
     )
     return entry, stale
+
+
+def _subject(record: CellRecord) -> SubjectEntry | None:
+    asked, tested = record.cell.subject, record.subject
+    if asked is None:
+        return None
+    return SubjectEntry(
+        name=tested.name if tested else None,
+        version=tested.version if tested else None,
+        commit=asked.commit,
+        changed=asked.changed,
+        wheel_sha256=tested.sha256 if tested else None,
+        extras=asked.extras,
+        groups=asked.groups,
+    )
+
+
+def _suite(record: CellRecord, locate: Locate) -> SuiteEntry | None:
+    told = verdict.suite_phase(record)
+    if told is None:
+        return None
+    counts: Mapping[str, int] = next((check.facts.get("tests", {}) for check in told.checks), {})
+    return SuiteEntry(
+        outcome=told.outcome,
+        tests=dict(counts),
+        decisive=told.decisive,
+        evidence=locate(told.evidence) if told.evidence else None,
+    )
 
 
 def _case(cell: Cell, record: CaseRecord, locate: Locate) -> CaseEntry:
@@ -148,6 +180,7 @@ def _findings(record: CellRecord) -> tuple[FindingEntry, ...]:
         for finding in (finding for phase in case.phases for finding in phase.findings):
             cases = seen.setdefault(finding, [])
             cases += [] if case.case in cases else [case.case]
+    seen |= {finding: [] for finding in (record.suite.findings if record.suite else ()) if finding not in seen}
     return tuple(
         FindingEntry(check=finding.check, level=finding.level, text=finding.text, cases=tuple(cases))
         for finding, cases in seen.items()
@@ -162,6 +195,7 @@ def _evidence(record: CellRecord, phase: Phase | None, locate: Locate) -> str | 
         probes = [probe for case in record.cases for probe in case.phases if probe.phase is wanted]
         probes.sort(key=lambda probe: list(Outcome).index(probe.outcome))
         logs += [(probe.phase, probe.evidence) for probe in probes if probe.evidence]
+    logs += [(Phase.SUITE, record.suite.evidence)] if record.suite and record.suite.evidence else []
     found = next((log for at, log in logs if at is phase), logs[-1][1] if logs else None)
     return locate(found) if found else None
 
@@ -191,11 +225,15 @@ def moved(document: Document, locate: Locate) -> Document:
         evidence = {phase: locate(path) for phase, path in entry.evidence.items()}
         return replace(entry, frames=tuple(locate(frame) for frame in entry.frames), evidence=evidence)
 
+    def suite(entry: SuiteEntry) -> SuiteEntry:
+        return replace(entry, evidence=locate(entry.evidence) if entry.evidence else None)
+
     def cell(entry: CellEntry) -> CellEntry:
         return replace(
             entry,
             lock=locate(entry.lock) if entry.lock else None,
             evidence=locate(entry.evidence) if entry.evidence else None,
+            suite=suite(entry.suite) if entry.suite else None,
             cases=tuple(case(tried) for tried in entry.cases),
         )
 

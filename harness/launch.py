@@ -17,6 +17,7 @@ from time import monotonic
 import msgspec
 
 from harness import outcomes, process, wire
+from harness.environments import LEADS_ON
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
 
 INCELL = Path(__file__).parent / "incell"
@@ -31,7 +32,8 @@ MOST_REPLY, MOST_TEXT, MOST_WORKERS, MOST_WRITTEN = 16 << 20, 200_000, 64, 100
 class Site:
     """Where a probe runs: an environment's folder and interpreter, its compile cache, and the cell's own settings.
 
-    `variables` is the whole environment of the probe, `files` maps a path below HOME to its content.
+    `variables` is the whole environment of the probe, `files` maps a path below HOME to its content. `below` is the
+    environment that a thin one leads on to.
     """
 
     folder: Path
@@ -39,6 +41,12 @@ class Site:
     pycache: Path
     variables: Mapping[str, str]
     files: Mapping[str, bytes]
+    below: Path | None = None
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """All that a probe runs in, the one that is found first at the end."""
+        return (self.below, self.folder) if self.below else (self.folder,)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -101,7 +109,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         target.write_bytes(content)
     allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
     sealed = process.OVERLAY in process.sandbox_mode()
-    folder = site.folder if sealed else _copied(site.folder, scratch / "environment")
+    folder = site.folder if sealed else copied(site, scratch / "environment")
     request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed)
     (scratch / "request.json").write_text(wire.request_to_json(request))
     command = process.Command(
@@ -117,11 +125,11 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         log=scratch / "log.txt",
         profile=process.Profile.CELL,
         home=home,
-        sealed=(folder,) if sealed else (),
+        sealed=site.folders if sealed else (),
     )
     completed, overran = _watch(command, replies / "reply.jsonl", allowed)
     if not sealed:
-        completed = replace(completed, written=tuple(islice(_differences(site.folder, folder), MOST_WRITTEN)))
+        completed = replace(completed, written=tuple(islice(_differences(site, folder), MOST_WRITTEN)))
     return ProbeRun(
         reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
         completed=completed,
@@ -132,7 +140,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         last_lines=_tail(command.log),
         memory_mb=case.memory_mb,
         places={
-            str(site.folder): "$ENV",
+            **{str(one): "$ENV" for one in site.folders},
             str(folder): "$ENV",
             str(site.pycache): "$PYCACHE",
             str(home): "$HOME",
@@ -149,21 +157,34 @@ def _full(folder: Path) -> bool:
     return disk.f_bavail * disk.f_frsize < LITTLE_ROOM or (disk.f_files > 0 and disk.f_favail < FEW_NAMES)
 
 
-def _copied(folder: Path, target: Path) -> Path:
-    """A copy of an environment for one probe, where its writes cannot be laid over the one of all."""
-    shutil.copytree(folder, target, symlinks=True)
+def copied(site: Site, target: Path) -> Path:
+    """A copy of an environment for one run, where its writes cannot be laid over the one of all.
+
+    A thin one and the one below it become one.
+    """
+
+    def passed_over(at: str, names: list[str]) -> set[str]:
+        """What leads on, and links that are there already."""
+        here = Path(at)
+        there = next(target / here.relative_to(folder) for folder in site.folders if here.is_relative_to(folder))
+        return {LEADS_ON} | {name for name in names if (here / name).is_symlink() and (there / name).is_symlink()}
+
+    for folder in site.folders:
+        shutil.copytree(folder, target, symlinks=True, dirs_exist_ok=True, ignore=passed_over)
     return target
 
 
-def _differences(folder: Path, copy: Path) -> Iterator[str]:
+def _differences(site: Site, copy: Path) -> Iterator[str]:
     """Files of the copy that are new, changed or gone; compiled bytecode is no change."""
-    before, after = _files(folder), _files(copy)
+    before = {name: mark for folder in site.folders for name, mark in _files(folder).items()}
+    after = _files(copy)
     return (name for name in sorted({*before, *after}) if before.get(name) != after.get(name))
 
 
 def _files(folder: Path) -> dict[str, tuple[int, int]]:
     found = ((path.relative_to(folder), path.lstat()) for path in folder.rglob("*") if not path.is_dir())
-    return {str(name): (at.st_size, at.st_mtime_ns) for name, at in found if "__pycache__" not in name.parts}
+    passed_over = {"__pycache__", LEADS_ON}
+    return {str(name): (at.st_size, at.st_mtime_ns) for name, at in found if not passed_over & {*name.parts}}
 
 
 def _watch(command: process.Command, file: Path, limits: Mapping[str, float]) -> tuple[process.Completed, float | None]:

@@ -89,6 +89,30 @@ class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     until: str | None = None
 
 
+class SubjectEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The package under test: where its source stood, and the wheel that was measured, where one came to be.
+
+    `changed` is whether the files differed from the commit.
+    """
+
+    name: str | None
+    version: str | None
+    commit: str | None
+    changed: bool
+    wheel_sha256: str | None
+    extras: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
+
+
+class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The subject's own tests in this cell. `tests` counts them by how they ended."""
+
+    outcome: Outcome
+    tests: dict[str, int]
+    decisive: str | None
+    evidence: str | None
+
+
 class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
     """A known cause that fits the evidence."""
 
@@ -134,6 +158,8 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     phase: Phase | None = None
     expectation: ExpectationEntry | None = None
     requirements: tuple[str, ...] = ()
+    subject: SubjectEntry | None = None
+    suite: SuiteEntry | None = None
 
 
 class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -50,9 +50,10 @@ class Judgement:
 def judge(evidence: CellRecord) -> Judgement:
     """Apply the table of DESIGN section 5: the first row that fits wins."""
     cases = tuple(case_phases(evidence.cell, record) for record in _all_cases(evidence))
-    phases = _cell_phases(evidence, cases)
-    verdict = _verdict(evidence, cases)
-    phase, decisive = _decided_by(_deciding(verdict), evidence, cases)
+    suite = suite_phase(evidence)
+    phases = _cell_phases(evidence, cases, suite)
+    verdict = _verdict(evidence, cases, suite)
+    phase, decisive = _decided_by(_deciding(verdict), evidence, cases, suite)
     if verdict is Verdict.NOT_RUN and phases[Phase.IMPORT] is Outcome.PASSED:
         decisive = ONLY_IMPORT
     return Judgement(
@@ -60,8 +61,14 @@ def judge(evidence: CellRecord) -> Judgement:
         phases=phases,
         phase=phase,
         decisive=decisive,
-        unverified=_unverified(cases) if verdict is Verdict.WORKS else (),
+        unverified=_unverified(cases, suite) if verdict is Verdict.WORKS else (),
     )
+
+
+def suite_phase(evidence: CellRecord) -> PhaseRecord | None:
+    """How the subject's own suite ended; None where the cell has none to run."""
+    asked = evidence.cell.subject is not None and evidence.cell.subject.suite is not None
+    return (evidence.suite or PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED)) if asked else None
 
 
 def case_phases(cell: Cell, record: CaseRecord) -> tuple[PhaseRecord, ...]:
@@ -90,7 +97,7 @@ def worst(outcomes: Iterable[Outcome]) -> Outcome:
 # --- the table -------------------------------------------------------------------------------------------------
 
 
-def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]) -> Verdict:
+def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Verdict:
     resolve, install = _step(evidence.resolve), _step(evidence.install)
     if install in FAILING and resolve not in FAILING:
         return Verdict.UNINSTALLABLE
@@ -106,7 +113,10 @@ def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]) -> Ve
                 return Verdict.UNAVAILABLE if evidence.unavailable else Verdict.NOT_RUN
             case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
                 return failed
-    best, poorest = (_probed([_had(case, outcome) for case in cases]) for outcome in (Outcome.PASSED, Outcome.FAILED))
+    best, poorest = (
+        _probed([_had(case, outcome) for case in cases], _had([suite] if suite else [], outcome))
+        for outcome in (Outcome.PASSED, Outcome.FAILED)
+    )
     return best if best is poorest else Verdict.INCONCLUSIVE
 
 
@@ -136,17 +146,22 @@ def _had(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
     return imagined
 
 
-def _probed(cases: Sequence[Outcomes]) -> Verdict:
-    """The verdict of an installed cell without infra trouble."""
+def _probed(cases: Sequence[Outcomes], suite: Outcomes) -> Verdict:
+    """The verdict of an installed cell without infra trouble.
+
+    A suite that passed shows as much as a `single` where no case asks for one: in a cell without environments.
+    """
     imports = {case[Phase.IMPORT] for case in cases}
     single = {case[Phase.SINGLE] for case in cases}
     after = {outcome for case in cases for phase, outcome in case.items() if phase is not Phase.IMPORT}
+    after |= {*suite.values()}
     if (imports | after) & FAILING:
         if Outcome.PASSED in after:
             return Verdict.PARTIAL
         untried = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}
         return Verdict.IMPORT_FAILS if imports & FAILING and imports <= FAILING | untried else Verdict.BROKEN
-    if Outcome.PASSED in single and Outcome.NOT_REACHED not in single:
+    shown = single - {Outcome.SKIPPED} or {*suite.values()}
+    if Outcome.PASSED in shown and Outcome.NOT_REACHED not in shown:
         return Verdict.WORKS
     return Verdict.UNAVAILABLE if Outcome.UNAVAILABLE in imports | after else Verdict.NOT_RUN
 
@@ -175,13 +190,15 @@ def _counted(phase: Phase, record: PhaseRecord | None, asked: Set[str], required
     return told
 
 
-def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]) -> Outcomes:
+def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Outcomes:
     unreached = Outcome.UNAVAILABLE if evidence.unavailable else Outcome.NOT_REACHED
     resolve = _step(evidence.resolve) or unreached
     install = _step(evidence.install) or (unreached if resolve is Outcome.PASSED else Outcome.NOT_REACHED)
     phases = {Phase.RESOLVE: resolve, Phase.INSTALL: install}
     for number, phase in enumerate(CASE_PHASES):
         phases[phase] = worst(case[number].outcome for case in cases) if cases else Outcome.NOT_REACHED
+    if suite:
+        phases[Phase.SUITE] = suite.outcome
     return phases
 
 
@@ -199,13 +216,17 @@ def _deciding(verdict: Verdict) -> frozenset[Outcome]:
 
 
 def _decided_by(
-    deciding: frozenset[Outcome], evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]]
+    deciding: frozenset[Outcome],
+    evidence: CellRecord,
+    cases: Sequence[Sequence[PhaseRecord]],
+    suite: PhaseRecord | None,
 ) -> tuple[Phase | None, str | None]:
     """The first phase, and in it the first case, that ended in one of these outcomes, with the line that says why."""
     steps = [(step.phase, _step(step), step.decisive) for step in (evidence.resolve, evidence.install) if step]
     missing = Phase.INSTALL if evidence.resolve else Phase.RESOLVE
     probes = [(record.phase, record.outcome, reason(record)) for phase in zip(*cases, strict=True) for record in phase]
-    for phase, outcome, why in steps + probes:
+    last = [(suite.phase, suite.outcome, reason(suite))] if suite else []
+    for phase, outcome, why in steps + probes + last:
         if outcome in deciding:
             return phase, why
     return (missing, evidence.unavailable) if Outcome.UNAVAILABLE in deciding else (None, None)
@@ -217,10 +238,11 @@ def reason(record: PhaseRecord) -> str | None:
     return record.decisive or next((line for line in own if line), None)
 
 
-def _unverified(cases: Sequence[Sequence[PhaseRecord]]) -> tuple[str, ...]:
+def _unverified(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> tuple[str, ...]:
     open_ends = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}
-    found = {record.phase for case in cases for record in case if record.outcome in open_ends}
-    return tuple(phase.value for phase in CASE_PHASES if phase in found)
+    told = [record for case in cases for record in case] + ([suite] if suite else [])
+    found = {record.phase for record in told if record.outcome in open_ends}
+    return tuple(phase.value for phase in (*CASE_PHASES, Phase.SUITE) if phase in found)
 
 
 # --- against what was expected ---------------------------------------------------------------------------------
