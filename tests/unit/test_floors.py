@@ -24,7 +24,7 @@ FLOORS = {
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "scheduler"},
     4: {"commands"},
-    5: {"__main__", "noxface"},
+    5: {"__main__", "smoke", "noxface"},
 }  # fmt: skip
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}

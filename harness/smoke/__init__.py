@@ -1,0 +1,1 @@
+"""The matrix as a pytest suite: `pytest --pyargs harness.smoke --matrix NAME`."""

@@ -1,0 +1,73 @@
+"""Gives xdist's workers cells by environment: what shares one is made, and warmed, by one worker.
+
+A scheduler of our own, since a mark reaches xdist's only as a change to node ids, which pytest 9.2 no longer takes;
+so ids are the same with and without workers, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import pytest
+from xdist.scheduler import LoadGroupScheduling  # type: ignore[import-untyped]
+
+from harness import interpreters, scheduler
+from harness.errors import HarnessError
+from harness.model import Cell
+from harness.scheduler import Runner
+from harness.store import digest
+
+Group = Callable[[Iterable[Cell]], Mapping[str, str]]
+
+
+class ByEnvironment(LoadGroupScheduling):  # type: ignore[misc]  # xdist has no types
+    """Locks the cells that the workers collected, then hands them out by the environment that their lock becomes."""
+
+    def __init__(self, config: pytest.Config, log: Any, cells: Iterable[Cell], group: Group) -> None:
+        super().__init__(config, log)
+        self.cells = {cell.id: cell for cell in cells}
+        self.group = group
+        self.groups: Mapping[str, str] = {}
+
+    def schedule(self) -> None:
+        """Begin, or go on after a worker was replaced."""
+        if self.collection is None:
+            collected = next(iter(self.registered_collections.values()))
+            asked = dict.fromkeys(found for nodeid in collected if (found := self.cell_of(nodeid)))
+            self.groups = self.group(self.cells[cell] for cell in asked)
+        super().schedule()
+
+    def cell_of(self, nodeid: str) -> str | None:
+        """The cell of an item: of ours by its place, of a user's function by its parameter."""
+        place, _, name = nodeid.partition("::")
+        if place in self.cells:
+            return place
+        parameters = name.partition("[")[2]
+        return max((cell for cell in self.cells if cell in parameters), key=len, default=None) if parameters else None
+
+    def _split_scope(self, nodeid: str) -> str:
+        cell = self.cell_of(nodeid)
+        return self.groups[cell] if cell else str(super()._split_scope(nodeid))
+
+
+def by_environment(runner: Runner, cells: Iterable[Cell]) -> dict[str, str]:
+    """Resolve the cells; those that are installed alike, on the same Python, get the same name."""
+
+    def group(cell: Cell) -> str:
+        question = cell.question
+        try:
+            interpreter = interpreters.obtain(cell.python, offline=runner.settings.offline)
+            lock, _ = runner.lock(question, interpreter) if interpreter else (None, None)
+        except HarnessError:  # its items meet it again, and tell
+            return cell.id
+        if lock is None or interpreter is None:
+            return cell.id
+        return digest(
+            "install", lock.sha256, interpreter.identity, question.build_constraints, question.build_variables
+        )
+
+    known = tuple(cells)
+    with ThreadPoolExecutor(max_workers=scheduler.default_jobs()) as pool:
+        return dict(zip((cell.id for cell in known), pool.map(group, known), strict=True))

@@ -1,0 +1,169 @@
+"""The plugin of a session with a matrix: plans before anything is collected, keeps and reports what was measured."""
+
+from __future__ import annotations
+
+import os
+import sysconfig
+from collections import Counter
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from harness import machine, verdict
+from harness.commands import reporting
+from harness.errors import HarnessError
+from harness.model import CellRecord
+from harness.scheduler import Runner
+from harness.smoke import frozen, items, junit, plugin
+from harness.smoke.measuring import Measuring, Quiet
+
+FOLDER = Path(__file__).parent
+INPUT, FACTS, RECORD = "simmatrix_plan", "simmatrix_facts", "simmatrix_record"
+
+
+class Face:
+    """Everything that the suite hooks into. A worker has its plan from the controller and reads no matrix."""
+
+    frozen: frozen.Frozen
+    measuring: Measuring
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.config = config
+        self.worker = hasattr(config, "workerinput")
+        self.facts: dict[str, dict[str, str]] = {}
+        self.records: dict[str, CellRecord] = {}
+        self.told: list[str] = []
+        self.summary: list[str] = []
+        config.stash[items.SESSION] = self
+        for name, meaning in items.MARKERS.items():
+            config.addinivalue_line("markers", f"{name}: simmatrix: {meaning}")
+
+    # --- the plan ----------------------------------------------------------------------------------------------
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_sessionstart(self) -> None:
+        """Plan, before workers are started; what is wrong with the matrix is pytest's usage error."""
+        sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
+        if self.worker:
+            self.frozen = frozen.decode(self.config.workerinput[INPUT])  # type: ignore[attr-defined]
+            return
+        given = self.config.getoption
+        asked = {name: bool(given(f"matrix_{name}")) for name in ("fresh", "offline", "verify")}
+        try:
+            self.frozen = frozen.freeze(given("matrix"), self.told.append, **asked)
+        except HarnessError as error:
+            raise pytest.UsageError(str(error)) from None
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_configure_node(self, node: Any) -> None:
+        """Hand the plan to a worker."""
+        node.workerinput[INPUT] = frozen.encode(self.frozen)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Any) -> Any:
+        """What shares an environment goes to one worker."""
+        if config.getoption("dist") != "loadgroup":
+            return None
+        from harness.smoke import distribute  # noqa: PLC0415 - xdist may be absent
+
+        runner = Runner(self.frozen.store, self.frozen.settings(), Quiet())
+        return distribute.ByEnvironment(
+            config, log, self.frozen.cells, lambda cells: distribute.by_environment(runner, cells)
+        )
+
+    def pytest_report_header(self) -> list[str]:
+        """What the plan came to."""
+        return [f"simmatrix: {plan.matrix}: {len(plan.cells)} cells" for plan in self.frozen.plans] + self.told
+
+    # --- items -------------------------------------------------------------------------------------------------
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collect_directory(self, path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+        """The folder of this package stands for the matrices."""
+        return items.Suite.from_parent(parent, path=path) if path == FOLDER else None
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        """Run a function of the user that asks for our `cell`, or `env`, once for each."""
+        if not _ours(metafunc, "cell"):
+            return
+        if _ours(metafunc, "env"):
+            pairs = [(cell, case) for cell in self.frozen.cells for case in cell.cases]
+            ids = [f"{cell.id}-{case.id}" for cell, case in pairs]
+            metafunc.parametrize(("cell", "env"), pairs, ids=ids, indirect=True, scope="session")
+        else:
+            cells = self.frozen.cells
+            metafunc.parametrize("cell", cells, ids=[cell.id for cell in cells], indirect=True, scope="session")
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        """Know what is wanted of each case before the first is run."""
+        self.measuring = Measuring(self.frozen, items.selection(session.items), worker=self.worker)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(
+        self, item: pytest.Item, call: pytest.CallInfo[None]
+    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        """Let the report carry what the controller wants to know."""
+        report = yield
+        if call.when == "call" and isinstance(item, items.Told):
+            report.duration = item.seconds
+            if report.skipped and isinstance(report.longrepr, tuple):  # not the line of ours that said so
+                report.longrepr = (str(item.reportinfo()[0]), None, report.longrepr[2])  # type: ignore[assignment]
+        if call.when == "call" and isinstance(item, items.CellItem):
+            setattr(report, FACTS, {"cell": item.cell.id, **item.facts})
+            setattr(report, RECORD, msgspec.json.encode(item.record).decode() if item.record else None)
+        return report
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Collect what was learnt, from this process and from workers."""
+        facts = dict(getattr(report, FACTS, {}))
+        record = getattr(report, RECORD, None)
+        if self.worker or not facts:
+            return
+        self.facts.setdefault(facts.pop("cell"), {}).update(facts)
+        if record:
+            found = msgspec.json.decode(record, type=CellRecord)
+            self.records[found.cell.id] = found
+
+    # --- the end -----------------------------------------------------------------------------------------------
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_sessionfinish(self, session: pytest.Session) -> Generator[None]:
+        """Keep the records of cells that were measured in full, report them, and part the JUnit file by cells."""
+        yield
+        if self.worker or session.config.getoption("collectonly"):
+            return
+        if self.records:
+            self._report()
+        xml = session.config.getoption("xmlpath", None)
+        if xml and self.facts and Path(xml).is_file():
+            axes = {cell.id: {f"axis.{name}": value for name, value in cell.axes.items()} for cell in self.frozen.cells}
+            junit.regroup(Path(xml), {cell: {**known, **self.facts.get(cell, {})} for cell, known in axes.items()})
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Name the verdicts and the reports."""
+        for line in self.summary:
+            terminalreporter.write_line(line)
+
+    def _report(self) -> None:
+        store, here = self.frozen.store, machine.facts()
+        store.save_machine(here.id, here.facts)
+        for record in self.records.values():
+            store.save_cell(record)
+        out = self.config.getoption("matrix_out")
+        wanted = reporting.Wanted(out=Path(out) if out else None, pivot=None, json=False, fail_on=())
+        plans = [plan for plan in self.frozen.plans if any(cell.id in self.records for cell in plan.cells)]
+        made = reporting.publish(plans, self.records, store, wanted)
+        counts = Counter(verdict.judge(record).verdict for record in self.records.values())
+        told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
+        folders = ", ".join(os.path.relpath(folder) for folder, _ in made)
+        self.summary.append(f"simmatrix: {told}; report: {folders}")
+
+
+def _ours(metafunc: pytest.Metafunc, name: str) -> bool:
+    """Whether a fixture that a function asks for is ours, and not one of the user's by the same name."""
+    found = metafunc._arg2fixturedefs.get(name, ())  # pytest has no other way to ask
+    return bool(found) and found[-1].func.__module__ == plugin.__name__

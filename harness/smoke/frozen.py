@@ -1,0 +1,67 @@
+"""A plan that no longer changes: made once by the controller, handed to every worker as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from harness import catalog
+from harness.commands import run
+from harness.model import Cell, Phase, Plan
+from harness.scheduler import Settings
+from harness.store import Store, open_store
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Frozen:
+    """The cells of a session and how they are to be measured; `state` is the folder of the store."""
+
+    plans: tuple[Plan, ...]
+    state: str
+    fresh: bool = False
+    offline: bool = False
+    verify: bool = False
+
+    def settings(self, until: Phase = Phase.RENDER) -> Settings:
+        """As the scheduler wants them."""
+        return Settings(until=until, fresh=self.fresh, offline=self.offline, verify=self.verify)
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The cells of all matrices, in their order."""
+        return tuple(cell for plan in self.plans for cell in plan.cells)
+
+    @property
+    def store(self) -> Store:
+        """Where results are kept, the same for all workers."""
+        return Store(Path(self.state))
+
+
+def freeze(
+    matrices: Sequence[str],
+    say: Callable[[str], None],
+    *,
+    fresh: bool = False,
+    offline: bool = False,
+    verify: bool = False,
+) -> Frozen:
+    """Plan the matrices as `run` does: expanded, and with the instant that their locks are made as of."""
+    planned = [catalog.load(name, say, offline=offline) for name in matrices]
+    run.check_distinct(planned)
+    run.selected([cell for plan in planned for cell in plan.cells], None)
+    store = open_store()
+    plans = tuple(catalog.dated(plan, store) for plan in planned)
+    return Frozen(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)
+
+
+def encode(frozen: Frozen) -> str:
+    """As text for a worker."""
+    return msgspec.json.encode(frozen).decode()
+
+
+def decode(text: str) -> Frozen:
+    """What the controller wrote."""
+    return msgspec.json.decode(text, type=Frozen)

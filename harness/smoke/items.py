@@ -1,0 +1,217 @@
+"""The matrix as a tree of pytest's: cell, case, phase; each cell ends with its verdict."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import monotonic
+from typing import Any, Protocol
+
+import pytest
+
+from harness import outcomes, store, verdict
+from harness.__main__ import SHORTAGES
+from harness.errors import CouldNotTell, HarnessError
+from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan
+from harness.smoke import judging, junit
+from harness.smoke.frozen import Frozen
+from harness.smoke.judging import Ended, Kind
+from harness.smoke.measuring import STEPS, Measuring, Selection
+
+
+class Session(Protocol):
+    """What an item sees of the plugin: the plan, and who measures."""
+
+    frozen: Frozen
+    measuring: Measuring
+
+
+SESSION = pytest.StashKey[Session]()
+VERDICT, EXPECTATIONS = "verdict", "expectations"
+MARKERS = {
+    **{phase.value: f"the phase {phase} of a cell or a case" for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES)},
+    VERDICT: "a cell as a whole against what is expected of it",
+    EXPECTATIONS: "expectations that match no cell",
+}
+
+
+class NotAsExpected(Exception):
+    """Why an item failed; shown without a traceback, which would be of our own code."""
+
+
+class Told(pytest.Item):
+    """An item that measures, and tells pytest how that ended. `seconds` are those of what it stands for."""
+
+    seconds = 0.0
+
+    def measured(self) -> Ended:
+        """How it ended."""
+        raise NotImplementedError
+
+    def _ended(self) -> Ended:
+        """As measured; trouble of this machine says nothing about packages, and what is no bug has no traceback."""
+        try:
+            return self.measured()
+        except CouldNotTell as error:
+            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: {error}")
+        except HarnessError as error:
+            return Ended(kind=Kind.FAILED, text=str(error))
+        except OSError as error:
+            if error.errno not in SHORTAGES:
+                raise
+            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: this machine got in the way: {error}")
+
+    def runtest(self) -> None:
+        """Measure, and tell pytest."""
+        measuring, began = self.config.stash[SESSION].measuring, monotonic()
+        before = measuring.credit
+        ended = self._ended()
+        elsewhere = measuring.credit - before  # what was measured in the same go has its time in its own item
+        self.seconds = max(0.0, monotonic() - began - elsewhere) + ended.seconds
+        match ended.kind:
+            case Kind.PASSED:
+                return
+            case Kind.SKIPPED:
+                pytest.skip(ended.text)
+            case Kind.XFAILED:
+                pytest.xfail(ended.text)
+            case Kind.FAILED | Kind.INCONCLUSIVE:
+                place = ended.evidence and f"evidence: {os.path.relpath(measuring.store.folder / ended.evidence)}"
+                raise NotAsExpected("\n".join(filter(None, (ended.text, place))))
+
+    def reportinfo(self) -> tuple[Path, None, str]:
+        """It lies in no file; the place in its node id takes the file's part."""
+        place, *names = self.nodeid.split("::")
+        return self.config.rootpath / place, None, " ".join((place, *names))
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """What was measured, without a traceback; a bug of ours keeps its own."""
+        if not isinstance(excinfo.value, NotAsExpected):
+            return super().repr_failure(excinfo, style)
+        told = excinfo.getrepr(style="value")
+        if told.reprcrash:
+            told.reprcrash.message = str(excinfo.value)
+        return told
+
+
+class CellItem(Told):
+    """An item of a cell. `facts` are what it learnt of the cell, `record` is all that was measured of it."""
+
+    def __init__(self, *, cell: Cell, case: Case | None = None, phase: Phase | None = None, **rest: Any) -> None:
+        super().__init__(**rest)
+        self.cell, self.case, self.phase = cell, case, phase
+        self.facts: dict[str, str] = {}
+        self.record: CellRecord | None = None
+        self.add_marker(self.name)
+        self.user_properties.append((junit.CELL, cell.id))
+
+    def told_of(self, record: CellRecord) -> dict[str, str]:
+        """What a reader of the items wants to know of the cell."""
+        known = {"machine": record.machine, "python": record.python, "lock_sha256": record.lock_sha256}
+        return {name: value for name, value in {**known, "environment": record.key}.items() if value}
+
+
+class StepItem(CellItem):
+    """Resolve, or install."""
+
+    def measured(self) -> Ended:
+        """How the step ended."""
+        measuring = self.config.stash[SESSION].measuring
+        assert self.phase
+        record = measuring.steps(self.cell)
+        self.facts = self.told_of(record)
+        return judging.ended(self.cell, self.phase, judging.seen(record), measuring.selection.phases(self.cell))
+
+
+class PhaseItem(CellItem):
+    """One phase of one case."""
+
+    def measured(self) -> Ended:
+        """How the phase ended."""
+        measuring = self.config.stash[SESSION].measuring
+        assert self.case
+        assert self.phase
+        record = measuring.case(self.cell, self.case)
+        self.facts = self.told_of(record)
+        return judging.ended(self.cell, self.phase, judging.seen(record), measuring.shown(self.cell, self.case))
+
+
+class VerdictItem(CellItem):
+    """The cell as a whole against what was expected of it."""
+
+    def measured(self) -> Ended:
+        """How the cell is judged."""
+        self.record = self.config.stash[SESSION].measuring.whole(self.cell)
+        self.facts = {**self.told_of(self.record), "verdict": verdict.judge(self.record).verdict.value}
+        return judging.judged(self.record, store.now())
+
+
+class ExpectationItem(Told):
+    """Expectations of a matrix that match no cell."""
+
+    def __init__(self, *, plan: Plan, **rest: Any) -> None:
+        super().__init__(**rest)
+        self.plan = plan
+        self.add_marker(EXPECTATIONS)
+
+    def measured(self) -> Ended:
+        """Stale, as everyone can read in the matrix file."""
+        return Ended(kind=Kind.FAILED, text="\n".join(self.plan.stale))
+
+
+# --- the tree --------------------------------------------------------------------------------------------------
+
+
+class Suite(pytest.Directory):
+    """All cells of all matrices."""
+
+    def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
+        """The cells, in the order of the plan."""
+        for plan in self.config.stash[SESSION].frozen.plans:
+            for cell in plan.cells:
+                yield CellNode.from_parent(self, name=cell.id, nodeid=cell.id, cell=cell)
+            if plan.stale:
+                yield ExpectationItem.from_parent(
+                    self, name=EXPECTATIONS, nodeid=f"{plan.matrix}::{EXPECTATIONS}", plan=plan
+                )
+
+
+class CellNode(pytest.Collector):
+    """One cell."""
+
+    def __init__(self, *, cell: Cell, **rest: Any) -> None:
+        super().__init__(**rest)
+        self.cell = cell
+
+    def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
+        """What every cell goes through, its cases, its verdict."""
+        for phase in sorted(STEPS, key=list(Phase).index):
+            yield StepItem.from_parent(self, name=phase.value, cell=self.cell, phase=phase)
+        for case in self.cell.cases:
+            yield CaseNode.from_parent(self, name=case.id, cell=self.cell, case=case)
+        yield VerdictItem.from_parent(self, name=VERDICT, cell=self.cell)
+
+
+class CaseNode(pytest.Collector):
+    """One case of a cell."""
+
+    def __init__(self, *, cell: Cell, case: Case, **rest: Any) -> None:
+        super().__init__(**rest)
+        self.cell, self.case = cell, case
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """The phases that checks were asked of."""
+        asked = {outcomes.phase_of(check) for check in self.case.checks}
+        for phase in (phase for phase in CASE_PHASES if phase in asked):
+            yield PhaseItem.from_parent(self, name=phase.value, cell=self.cell, case=self.case, phase=phase)
+
+
+def selection(items: Sequence[pytest.Item]) -> Selection:
+    """What the items of a session are about."""
+    shown: dict[tuple[str, str], frozenset[Phase]] = {}
+    for item in items:
+        if isinstance(item, CellItem) and item.phase:
+            at = (item.cell.id, item.case.id if item.case else "")
+            shown[at] = shown.get(at, frozenset()) | {item.phase}
+    return Selection(shown=shown, whole=frozenset(item.cell.id for item in items if isinstance(item, VerdictItem)))

@@ -1,0 +1,193 @@
+"""From what was measured to what pytest is told: pure functions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from harness import outcomes, verdict
+from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Outcome, Phase, PhaseRecord, Verdict
+
+POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
+    Verdict.UNRESOLVABLE: frozenset({Phase.RESOLVE}),
+    Verdict.UNINSTALLABLE: frozenset({Phase.INSTALL}),
+    Verdict.IMPORT_FAILS: frozenset({Phase.IMPORT}),
+    Verdict.PARTIAL: frozenset(CASE_PHASES),
+    Verdict.BROKEN: frozenset(CASE_PHASES),
+}
+"""Where a cell fails that is expected to have this verdict; the others fail nowhere."""
+
+
+class Kind(StrEnum):
+    """How an item ends in pytest's words; `inconclusive` fails and says so first."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    INCONCLUSIVE = "inconclusive"
+    XFAILED = "xfailed"
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ended:
+    """How one item ended; the first line of `text` says why, `evidence` is a path below the state folder."""
+
+    kind: Kind
+    text: str = ""
+    evidence: str | None = None
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Seen:
+    """One phase as it was measured: of a case, or of the whole cell (resolve, install)."""
+
+    phase: Phase
+    outcome: Outcome
+    line: str | None = None
+    more: tuple[str, ...] = ()
+    evidence: str | None = None
+    seconds: float = 0.0
+
+
+def seen(record: CellRecord) -> dict[Phase, Seen]:
+    """The phases of a record of one case, or of none, that were tried or stand in the way of others."""
+    found: dict[Phase, Seen] = {}
+    for step in (record.resolve, record.install):
+        if step:
+            outcome = Outcome.INFRA if _late(step.phase, step.outcome) else step.outcome
+            seconds = 0.0 if step.reused else step.seconds
+            found[step.phase] = Seen(
+                phase=step.phase, outcome=outcome, line=step.decisive, evidence=step.log, seconds=seconds
+            )
+    if record.unavailable:
+        at = Phase.INSTALL if record.resolve else Phase.RESOLVE
+        found[at] = Seen(phase=at, outcome=Outcome.UNAVAILABLE, line=record.unavailable)
+    for case in record.cases:
+        found |= {phase.phase: _probed(phase) for phase in verdict.case_phases(record.cell, case)}
+    return found
+
+
+def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozenset[Phase]) -> Ended:
+    """How the item of a phase ended. `shown` are the phases with items of their own in this session.
+
+    What was not reached is skipped where the phase in its way is shown; else it is told here.
+    """
+    here = found.get(phase)
+    if here is not None and here.outcome is not Outcome.NOT_REACHED:
+        return _told(cell, here)
+    way = _in_the_way(phase, found)
+    if way is None:
+        return Ended(kind=Kind.INCONCLUSIVE, text="inconclusive: it was not reached, and nothing says why")
+    if way.outcome is Outcome.UNAVAILABLE:
+        return _told(cell, way)
+    if way.phase in shown:
+        return Ended(kind=Kind.SKIPPED, text=f"not reached: {way.phase} {way.outcome}")
+    told = _told(cell, way)
+    lead = "inconclusive: " if told.kind is Kind.INCONCLUSIVE else ""
+    text = f"{lead}not reached, {way.phase} {way.outcome}: {told.text.removeprefix(lead)}"
+    return Ended(kind=told.kind, text=text, evidence=told.evidence)
+
+
+def judged(record: CellRecord, today: str) -> Ended:
+    """How the item of a cell's verdict ended: an expected failure is a strict xfail."""
+    cell, judgement = record.cell, verdict.judge(record)
+    right, stale = verdict.expected(cell, judgement, today)
+    told = f"{judgement.verdict}{_where(judgement)}"
+    line = f": {judgement.decisive}" if judgement.decisive else ""
+    match judgement.verdict:
+        case Verdict.INCONCLUSIVE:
+            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive{_where(judgement)}{line}")
+        case Verdict.UNAVAILABLE | Verdict.NOT_RUN:
+            return Ended(kind=Kind.SKIPPED, text=f"{judgement.verdict.replace('_', ' ')}{line}")
+        case _:
+            expect = cell.expect
+    if stale:
+        strict = "[XPASS(strict)] " if right is False else ""
+        return Ended(kind=Kind.FAILED, text=f"{strict}{stale} ({expect.reason})" if expect else stale)
+    if right and expect and judgement.verdict is not Verdict.WORKS:
+        return Ended(kind=Kind.XFAILED, text=f"{told}: {expect.reason}")
+    if right:
+        return Ended(kind=Kind.PASSED)
+    return Ended(kind=Kind.FAILED, text=f"{told}{line}\nexpected: {_expected(expect)}")
+
+
+def needs(phase: Phase) -> tuple[Phase, ...]:
+    """The phases of a case that come before this one, the nearest first."""
+    needed = outcomes.NEEDS.get(phase)
+    return (needed, *needs(needed)) if needed else ()
+
+
+def foreseen(expect: Expectation | None, phase: Phase, line: str | None) -> bool:
+    """Whether a failure is the expected one, or the same one seen again in a later phase."""
+    if expect is None or phase not in POSSIBLE.get(expect.verdict, frozenset()):
+        return False
+    fits = expect.match is not None and re.search(expect.match, line or "") is not None
+    if expect.phase in {None, phase}:
+        return fits or expect.match is None
+    order = list(Phase)
+    return fits and expect.phase is not None and order.index(phase) > order.index(expect.phase)
+
+
+def _late(phase: Phase, outcome: Outcome) -> bool:
+    """A resolution that timed out says nothing about packages."""
+    return phase is Phase.RESOLVE and outcome is Outcome.TIMED_OUT
+
+
+def _probed(record: PhaseRecord) -> Seen:
+    red = [check for check in record.checks if check.outcome not in {Outcome.PASSED, Outcome.SKIPPED}]
+    lines = [f"{check.check} {check.outcome}: {check.decisive or ''}".removesuffix(": ") for check in red]
+    lines += [f"{check.check} hidden by: {check.masked_by}" for check in red if check.masked_by]
+    return Seen(
+        phase=record.phase,
+        outcome=record.outcome,
+        line=verdict.reason(record),
+        more=tuple(lines),
+        evidence=record.evidence,
+        seconds=0.0 if record.reused else record.seconds,
+    )
+
+
+def _told(cell: Cell, at: Seen) -> Ended:
+    """How a phase that was reached ended."""
+    line = at.line or f"{at.phase} {at.outcome}"
+    match at.outcome:
+        case Outcome.PASSED:
+            return Ended(kind=Kind.PASSED, evidence=at.evidence, seconds=at.seconds)
+        case Outcome.SKIPPED:
+            return Ended(kind=Kind.SKIPPED, text=f"no meaning here: {line}", seconds=at.seconds)
+        case Outcome.UNAVAILABLE:
+            return Ended(kind=Kind.SKIPPED, text=f"unavailable: {line}", seconds=at.seconds)
+        case Outcome.INFRA | Outcome.NOT_REACHED:
+            kind, line = Kind.INCONCLUSIVE, f"inconclusive: {line}"
+        case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
+            if cell.expect and foreseen(cell.expect, at.phase, at.line):
+                return Ended(
+                    kind=Kind.XFAILED, text=f"{line} ({cell.expect.reason})", evidence=at.evidence, seconds=at.seconds
+                )
+            kind = Kind.FAILED
+    return Ended(kind=kind, text="\n".join((line, *at.more)), evidence=at.evidence, seconds=at.seconds)
+
+
+def _in_the_way(phase: Phase, found: Mapping[Phase, Seen]) -> Seen | None:
+    """The phase without which this one is not reached: of the cell first, then the nearest one that it needs."""
+    for step in (Phase.RESOLVE, Phase.INSTALL):
+        if step is not phase and step in found and found[step].outcome is not Outcome.PASSED:
+            return found[step]
+    before = [found[needed] for needed in needs(phase) if needed in found]
+    stopped = [at for at in before if at.outcome not in {Outcome.PASSED, Outcome.NOT_REACHED}]
+    return min(stopped, key=lambda at: at.outcome is Outcome.SKIPPED, default=None)
+
+
+def _where(judgement: verdict.Judgement) -> str:
+    return f" in {judgement.phase}" if judgement.phase else ""
+
+
+def _expected(expect: Expectation | None) -> str:
+    if expect is None:
+        return Verdict.WORKS
+    where = f" in {expect.phase}" if expect.phase else ""
+    match = f", its line matching {expect.match!r}" if expect.match else ""
+    return f"{expect.verdict}{where}{match} ({expect.reason})"

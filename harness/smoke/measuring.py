@@ -1,0 +1,149 @@
+"""What items ask of the harness: each case once per process, with the phases that the session's items want."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+
+from harness import interpreters, outcomes
+from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, PhaseRecord, Step
+from harness.scheduler import Runner
+from harness.smoke import judging
+from harness.smoke.frozen import Frozen
+from harness.store import Store, question_key
+
+STEPS = frozenset({Phase.RESOLVE, Phase.INSTALL})
+
+
+class Quiet:
+    """An observer: pytest tells what goes on."""
+
+    def started(self, cell: Cell) -> None:
+        """Said by pytest."""
+
+    def step(self, cell: Cell, text: str) -> None:
+        """Said by pytest."""
+
+    def done(self, record: CellRecord) -> None:
+        """Said by pytest."""
+
+    def say(self, text: str) -> None:
+        """Said by pytest."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Selection:
+    """What the items of a session are about.
+
+    `shown` has, by cell and case (empty for the cell itself), the phases with an item of their own; `whole` are the
+    cells that are judged, and so measured in full.
+    """
+
+    shown: Mapping[tuple[str, str], frozenset[Phase]]
+    whole: frozenset[str]
+
+    def phases(self, cell: Cell, case: str = "") -> frozenset[Phase]:
+        """The phases of a case, or of the cell itself, that have an item of their own."""
+        return self.shown.get((cell.id, case), frozenset())
+
+    def wanted(self, cell: Cell, case: Case) -> frozenset[Phase]:
+        """The phases of a case to be measured: those asked for, and what they need."""
+        if cell.id in self.whole:
+            return frozenset(CASE_PHASES)
+        asked = self.phases(cell, case.id)
+        return asked.union(*(judging.needs(phase) for phase in asked))
+
+    def resolved_only(self, cell: Cell) -> bool:
+        """Whether nothing is wanted of the cell but its lock."""
+        cases = any(self.phases(cell, case.id) for case in cell.cases)
+        return self.phases(cell) == {Phase.RESOLVE} and not cases and cell.id not in self.whole
+
+
+class Measuring:
+    """Measures for one process; what was measured once is not asked again."""
+
+    def __init__(self, frozen: Frozen, selection: Selection, *, worker: bool) -> None:
+        self.store: Store = frozen.store
+        self._frozen = frozen
+        self.selection = selection
+        self.credit = 0.0  # seconds measured of phases that have an item of their own
+        self._takes_locks = worker and frozen.fresh
+        self._runners: dict[Phase, Runner] = {}
+        self._records: dict[tuple[str, str], CellRecord] = {}
+
+    def steps(self, cell: Cell) -> CellRecord:
+        """Resolve and, unless nothing but that is wanted, install."""
+        until = Phase.RESOLVE if self.selection.resolved_only(cell) else Phase.RENDER
+        return self._measured(cell, "", replace(cell, cases=()), until)
+
+    def case(self, cell: Cell, case: Case) -> CellRecord:
+        """Run what is wanted of one case in one go, as `run` does."""
+        wanted = self.selection.wanted(cell, case)
+        checks = tuple(check for check in case.checks if outcomes.phase_of(check) in wanted)
+        return self._measured(cell, case.id, replace(cell, cases=(replace(case, checks=checks),)), Phase.RENDER)
+
+    def environment(self, cell: Cell) -> CellRecord:
+        """Bring the cell as far as an environment that exists."""
+        return self._measured(cell, "environment", replace(cell, cases=()), Phase.INSTALL)
+
+    def whole(self, cell: Cell) -> CellRecord:
+        """The record of the cell with all its cases, as `run` keeps it."""
+        return combined(cell, self.steps(cell), [self.case(cell, case) for case in cell.cases])
+
+    def shown(self, cell: Cell, case: Case) -> frozenset[Phase]:
+        """The phases whose end is told by an item of their own, so that it need not be told again."""
+        steps = self.selection.phases(cell)
+        if steps:
+            first, here = judging.seen(self.steps(cell)), judging.seen(self.case(cell, case))
+            steps = frozenset(
+                at for at in steps if at in first and at in here and first[at].outcome == here[at].outcome
+            )
+        return self.selection.phases(cell, case.id) | steps
+
+    def _measured(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
+        if (cell.id, name) not in self._records:
+            if until not in self._runners:
+                self._runners[until] = Runner(self.store, self._frozen.settings(until), Quiet())
+            if self._takes_locks:
+                self._take_lock(self._runners[until], cell)
+            record = self._runners[until].measure(part)
+            self._records[cell.id, name] = record
+            self.credit += sum(
+                at.seconds
+                for at in judging.seen(record).values()
+                if (at.phase in STEPS) is (name == "") and at.phase in self.selection.phases(cell, name)
+            )
+        return self._records[cell.id, name]
+
+    def _take_lock(self, runner: Runner, cell: Cell) -> None:
+        """Let a worker use the lock that the controller has just made, however fresh the rest is to be."""
+        interpreter = interpreters.obtain(cell.python, offline=self._frozen.offline)
+        if interpreter:
+            kept = Runner(self.store, replace(runner.settings, fresh=False), Quiet())
+            answer = kept.lock(cell.question, interpreter)
+            runner.resolved.setdefault(question_key(cell.question, interpreter), answer)
+
+
+def combined(cell: Cell, steps: CellRecord, cases: Iterable[CellRecord]) -> CellRecord:
+    """One record of all: the steps of the cell, or of the first case that found them ended otherwise."""
+    known = tuple(cases)
+    other = (one for one in known if (one.install and one.install.outcome) != (steps.install and steps.install.outcome))
+    base = next(other, steps)
+    found = tuple(chain.from_iterable(one.cases for one in known))
+    probed = [phase for case in found for phase in case.phases if phase.measured]
+    made = [step for step in (steps.resolve, steps.install) if step]
+    return replace(
+        base,
+        cell=cell,
+        resolve=steps.resolve or base.resolve,
+        install=base.install if base is not steps else steps.install,
+        cases=found,
+        measured=max((phase.measured for phase in probed if phase.measured), default=base.measured),
+        reused=bool(made) and all(one.reused for one in made) and all(phase.reused for phase in probed),
+        seconds=_seconds(made, probed),
+    )
+
+
+def _seconds(made: Iterable[Step], probed: Iterable[PhaseRecord]) -> float:
+    return round(sum(one.seconds for one in made) + sum(phase.seconds for phase in probed), 3)

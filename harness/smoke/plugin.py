@@ -1,0 +1,70 @@
+"""What pytest loads wherever simmatrix is installed: a few options, two fixtures.
+
+Nothing of the harness is imported before `--matrix` is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+import pytest
+
+SUITE = "harness.smoke"
+NEEDED = "needs a matrix: pytest --matrix NAME (a matrix file, or the name of a built-in one)"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The options of the suite."""
+    group = parser.getgroup("simmatrix", "simmatrix: which versions work together")
+    group.addoption(
+        "--matrix",
+        action="append",
+        default=[],
+        metavar="MATRIX",
+        help="A matrix file, or the name of a built-in one; may be given several times. Its cells are what\n"
+        f"`--pyargs {SUITE}` runs, and what the fixtures `cell` and `env` stand for.",
+    )
+    group.addoption("--matrix-fresh", action="store_true", help="Measure everything again")
+    group.addoption("--matrix-offline", action="store_true", help="Use what is in the caches, never the network")
+    group.addoption(
+        "--matrix-verify",
+        action="store_true",
+        help="One process per check, failures confirmed, environments checked file by file",
+    )
+    group.addoption("--matrix-out", metavar="DIR", help="Where the reports go [.harness/reports/MATRIX]")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_cmdline_main(config: pytest.Config) -> Generator[None, Any, Any]:
+    """With `-n` and no `--dist`, what shares an environment goes to one worker."""
+    if config.getoption("matrix") and config.getoption("numprocesses", None) and config.getoption("dist") == "no":
+        config.option.dist = "loadgroup"
+    return (yield)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Bring in the suite where a matrix was named."""
+    if config.getoption("matrix"):
+        from harness.smoke.face import Face  # noqa: PLC0415 - loaded by every pytest there is
+
+        config.pluginmanager.register(Face(config), "simmatrix-face")
+    elif config.getoption("pyargs") and any(argument.partition("::")[0] == SUITE for argument in config.args):
+        message = f"{SUITE} {NEEDED}"
+        raise pytest.UsageError(message)
+
+
+@pytest.fixture(scope="session")
+def cell(request: pytest.FixtureRequest) -> Any:
+    """Each cell of the matrices named by --matrix, installed: `cell.run("import gymnasium")` runs in its Python."""
+    if not hasattr(request, "param"):
+        pytest.skip(f"the fixture `cell` {NEEDED}")
+    from harness.smoke.tried import tried  # noqa: PLC0415 - loaded by every pytest there is
+
+    return tried(request.config, request.param)
+
+
+@pytest.fixture(scope="session")
+def env(request: pytest.FixtureRequest, cell: Any) -> Any:
+    """Each case of the cell: `env.env` is an environment id, `env.api` who makes it, `env.kwargs` with what."""
+    return request.param
