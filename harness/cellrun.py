@@ -43,7 +43,8 @@ class Context:
 
     `python` is the version that probes must find, `site` makes the environment when one really has to run. `identity`
     is all that a result's key holds besides case, phase and probe: environment key, variables, sandbox mode, machine.
-    `conditions` marks the system: what failed under others is measured again.
+    `conditions` marks the system: what failed under others is measured again, with `again` whatever failed. `measured`
+    is what the whole run has measured so far, whatever came of it: that is never measured a second time.
     `undrawable` is why nothing can be drawn by OpenGL here, `places` names this machine's folders, for evidence.
     """
 
@@ -56,31 +57,49 @@ class Context:
     places: Mapping[str, str]
     until: Phase = Phase.RENDER
     fresh: bool = False
+    again: bool = False
     verify: bool = False
+    measured: dict[str, PhaseRecord] = field(default_factory=dict)
     notify: Callable[[str], None] = lambda _: None
 
 
 def run_case(context: Context, case: Case) -> CaseRecord:
     """Bring every phase of a case to an outcome, from stored results where they exist."""
     wanted = _wanted(case, context.until)
-    known = {} if context.fresh else _stored(context, case, wanted)
-    seen = {phase: record.outcome for phase, record in known.items()}
-    missing = {phase: wanted[phase] for phase in wanted if phase not in known and outcomes.reachable(phase, seen)}
+    known, missing = _stored(context, case, wanted)
     if missing:
         measured = _Measurement(context, case).phases(missing)
         for phase, record in measured.items():
+            key = _key(context, case, phase, wanted[phase])
+            context.measured[key] = record
             if record.outcome not in MEASURED_AGAIN:
                 failed = record.outcome in FAILING
                 kept = replace(record, conditions=context.conditions) if failed else record
-                context.store.save_phase(_key(context, case, phase, wanted[phase]), kept)
+                context.store.save_phase(key, kept)
         known |= measured
-    asked = _wanted(case, Phase.RENDER)
-    return _record(case, [known.get(phase) or _absent(phase, phase in asked) for phase in CASE_PHASES])
+    return _reached(case, known)
+
+
+def stored_case(context: Context, case: Case) -> CaseRecord | None:
+    """The record of a case of which every phase is known; None where something has to be measured."""
+    known, missing = _stored(context, case, _wanted(case, context.until))
+    return None if missing else _reached(case, known)
+
+
+def claim(context: Context, case: Case) -> str:
+    """Equal for two cases, of whatever cells, exactly when their measurement is one and the same."""
+    limits = (case.checks, case.timeouts, case.memory_mb)
+    return digest("case", context.identity, context.verify, _asked(case), limits)
 
 
 def not_reached(case: Case) -> CaseRecord:
     """The record of a case whose environment never came to be."""
     return _record(case, [_absent(phase, phase in _wanted(case, Phase.RENDER)) for phase in CASE_PHASES])
+
+
+def _reached(case: Case, known: Mapping[Phase, PhaseRecord]) -> CaseRecord:
+    asked = _wanted(case, Phase.RENDER)
+    return _record(case, [known.get(phase) or _absent(phase, phase in asked) for phase in CASE_PHASES])
 
 
 def _record(case: Case, phases: Iterable[PhaseRecord]) -> CaseRecord:
@@ -100,9 +119,12 @@ def _absent(phase: Phase, asked: bool) -> PhaseRecord:
 
 def _key(context: Context, case: Case, phase: Phase, checks: tuple[str, ...]) -> str:
     limits = ({check: _limit(case, check) for check in checks}, case.memory_mb)
-    asked = (case.env, case.api, case.kwargs, case.imports, case.providers, case.steps, case.seed)
     probe = (launch.probe_hash(case.api, phase), _judging())
-    return digest("phase", context.identity, context.verify, asked, limits, phase, probe)
+    return digest("phase", context.identity, context.verify, _asked(case), limits, phase, probe)
+
+
+def _asked(case: Case) -> tuple[object, ...]:
+    return case.env, case.api, case.kwargs, case.imports, case.providers, case.steps, case.seed
 
 
 @cache
@@ -111,10 +133,27 @@ def _judging() -> str:
     return digest(*(inspect.getsource(module) for module in (normalise, outcomes)))
 
 
-def _stored(context: Context, case: Case, wanted: Mapping[Phase, tuple[str, ...]]) -> dict[Phase, PhaseRecord]:
-    found = {phase: context.store.load_phase(_key(context, case, phase, checks)) for phase, checks in wanted.items()}
-    still = {None, context.conditions}
-    return {phase: replace(one, reused=True) for phase, one in found.items() if one and one.conditions in still}
+Wanted = Mapping[Phase, tuple[str, ...]]
+"""The checks of each phase."""
+
+
+def _stored(context: Context, case: Case, wanted: Wanted) -> tuple[dict[Phase, PhaseRecord], Wanted]:
+    """What is known of a case, and what of the rest can be reached."""
+    found = {phase: _recall(context, _key(context, case, phase, checks)) for phase, checks in wanted.items()}
+    known = {phase: replace(one, reused=True) for phase, one in found.items() if one}
+    seen = {phase: record.outcome for phase, record in known.items()}
+    missing = {phase: wanted[phase] for phase in wanted if phase not in known and outcomes.reachable(phase, seen)}
+    return known, missing
+
+
+def _recall(context: Context, key: str) -> PhaseRecord | None:
+    """A phase as this run has measured it, else as it is stored, if that may be reused."""
+    if key in context.measured:
+        return context.measured[key]
+    kept = None if context.fresh else context.store.load_phase(key)
+    if kept and (kept.conditions not in {None, context.conditions} or (context.again and kept.outcome in FAILING)):
+        return None
+    return kept
 
 
 def _limit(case: Case, check: str) -> float:
@@ -129,6 +168,7 @@ class _Ended:
     attempts: int
     frames: tuple[str, ...] = ()
     evidence: str
+    peak_mb: int | None = None
 
 
 @dataclass(slots=True)
@@ -197,7 +237,8 @@ class _Measurement:
             record = replace(record, seconds=round(run.completed.seconds - before, 3))
         if record.decisive:
             record = replace(record, decisive=self._clean(run, record.decisive))
-        return _Ended(record=record, attempts=attempts, frames=pictures, evidence=evidence)
+        peak = run.completed.peak_mb or None
+        return _Ended(record=record, attempts=attempts, frames=pictures, evidence=evidence, peak_mb=peak)
 
     def _python(self, run: launch.ProbeRun) -> str:
         """The version of the Python that ran; a build from a checkout calls itself 3.14.0+."""
@@ -285,6 +326,7 @@ class _Measurement:
             evidence=decisive.evidence,
             attempts=max(e.attempts for e in ended),
             measured=now(),
+            peak_mb=max((e.peak_mb for e in ended if e.peak_mb), default=None),
         )
 
 

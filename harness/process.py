@@ -22,6 +22,7 @@ from time import monotonic
 from typing import Any, Self, overload
 
 from harness.errors import BadInput, CouldNotTell
+from harness.supervisor import tree
 
 SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
 SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")
@@ -84,7 +85,8 @@ class Completed:
     `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
     `out_of_memory`, that the whole machine had no memory left. None of these says anything about the command.
     `out_of_memory` without `killed` means its own limit. `written` are paths relative to the sealed folder, at most
-    100. `stray` counts the processes that outlived the command and were ended.
+    100. `stray` counts the processes that outlived the command and were ended. `peak_mb`
+    is the most that all its processes held at a look, pages that they share counted for each.
     """
 
     argv: tuple[str, ...]
@@ -99,6 +101,7 @@ class Completed:
     written: tuple[str, ...]
     sandbox: str
     stray: int
+    peak_mb: int = 0
 
 
 class Running:
@@ -121,6 +124,11 @@ class Running:
         self._completed: Completed | None = None
         self._pipe = threading.Lock()
         self._tell(_order(command, sandbox))
+
+    @property
+    def pid(self) -> int:
+        """Its supervisor's."""
+        return self._supervisor.pid
 
     @property
     def log(self) -> Path:
@@ -226,6 +234,14 @@ def stopped() -> bool:
     return _stopped.is_set()
 
 
+def resident_mb() -> tuple[int, ...]:
+    """What each command that runs now holds of the memory, with all its processes."""
+    with _gate:
+        roots = [running.pid for running in tuple(_live)]
+    everything = tree.processes() if roots else {}
+    return tuple(sum(tree.below(root, everything).values()) >> 20 for root in roots)
+
+
 def sandbox_mode() -> str:
     """The best of `SANDBOXES` that this machine allows, found by trying; `HARNESS_SANDBOX` takes another."""
     forced = os.environ.get(FORCED)
@@ -300,6 +316,7 @@ def _completed(running: Running, report: Mapping[str, Any]) -> Completed:
         written=tuple(report.get("written", ())),
         sandbox=running.sandbox,
         stray=report.get("stray", 0),
+        peak_mb=report.get("peak_mb", 0),
     )
 
 

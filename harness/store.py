@@ -21,7 +21,8 @@ import msgspec
 import platformdirs
 
 from harness.errors import BadInput
-from harness.model import CellRecord, Finding, Interpreter, Lock, PhaseRecord, Question, Step
+from harness.filelocks import exclusive
+from harness.model import CellRecord, Finding, Interpreter, Lock, Outcome, PhaseRecord, Question, Step
 
 T = TypeVar("T")
 
@@ -79,6 +80,16 @@ def write_atomic(path: Path, content: bytes) -> None:
         raise
 
 
+def write_changed(path: Path, content: bytes) -> None:
+    """Write the whole file, unless it says that already."""
+    try:
+        if path.read_bytes() == content:
+            return
+    except OSError:
+        pass
+    write_atomic(path, content)
+
+
 def digest(*parts: Any) -> str:
     """A content key: 32 hexadecimal digits of the SHA-256 of the parts as canonical JSON."""
     return hashlib.sha256(msgspec.json.encode(parts, order="deterministic")).hexdigest()[:32]
@@ -103,6 +114,34 @@ class Installed:
     seconds: float = 0.0
     findings: tuple[Finding, ...] = ()
     failed: Step | None = None
+
+
+class _GlancedPhase(msgspec.Struct, frozen=True):
+    outcome: Outcome
+    peak_mb: int | None = None
+
+
+class _GlancedCase(msgspec.Struct, frozen=True):
+    case: str
+    phases: tuple[_GlancedPhase, ...]
+
+
+class Glance(msgspec.Struct, frozen=True):
+    """The little of a cell's record that tells how to schedule it."""
+
+    seconds: float = 0.0
+    cases: tuple[_GlancedCase, ...] = ()
+
+    @property
+    def phases(self) -> list[_GlancedPhase]:
+        """Those of all cases."""
+        return [phase for case in self.cases for phase in case.phases]
+
+    @property
+    def peaks(self) -> dict[str, int]:
+        """The most memory (MB) that each case held, where that was measured."""
+        most = {case.case: max((phase.peak_mb or 0 for phase in case.phases), default=0) for case in self.cases}
+        return {case: peak for case, peak in most.items() if peak}
 
 
 @dataclass(frozen=True)
@@ -135,12 +174,17 @@ class Store:
         """Keep what an install came to, good or bad."""
         self._save("installed", key, installed)
 
+    def claim_file(self, key: str) -> Path:
+        """The lock file that says: this is being worked on."""
+        return self.folder / "claims" / f"{key}.lock"
+
     def instant(self, name: str, *, renew: bool = False, hours: float = float("inf")) -> str:
         """The cutoff of a matrix without a snapshot: the instant of its first lock, kept so long or until renewed."""
         path = self.folder / "instants" / name
-        if renew or not path.exists() or time() - path.stat().st_mtime > hours * 3600:
-            write_atomic(path, now().encode())
-        return path.read_text()
+        with exclusive(path.with_name(f"{name}.lock")):  # of several first runs, one says it
+            if renew or not path.exists() or time() - path.stat().st_mtime > hours * 3600:
+                write_atomic(path, now().encode())
+            return path.read_text()
 
     def load_phase(self, key: str) -> PhaseRecord | None:
         """One phase of one case, if it was measured here under the same key."""
@@ -156,15 +200,19 @@ class Store:
 
     def save_cell(self, record: CellRecord) -> None:
         """Keep the record of a cell; one machine never overwrites another's."""
-        write_atomic(self.cell_file(record.machine, record.cell.id), _encode(record))
+        write_changed(self.cell_file(record.machine, record.cell.id), _encode(record))
 
     def load_cell(self, machine: str, cell_id: str) -> CellRecord | None:
         """The last record of a cell on a machine."""
         return _read(self.cell_file(machine, cell_id), CellRecord)
 
+    def glance(self, machine: str, cell_id: str) -> Glance | None:
+        """What the last record of a cell tells of its cost."""
+        return _read(self.cell_file(machine, cell_id), Glance)
+
     def save_machine(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep the facts of a machine that cells are measured on."""
-        write_atomic(self.folder / "cells" / name / "machine.json", _encode(facts))
+        write_changed(self.folder / "cells" / name / "machine.json", _encode(facts))
 
     def load_machine(self, name: str) -> dict[str, Any]:
         """The facts of a machine that cells were measured on."""

@@ -1,23 +1,40 @@
-"""Many cells at a time."""
+"""Many cells: what is known is told at once; the rest goes through two stages, of waiting and of computing.
+
+    cells --prepare--> ready --probe--> records
+            (I/O)      (heap)   (CPU)
+
+Cells of one question are prepared together, since one resolution and one install serve them all. The first stage runs
+ahead of the second by a few environments: probes never wait for the network, and no disk fills up with environments
+that nobody has come to yet. Of the ready cells the longest goes first, if there is memory for it and nobody else is
+measuring the same: then it waits, without a slot, and finds the result.
+"""
 
 from __future__ import annotations
 
-import os
 import sysconfig
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from typing import Any
 
 from harness import machine, process
+from harness.filelocks import Claim, claim
 from harness.model import Cell, CellRecord
-from harness.scheduler.runner import Runner
-from harness.scheduler.settings import Observer, Settings
+from harness.scheduler.past import Past
+from harness.scheduler.room import Room
+from harness.scheduler.runner import Prepared, Runner
+from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 from harness.store import Store
 
+PREPARING = 3
+"""Groups of cells that are resolved and installed at a time."""
 
-def default_jobs() -> int:
-    """One cell per core that this process may use."""
-    return len(os.sched_getaffinity(0))
+LOOK_SECONDS = 0.25
+"""How often it is asked whether memory is free again, and whether another process is done with the same cell."""
 
 
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
@@ -25,27 +42,177 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
     sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
     here = machine.facts()
     store.save_machine(here.id, here.facts)
-    runner = Runner(store, settings, observer)
-    results: dict[str, CellRecord] = {}
-    with _pool(settings.jobs) as submit:
-        pending: set[Future[CellRecord]] = {submit(runner.cell, cell) for cell in cells}
-        while pending:
-            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-            for future in finished:
-                record = future.result()
-                results[record.cell.id] = record
-    return tuple(results[cell.id] for cell in cells)
+    flow = _Flow(Runner(store, settings, observer))
+    left = [cell for cell in cells if not flow.told(cell)]
+    if left:
+        flow.run(left, Past(store, here.id, left))
+    return tuple(flow.records[cell.id] for cell in cells)
+
+
+@dataclass(order=True, slots=True)
+class _Ready:
+    """A prepared cell that waits for a slot: the longest first, then in the order of the cells."""
+
+    rank: tuple[float, int]
+    prepared: Prepared = field(compare=False)
+    memory_mb: int = field(compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class _Probing:
+    """A cell that has a slot."""
+
+    ready: _Ready
+    claim: Claim
+
+
+class _Flow:
+    """The cells on their way, seen and changed by one thread only."""
+
+    def __init__(self, runner: Runner) -> None:
+        self.runner = runner
+        self.records: dict[str, CellRecord] = {}
+        settings = runner.settings
+        memory = settings.reading if settings.jobs == AUTO else None
+        self.room = Room(settings.jobs or default_jobs(), memory)
+        self.groups: deque[list[Cell]] = deque()
+        self.preparing: set[Future[list[Prepared]]] = set()
+        self.ready: list[_Ready] = []
+        self.environments: Counter[str | None] = Counter()  # of the ready
+        self.probing: dict[Future[CellRecord], _Probing] = {}
+        self.behind: dict[str, list[_Ready]] = {}  # what is measured here now, and who waits for that
+        self.elsewhere: list[_Ready] = []  # another process measures the same
+
+    def told(self, cell: Cell) -> bool:
+        """Keep the record of a cell, if all of it is known."""
+        record = self.runner.known(cell)
+        if record:
+            self._keep(record)
+        return record is not None
+
+    def run(self, cells: Sequence[Cell], past: Past) -> None:
+        """Bring these cells to their records."""
+        self.past = past
+        self.order = {cell.id: (-past.seconds(cell), number) for number, cell in enumerate(cells)}
+        self.groups.extend(self._grouped(cells))
+        with _threads(PREPARING, self.room.slots) as (self.first, self.second):
+            while self.groups or self.preparing or self.ready or self.probing or self.elsewhere:
+                self._prepare()
+                self._probe()
+                self._wait()
+
+    def _grouped(self, cells: Sequence[Cell]) -> list[list[Cell]]:
+        """Cells that ask the same of the same Python, those with the longest first."""
+        groups: dict[tuple[int, str], list[Cell]] = {}
+        for cell in sorted(cells, key=lambda cell: self.order[cell.id]):
+            groups.setdefault((id(cell.question), cell.python), []).append(cell)
+        return list(groups.values())
+
+    # --- the first stage -------------------------------------------------------------------------------------------
+
+    def _prepare(self) -> None:
+        """Take on more groups, while not too many environments wait; but never let slots stay empty."""
+        ahead = self.room.slots + PREPARING
+        while self.groups and len(self.preparing) < PREPARING:
+            if self.ready and len(self.preparing) + len(self.environments) >= ahead:
+                break
+            self.preparing.add(self.first.submit(self._prepared, self.groups.popleft()))
+
+    def _prepared(self, cells: list[Cell]) -> list[Prepared]:
+        return [self.runner.prepare(cell) for cell in cells]
+
+    def _arrived(self, prepared: Prepared) -> None:
+        if prepared.context is None:
+            self._keep(self.runner.probe(prepared))
+            return
+        cell = prepared.record.cell
+        self.runner.observer.step(cell, WAITING)
+        self._push(_Ready(self.order[cell.id], prepared, self.past.memory_mb(cell)))
+
+    # --- the second stage ------------------------------------------------------------------------------------------
+
+    def _probe(self) -> None:
+        """Fill the free slots with what may start."""
+        refused: list[_Ready] = []
+        while self.ready and len(self.probing) < self.room.slots:
+            ready = self._pop()
+            if not self.room.admits(ready.memory_mb, [other.ready.memory_mb for other in self.probing.values()]):
+                refused.append(ready)
+            else:
+                self._start(ready)
+        for ready in refused:
+            self._push(ready)
+
+    def _start(self, ready: _Ready) -> None:
+        """Give a cell a slot, unless the same is being measured already."""
+        claims = ready.prepared.claims
+        taken = next((name for name in claims if name in self.behind), None)
+        if taken is not None:
+            self.behind[taken].append(ready)
+            return
+        held = claim([self.runner.store.claim_file(name) for name in claims], wait=False)
+        if held is None:
+            self.elsewhere.append(ready)
+            return
+        self.behind.update({name: [] for name in claims})
+        self.probing[self.second.submit(self.runner.probe, ready.prepared)] = _Probing(ready, held)
+
+    def _ended(self, future: Future[CellRecord]) -> None:
+        probed = self.probing.pop(future)
+        probed.claim.release()
+        for name in probed.ready.prepared.claims:
+            for waiting in self.behind.pop(name):
+                self._push(waiting)
+        self._keep(future.result())
+
+    # --- both ------------------------------------------------------------------------------------------------------
+
+    def _wait(self) -> None:
+        """Wait until something ended, or until it is time to look again."""
+        busy: set[Future[Any]] = {*self.preparing, *self.probing}
+        looking = LOOK_SECONDS if self.elsewhere or self.ready else None
+        if busy:
+            wait(busy, timeout=looking, return_when=FIRST_COMPLETED)
+        else:
+            time.sleep(LOOK_SECONDS)
+        for future in [one for one in self.preparing if one.done()]:
+            self.preparing.remove(future)
+            for prepared in future.result():
+                self._arrived(prepared)
+        for probe in [one for one in self.probing if one.done()]:
+            self._ended(probe)
+        again, self.elsewhere = self.elsewhere, []
+        for ready in again:
+            self._push(ready)
+
+    def _push(self, ready: _Ready) -> None:
+        heappush(self.ready, ready)
+        self.environments[ready.prepared.environment] += 1
+
+    def _pop(self) -> _Ready:
+        ready = heappop(self.ready)
+        self.environments[ready.prepared.environment] -= 1
+        if not self.environments[ready.prepared.environment]:
+            del self.environments[ready.prepared.environment]
+        return ready
+
+    def _keep(self, record: CellRecord) -> None:
+        self.runner.keep(record)
+        self.records[record.cell.id] = record
+        self.runner.observer.done(record)
 
 
 @contextmanager
-def _pool(jobs: int) -> Iterator[Callable[..., Future[CellRecord]]]:
+def _threads(*sizes: int) -> Iterator[list[ThreadPoolExecutor]]:
     """Threads that end, with every process they started, when the block is left by an exception."""
-    pool = ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="cell")
+    pools = [ThreadPoolExecutor(max_workers=size, thread_name_prefix="cells") for size in sizes]
     try:
-        yield pool.submit
+        yield pools
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
         process.stop()
         raise
     finally:
-        pool.shutdown(wait=True)
+        for pool in pools:
+            pool.shutdown(wait=True)

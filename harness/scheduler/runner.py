@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from time import monotonic
 
-from harness import cellrun, environments, interpreters, launch, machine, process, uv, uvcli
+from harness import cellrun, interpreters, launch, machine, process, uv, uvcli
 from harness.environments import Environment
 from harness.errors import CouldNotTell
+from harness.filelocks import claim, exclusive
 from harness.model import (
     Case,
     CaseRecord,
@@ -24,102 +23,171 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.scheduler.once import Once
+from harness.scheduler.pool import NoEnvironment, Pool, conditioned, outdated
 from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
-from harness.vocabulary import Api
 
 
-class _Once:
-    """Does the work of a key once, however many threads ask for it."""
+class Unknown(Exception):
+    """Something has to be done before the cell's record can be told."""
 
-    def __init__(self) -> None:
-        self._locks: dict[Hashable, threading.Lock] = {}
-        self._guard = threading.Lock()
 
-    @contextmanager
-    def turn(self, key: Hashable) -> Iterator[None]:
-        """Hold the key; the first holder does the work, the next find it done."""
-        with self._guard:
-            lock = self._locks.setdefault(key, threading.Lock())
-        with lock:
-            yield
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Prepared:
+    """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
+
+    `claims` are what is to be measured, `environment` is where.
+    """
+
+    record: CellRecord
+    context: cellrun.Context | None = None
+    cases: tuple[Case, ...] = ()
+    claims: tuple[str, ...] = ()
+    environment: str | None = None
 
 
 @dataclass
 class Runner:
-    """Takes cells through their phases; what several of them need is done once."""
+    """Takes cells through their phases; what several of them need is done once.
+
+    Any thread may call it. `measured` is what came of every phase in this run.
+    """
 
     store: Store
     settings: Settings
     observer: Observer
-    once: _Once = field(default_factory=_Once)
+    once: Once = field(default_factory=Once)
     resolved: dict[str, tuple[Lock | None, Step]] = field(default_factory=dict)
-
-    def cell(self, cell: Cell) -> CellRecord:
-        """Take one cell through its phases and keep its record."""
-        self.observer.started(cell)
-        record = self.measure(cell)
-        self.store.save_cell(record)
-        self.observer.done(record)
-        return record
+    installed: dict[str, Installed] = field(default_factory=dict)
+    environments: dict[str, Environment] = field(default_factory=dict)
+    measured: dict[str, PhaseRecord] = field(default_factory=dict)
 
     def measure(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases; its results are kept, its record is not."""
-        record = self._run(cell)
-        if process.stopped():
-            message = f"{cell.id}: interrupted"
-            raise CouldNotTell(message)
-        measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
-        return replace(record, measured=measured, seconds=_seconds(record), reused=_reused(record))
+        ready = self.prepare(cell)
+        held = claim([self.store.claim_file(key) for key in ready.claims], wait=True)
+        try:
+            return self.probe(ready)
+        finally:
+            if held:
+                held.release()
 
-    def _run(self, cell: Cell) -> CellRecord:
-        record = CellRecord(cell=cell, machine=machine.facts().id, supplied=machine.supplied(cell.environment))
-        interpreter = interpreters.obtain(cell.python, offline=self.settings.offline)
-        missing = machine.missing_for(cell.needs) if interpreter else interpreters.hint(cell.python)
-        if interpreter is None or missing:
-            return replace(record, unavailable=missing, cases=_not_reached(cell))
-        record = replace(record, python=interpreter.version)
+    def keep(self, record: CellRecord) -> None:
+        """Store the record of a cell, unless it tells less of the same than the one that is there."""
+        if not self._tells_less(record):
+            self.store.save_cell(record)
+
+    def known(self, cell: Cell) -> CellRecord | None:
+        """The record of a cell of which everything is known; None where something has to be done."""
+        try:
+            return _finished(self._prepared(cell, quick=True).record)
+        except Unknown:
+            return None
+
+    def prepare(self, cell: Cell) -> Prepared:
+        """Resolve and install: mostly waiting, for the network and the disk."""
+        self.observer.started(cell)
         self.observer.step(cell, Phase.RESOLVE)
-        lock, step = self.lock(cell.question, interpreter)
-        record = replace(record, resolve=step)
-        if lock is None:
-            return _stopped(record, step)
-        file = self.store.relative(self.store.lock_file(lock))
-        record = replace(record, lock=file, lock_sha256=lock.sha256)
-        return record if self.settings.until is Phase.RESOLVE else self._probe(record, lock, interpreter)
+        return self._prepared(cell, quick=False)
+
+    def probe(self, ready: Prepared) -> CellRecord:
+        """Run what is to be run of a prepared cell: mostly computing."""
+        record = ready.record
+        if ready.context:
+            try:
+                cases = tuple(cellrun.run_case(ready.context, case) for case in ready.cases)
+                record = replace(record, cases=cases)
+            except NoEnvironment as failure:
+                record = _stopped(record, failure.step)
+        if process.stopped():
+            message = f"{record.cell.id}: interrupted"
+            raise CouldNotTell(message)
+        return _finished(record)
+
+    # --- resolving -------------------------------------------------------------------------------------------------
 
     def lock(self, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         """The lock of a question and how it came: kept from before, or resolved now, once for all that ask it."""
+        return self._locked(question, interpreter, quick=False)
+
+    def _locked(self, question: Question, interpreter: Interpreter, *, quick: bool) -> tuple[Lock | None, Step]:
         key = question_key(question, interpreter)
         with self.once.turn(key):
-            if key not in self.resolved:
-                self.resolved[key] = self._lock(key, question, interpreter)
-        return self.resolved[key]
+            known = self.resolved.get(key)
+            if known is None:
+                known = self._kept_lock(key) or self._resolved_lock(key, question, interpreter, quick=quick)
+                lock, step = known
+                self.resolved[key] = lock, replace(step, seconds=0.0, reused=True)  # for whoever asks next
+        return known
 
-    def _lock(self, key: str, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
+    def _kept_lock(self, key: str) -> tuple[Lock | None, Step] | None:
+        """The answer of an earlier run, where it still holds."""
         kept = None if self.settings.fresh else self.store.load_lock(key)
-        kept = None if isinstance(kept, Step) and _outdated(kept) else kept
-        if self.settings.offline and not kept:
-            key = digest("offline", key)  # what the caches hold is no answer for a run with the network
-        start = monotonic()
-        answer = kept or uv.resolve(
-            question, interpreter, self.store.evidence(f"lock-{key[:16]}"), offline=self.settings.offline
-        )
-        if isinstance(answer, Step):
-            if not kept and answer.outcome is Outcome.FAILED:
-                self.store.save_lock(key, _conditioned(answer))
-            return None, replace(answer, reused=bool(kept))
-        if not kept:
-            self.store.save_lock(key, answer)
-        seconds = 0.0 if kept else monotonic() - start
-        return answer, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, seconds=round(seconds, 3), reused=bool(kept))
+        if isinstance(kept, Step):
+            holds = not (outdated(kept) or self.settings.again)
+            return (None, replace(kept, reused=True)) if holds else None
+        return (kept, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)) if kept else None
 
-    def _probe(self, record: CellRecord, lock: Lock, interpreter: Interpreter) -> CellRecord:
-        """Install, unless every result is known already, and run the cases."""
-        pool = _Pool(self, record.cell, lock, interpreter)
-        known = pool.installed()
+    def _resolved_lock(
+        self, key: str, question: Question, interpreter: Interpreter, *, quick: bool
+    ) -> tuple[Lock | None, Step]:
+        if quick:
+            raise Unknown
+        with exclusive(self.store.claim_file(key)):
+            kept = self._kept_lock(key)  # another process may have answered while we waited
+            if kept:
+                return kept
+            start = monotonic()
+            folder = self.store.evidence(f"lock-{key[:16]}")
+            answer = uv.resolve(question, interpreter, folder, offline=self.settings.offline)
+            if self.settings.offline:
+                key = digest("offline", key)  # what the caches hold is no answer for a run with the network
+            if isinstance(answer, Step):
+                if answer.outcome is Outcome.FAILED:
+                    self.store.save_lock(key, conditioned(answer))
+                return None, answer
+            self.store.save_lock(key, answer)
+        return answer, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, seconds=round(monotonic() - start, 3))
+
+    # --- the way of a cell -----------------------------------------------------------------------------------------
+
+    def _prepared(self, cell: Cell, *, quick: bool) -> Prepared:
+        record = CellRecord(cell=cell, machine=machine.facts().id, supplied=machine.supplied(cell.environment))
+        interpreter = self._interpreter(cell, quick=quick)
+        missing = interpreter if isinstance(interpreter, str) else machine.missing_for(cell.needs)
+        if isinstance(interpreter, str) or missing:
+            return Prepared(record=replace(record, unavailable=missing, cases=_not_reached(cell)))
+        record = replace(record, python=interpreter.version)
+        fetched = self.settings.fetched
+        lock, step = fetched.answer(cell) if fetched else self._locked(cell.question, interpreter, quick=quick)
+        record = replace(record, resolve=step)
+        if lock is None:
+            return Prepared(record=_stopped(record, step))
+        file = self.store.relative(self.store.lock_file(lock))
+        record = replace(record, lock=file, lock_sha256=lock.sha256)
+        if self.settings.until is Phase.RESOLVE:
+            return Prepared(record=record)
+        return self._installed(record, Pool(self, cell, lock, interpreter), quick=quick)
+
+    def _interpreter(self, cell: Cell, *, quick: bool) -> Interpreter | str:
+        """The Python of a cell, or why there is none."""
+        if self.settings.fetched:
+            return self.settings.fetched.interpreter(cell)
+        found = interpreters.obtain(cell.python, offline=quick or self.settings.offline)
+        if found is None and quick:
+            raise Unknown  # it may be there to be downloaded
+        return found or interpreters.hint(cell.python)
+
+    def _installed(self, record: CellRecord, pool: Pool, *, quick: bool) -> Prepared:
+        """Install, unless every result is known already."""
+        known = pool.kept()
+        if known is None:
+            if quick:
+                raise Unknown
+            known = pool.install()
         if known.failed:
-            return _stopped(record, known.failed)
+            return Prepared(record=_stopped(record, known.failed))
         record = replace(
             record,
             key=known.key,
@@ -134,21 +202,35 @@ class Runner:
         )
         try:
             if self.settings.until is Phase.INSTALL:
+                if quick:
+                    raise Unknown  # it may be gone: that is looked at in turn
                 pool.environment()
-                return record
-            context = self._context(record, pool)
-            cases = tuple(cellrun.run_case(context, _with_modules(case, known)) for case in record.cell.cases)
-        except _NoEnvironment as failure:
-            return _stopped(record, failure.step)
-        return replace(record, cases=cases)
+                return Prepared(record=record)
+            return self._known_cases(record, pool, known, quick=quick)
+        except NoEnvironment as failure:
+            return Prepared(record=_stopped(record, failure.step))
 
-    def _context(self, record: CellRecord, pool: _Pool) -> cellrun.Context:
+    def _known_cases(self, record: CellRecord, pool: Pool, known: Installed, *, quick: bool) -> Prepared:
+        context = self._context(record, pool)
+        cases = tuple(_with_modules(case, known) for case in record.cell.cases)
+        stored = [cellrun.stored_case(context, case) for case in cases]
+        found = tuple(one for one in stored if one)
+        if len(found) == len(stored):
+            return Prepared(record=replace(record, cases=found))
+        if quick:
+            raise Unknown
+        pool.environment()
+        claims = {cellrun.claim(context, case) for case, one in zip(cases, stored, strict=True) if one is None}
+        return Prepared(
+            record=record, context=context, cases=cases, claims=tuple(sorted(claims)), environment=record.key
+        )
+
+    def _context(self, record: CellRecord, pool: Pool) -> cellrun.Context:
         cell = record.cell
         given = {**record.supplied, **cell.environment}
         needs = (*cell.needs, *machine.drawing_needs(given))
         variables = {name: value for name, value in {**machine.base_environment(needs), **given}.items() if value != ""}
         files = {name: content.encode() for name, content in cell.files.items()}
-        facts = machine.facts()
 
         def site() -> launch.Site:
             environment = pool.environment()
@@ -169,78 +251,35 @@ class Runner:
                 sorted(variables.items()),
                 sorted(cell.files.items()),
                 process.sandbox_mode(),
-                facts.id,
+                machine.facts().id,
             ),
             undrawable=machine.undrawable(given),
             conditions=machine.conditions(),
             places=uvcli.places(),
             until=self.settings.until,
             fresh=self.settings.fresh,
+            again=self.settings.again,
             verify=self.settings.verify,
+            measured=self.measured,
             notify=lambda text: self.observer.step(cell, text),
         )
 
+    def _tells_less(self, record: CellRecord) -> bool:
+        """Whether a run that was to stop early has nothing to say against what is known of the same lock."""
+        if self.settings.until not in {Phase.RESOLVE, Phase.INSTALL} or not record.lock:
+            return False
+        kept = self.store.load_cell(record.machine, record.cell.id)
+        failed = record.install is not None and record.install.outcome is not Outcome.PASSED
+        return not failed and kept is not None and kept.cell == record.cell and kept.lock_sha256 == record.lock_sha256
 
-class _NoEnvironment(Exception):
-    """The environment of a lock that was installed before cannot be made again now."""
 
-    def __init__(self, step: Step) -> None:
-        super().__init__(step.decisive)
-        self.step = step
+# --- records -------------------------------------------------------------------------------------------------------
 
 
-class _Pool:
-    """The environment of one cell, made only when a probe has to run."""
-
-    def __init__(self, runner: Runner, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
-        self.runner, self.cell, self.lock, self.interpreter = runner, cell, lock, interpreter
-        question = cell.question
-        self.key = digest(
-            "install", lock.sha256, interpreter.identity, question.build_constraints, question.build_variables
-        )
-        self.known = False
-        self.made: Environment | None = None
-
-    def installed(self) -> Installed:
-        """What the install came to, now or before; an environment is made if it is not known."""
-        kept = None if self.runner.settings.fresh else self.runner.store.load_installed(self.key)
-        if kept and not (kept.failed and _outdated(kept.failed)):
-            self.known = True
-            return replace(kept, failed=replace(kept.failed, reused=True) if kept.failed else None)
-        try:
-            made = self.environment()
-        except _NoEnvironment as failure:
-            if failure.step.outcome is Outcome.FAILED:
-                self.runner.store.save_installed(self.key, Installed(failed=_conditioned(failure.step)))
-            return Installed(failed=failure.step)
-        known = Installed(
-            key=made.key,
-            versions=made.installed,
-            modules=environments.modules(made.path),
-            speaking={api: environments.requiring(made.path, api) for api in Api},
-            seconds=round(made.seconds, 3),
-            findings=made.findings,
-        )
-        self.runner.store.save_installed(self.key, known)
-        return known
-
-    def environment(self) -> Environment:
-        """The environment itself, from the pool or made now."""
-        if self.made is None:
-            self.runner.observer.step(self.cell, Phase.INSTALL)
-            with self.runner.once.turn(("environment", self.key)):
-                made = self._ensured()
-                if self.runner.settings.verify and isinstance(made, Environment) and environments.verify(made):
-                    environments.discard(made)
-                    made = self._ensured()
-            if isinstance(made, Step):
-                raise _NoEnvironment(made)
-            self.made = made
-        return self.made
-
-    def _ensured(self) -> Environment | Step:
-        offline = self.runner.settings.offline
-        return environments.ensure(self.lock, self.interpreter, self.cell.question, offline=offline)
+def _finished(record: CellRecord) -> CellRecord:
+    """The record with what can be told only at its end."""
+    measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
+    return replace(record, measured=measured, seconds=_seconds(record), reused=_reused(record))
 
 
 def _stopped(record: CellRecord, step: Step) -> CellRecord:
@@ -252,16 +291,6 @@ def _stopped(record: CellRecord, step: Step) -> CellRecord:
         resolve = record.resolve if record.lock else Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
         return replace(record, resolve=resolve, install=step, cases=cases)
     return replace(record, resolve=step, cases=cases)
-
-
-def _conditioned(step: Step) -> Step:
-    """A failed build with the mark of the system that it failed on; a resolution depends on no system."""
-    return replace(step, conditions=machine.conditions()) if step.phase is Phase.INSTALL else step
-
-
-def _outdated(step: Step) -> bool:
-    """Whether something was installed on this system since: a failed build is tried again."""
-    return step.conditions not in {None, machine.conditions()}
 
 
 def _not_reached(cell: Cell) -> tuple[CaseRecord, ...]:

@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from harness import memory
+from harness.fetched import Fetched
 from harness.model import Cell, CellRecord, Phase
+
+AUTO = 0
+"""As many cells at a time as there are cores, and no more than the free memory has room for."""
+
+WAITING = "wait"
+"""The step of a cell whose environment stands and that has no slot yet."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Settings:
-    """How a run is to be done; `until` is the last phase wanted."""
+    """How a run is to be done; `until` is the last phase wanted.
+
+    `jobs` is how many cells are probed at a time, or `AUTO`, which asks `reading` what memory is left. `fresh`
+    measures everything again, `again` what failed.
+    """
 
     jobs: int = 1
     until: Phase = Phase.RENDER
     fresh: bool = False
+    again: bool = False
     offline: bool = False
     verify: bool = False
+    fetched: Fetched | None = None
+    reading: Callable[[], memory.Reading] = memory.reading
 
 
 class Observer(Protocol):
@@ -26,10 +43,15 @@ class Observer(Protocol):
         """A cell is being worked on."""
 
     def step(self, cell: Cell, text: str) -> None:
-        """What it is doing now (`resolve`, `install`, a check's name)."""
+        """What it is doing now (`resolve`, `install`, `wait`, a check's name)."""
 
     def done(self, record: CellRecord) -> None:
         """A cell is finished and stored."""
 
     def say(self, text: str) -> None:
         """Something to tell the user once."""
+
+
+def default_jobs() -> int:
+    """One cell per core that this process may use."""
+    return len(os.sched_getaffinity(0))

@@ -16,6 +16,11 @@ class SupervisorError(Exception):
 
 def descendants() -> dict[int, int]:
     """Every living process below this one, with its resident bytes."""
+    return below(os.getpid(), processes())
+
+
+def processes() -> dict[int, list[tuple[int, int | None]]]:
+    """Every process of this machine by its parent: (pid, resident bytes, None for one that has ended)."""
     children: dict[int, list[tuple[int, int | None]]] = {}
     page = resource.getpagesize()
     for name in filter(str.isdigit, os.listdir("/proc")):
@@ -26,9 +31,14 @@ def descendants() -> dict[int, int]:
             continue
         resident = None if fields[0] in b"ZX" else int(fields[21]) * page
         children.setdefault(int(fields[1]), []).append((int(name), resident))
-    found, parents = {}, [os.getpid()]
+    return children
+
+
+def below(root: int, children: dict[int, list[tuple[int, int | None]]]) -> dict[int, int]:
+    """The living ones among the processes below one, with their resident bytes."""
+    found, parents = {}, [root]
     while parents:
-        for pid, resident in children.pop(parents.pop(), ()):
+        for pid, resident in children.get(parents.pop(), ()):
             parents.append(pid)
             if resident is not None:
                 found[pid] = resident
@@ -47,15 +57,15 @@ def proportional(pid: int, resident: int) -> int:
     return sum(int(words[1]) * 1024 for words in lines if words[0] in (b"Pss:", b"SwapPss:"))
 
 
-def uses_more_than(limit: int) -> bool:
-    """Whether all processes together hold more than `limit` bytes; exact only where the cheap sum says so.
+def uses_more_than(limit: int) -> tuple[bool, int]:
+    """Whether all processes together hold more than `limit` bytes, exact only where the cheap sum says so; that sum.
 
     The exact sum is taken twice: while processes start or end, their shares of a page do not add up to one.
     """
-    tree = descendants()
-    if sum(tree.values()) <= limit:
-        return False
-    return all(sum(proportional(*process) for process in descendants().items()) > limit for _ in range(2))
+    cheap = sum(descendants().values())
+    if cheap <= limit:
+        return False, cheap
+    return all(sum(proportional(*process) for process in descendants().items()) > limit for _ in range(2)), cheap
 
 
 def reap(ended: dict[int, int]) -> None:

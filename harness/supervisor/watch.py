@@ -112,6 +112,7 @@ class Watch:
         self.killed: str | None = None
         self.timed_out = self.out_of_memory = False
         self.kernel_kills = killed_by_kernel()
+        self.peak = 0
         self.started = time.monotonic()
         self.deadline, self.last_chance = self.started + order["seconds"], float("inf")
         self.next_look = self.started + LOOK
@@ -131,6 +132,7 @@ class Watch:
         self.drain()
         self.log.close()
         code = os.waitstatus_to_exitcode(self.ended[self.pid])
+        largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss << 10  # of one that ended between two looks
         if code == -signal.SIGKILL and not self.ending() and killed_by_kernel() > self.kernel_kills:
             self.out_of_memory, self.killed = True, "the machine ran out of memory"
         return {
@@ -140,6 +142,7 @@ class Watch:
             "out_of_memory": self.out_of_memory,
             "killed": self.killed,
             "seconds": seconds,
+            "peak_mb": max(self.peak, largest) >> 20,
             "truncated": bool(self.log.omitted),
             "stray": stray,
         }
@@ -177,7 +180,9 @@ class Watch:
             self.timed_out = True
             self.terminate()
         if now >= self.next_look and not self.out_of_memory:
-            if uses_more_than(self.memory):
+            over, held = uses_more_than(self.memory)
+            self.peak = max(self.peak, held)
+            if over:
                 self.out_of_memory = True
                 end_all(self.ended)
             after = time.monotonic()

@@ -1,0 +1,73 @@
+"""How much memory is left to this process, by the machine and by its control group, and what our probes hold of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness import process
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reading:
+    """MB that can be taken without swapping, None where nothing tells; and what each running command holds already."""
+
+    free_mb: int | None
+    held_mb: tuple[int, ...]
+
+
+def reading() -> Reading:
+    """The memory of this moment."""
+    return Reading(free_mb=free_mb(), held_mb=process.resident_mb())
+
+
+def free_mb(root: Path = Path("/")) -> int | None:
+    """The least that the machine and each control group above this process leave; `root` is the file system's."""
+    found = [*_machine(root), *_groups(root)]
+    return max(0, min(found)) >> 20 if found else None
+
+
+def _machine(root: Path) -> Iterator[int]:
+    for line in _lines(root / "proc/meminfo"):
+        if line.startswith("MemAvailable:"):
+            yield int(line.split()[1]) << 10
+
+
+def _groups(root: Path) -> Iterator[int]:
+    """What is left of the limit of each group, from our own up to the root, in both versions of control groups."""
+    for line in _lines(root / "proc/self/cgroup"):
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":
+            base, names = root / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            base = root / "sys/fs/cgroup/memory"
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        else:
+            continue
+        own = base / path.strip("/")
+        for folder in (own, *own.parents):
+            if not folder.is_relative_to(base):
+                break
+            yield from _left(folder, *names)
+
+
+def _left(folder: Path, limit: str, usage: str, cached: str) -> Iterator[int]:
+    """The limit less what is used, without the file cache that goes first."""
+    most, used = _number(folder / limit), _number(folder / usage)
+    if most is not None and used is not None:
+        stat = dict(line.split(" ", 1) for line in _lines(folder / "memory.stat"))
+        yield most - used + int(stat.get(cached, 0))
+
+
+def _number(path: Path) -> int | None:
+    """The number in a file; None where there is none (`max`, no such file)."""
+    text = "".join(_lines(path))
+    return int(text) if text.isdigit() else None
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return []

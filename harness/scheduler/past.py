@@ -1,0 +1,43 @@
+"""What earlier runs say of how long a cell takes and how much memory it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+
+from harness.model import Cell, Outcome
+from harness.store import Store
+
+UNKNOWN_MB = 2000
+"""What a case is taken to need that was never measured."""
+
+
+class Past:
+    """The last records of some cells on one machine."""
+
+    def __init__(self, store: Store, machine: str, cells: Iterable[Cell]) -> None:
+        found = {cell.id: store.glance(machine, cell.id) for cell in cells}
+        self._known = {name: glance for name, glance in found.items() if glance}
+
+    def seconds(self, cell: Cell) -> float:
+        """What the cell took the last time; without end where nobody knows, so that it is not left to the last."""
+        known = self._known.get(cell.id)
+        ran = known is not None and any(phase.outcome is not Outcome.NOT_REACHED for phase in known.phases)
+        return known.seconds if known and ran else float("inf")
+
+    def memory_mb(self, cell: Cell) -> int:
+        """The most that one of its cases held the last time, here or in a like cell; never more than it may."""
+        peaks = self._known[cell.id].peaks if cell.id in self._known else {}
+        return max((self._case(case.id, case.memory_mb, peaks) for case in cell.cases), default=0)
+
+    def _case(self, case: str, limit: int, peaks: dict[str, int]) -> int:
+        return min(limit, peaks.get(case) or self._elsewhere.get(case) or UNKNOWN_MB)
+
+    @cached_property
+    def _elsewhere(self) -> dict[str, int]:
+        """The most that a case of this name held in any of the cells."""
+        most: dict[str, int] = {}
+        for known in self._known.values():
+            for case, peak in known.peaks.items():
+                most[case] = max(peak, most.get(case, 0))
+        return most

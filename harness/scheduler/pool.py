@@ -1,0 +1,115 @@
+"""The environment of a cell, made only when it is needed, once for all cells that share it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol
+
+from harness import environments, machine
+from harness.environments import Environment
+from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
+from harness.scheduler.once import Once
+from harness.scheduler.settings import Observer, Settings
+from harness.store import Installed, Store, digest
+from harness.vocabulary import Api
+
+
+class Owner(Protocol):
+    """The runner, as far as a pool needs it; `installed` is what it knows of installs, `environments` are those
+    that were made or looked at in this run."""
+
+    store: Store
+    settings: Settings
+    observer: Observer
+    once: Once
+    installed: dict[str, Installed]
+    environments: dict[str, Environment]
+
+
+class NoEnvironment(Exception):
+    """The environment of a lock cannot be made now."""
+
+    def __init__(self, step: Step) -> None:
+        super().__init__(step.decisive)
+        self.step = step
+
+
+class Pool:
+    """The environment of one cell."""
+
+    def __init__(self, owner: Owner, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
+        self.owner, self.cell, self.lock, self.interpreter = owner, cell, lock, interpreter
+        question = cell.question
+        self.key = digest(
+            "install", lock.sha256, interpreter.identity, question.build_constraints, question.build_variables
+        )
+        self.known = False
+
+    def kept(self) -> Installed | None:
+        """What the install came to before, if that still holds."""
+        known, settings = self.owner.installed.get(self.key), self.owner.settings
+        if known is None:
+            known = None if settings.fresh else self.owner.store.load_installed(self.key)
+            if known is None or (known.failed and (settings.again or outdated(known.failed))):
+                return None
+            self.owner.installed[self.key] = known
+        self.known = True
+        return replace(known, failed=replace(known.failed, reused=True)) if known.failed else known
+
+    def install(self) -> Installed:
+        """Make the environment and keep what that came to."""
+        with self.owner.once.turn(("install", self.key)):
+            known = self.kept()  # another thread may have made it while we waited
+            if known:
+                return known
+            known = self._new()
+            if known.failed is None or known.failed.outcome is Outcome.FAILED:
+                self.owner.store.save_installed(self.key, known)
+            self.owner.installed[self.key] = known
+        return known
+
+    def _new(self) -> Installed:
+        try:
+            made = self.environment()
+        except NoEnvironment as failure:
+            return Installed(failed=conditioned(failure.step))
+        return Installed(
+            key=made.key,
+            versions=made.installed,
+            modules=environments.modules(made.path),
+            speaking={api: environments.requiring(made.path, api) for api in Api},
+            seconds=round(made.seconds, 3),
+            findings=made.findings,
+        )
+
+    def environment(self) -> Environment:
+        """The environment itself, from the pool or made now."""
+        with self.owner.once.turn(("environment", self.key)):
+            if self.key not in self.owner.environments:
+                self.owner.observer.step(self.cell, Phase.INSTALL)
+                made = self._ensured()
+                if self.owner.settings.verify and isinstance(made, Environment) and environments.verify(made):
+                    environments.discard(made)
+                    made = self._ensured()
+                if isinstance(made, Step):
+                    raise NoEnvironment(made)
+                self.owner.environments[self.key] = made
+        return self.owner.environments[self.key]
+
+    def _ensured(self) -> Environment | Step:
+        settings = self.owner.settings
+        if settings.fetched:
+            failed = settings.fetched.supply(self.cell, self.lock, self.interpreter)
+            if failed:
+                return failed
+        return environments.ensure(self.lock, self.interpreter, self.cell.question, offline=settings.offline)
+
+
+def conditioned(step: Step) -> Step:
+    """A failed build with the mark of the system that it failed on; a resolution depends on no system."""
+    return replace(step, conditions=machine.conditions()) if step.phase is Phase.INSTALL else step
+
+
+def outdated(step: Step) -> bool:
+    """Whether something was installed on this system since: a failed build is tried again."""
+    return step.conditions not in {None, machine.conditions()}
