@@ -102,14 +102,9 @@ def probe(site: Site, case: Case, limits: Mapping[str, float]) -> Iterator[Probe
 def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> ProbeRun:
     home, replies = scratch / "home", scratch / "reply"
     replies.mkdir(parents=True)
-    (home / "tmp").mkdir(parents=True)
-    for name, content in site.files.items():
-        target = home / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(content)
+    furnish(site, home)
     allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
-    sealed = process.OVERLAY in process.sandbox_mode()
-    folder = site.folder if sealed else copied(site, scratch / "environment")
+    folder, sealed = entered(site, scratch)
     request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed)
     (scratch / "request.json").write_text(wire.request_to_json(request))
     command = process.Command(
@@ -125,7 +120,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         log=scratch / "log.txt",
         profile=process.Profile.CELL,
         home=home,
-        sealed=site.folders if sealed else (),
+        sealed=sealed,
     )
     completed, overran = _watch(command, replies / "reply.jsonl", allowed)
     if not sealed:
@@ -157,11 +152,23 @@ def _full(folder: Path) -> bool:
     return disk.f_bavail * disk.f_frsize < LITTLE_ROOM or (disk.f_files > 0 and disk.f_favail < FEW_NAMES)
 
 
-def copied(site: Site, target: Path) -> Path:
-    """A copy of an environment for one run, where its writes cannot be laid over the one of all.
+def furnish(site: Site, home: Path) -> None:
+    """Make a HOME with the cell's own files."""
+    (home / "tmp").mkdir(parents=True)
+    for name, content in site.files.items():
+        target = home / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
 
-    A thin one and the one below it become one.
+
+def entered(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
+    """The folder of the environment for one run and what is to be sealed of it.
+
+    Where writes cannot be laid over the one of all, that is a copy, in which a thin one and the one below become one.
     """
+    if process.OVERLAY in process.sandbox_mode():
+        return site.folder, site.folders
+    target = scratch / "environment"
 
     def passed_over(at: str, names: list[str]) -> set[str]:
         """What leads on, and links that are there already."""
@@ -171,7 +178,7 @@ def copied(site: Site, target: Path) -> Path:
 
     for folder in site.folders:
         shutil.copytree(folder, target, symlinks=True, dirs_exist_ok=True, ignore=passed_over)
-    return target
+    return target, ()
 
 
 def _differences(site: Site, copy: Path) -> Iterator[str]:

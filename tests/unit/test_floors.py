@@ -13,7 +13,7 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise", "notices",
+        "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise", "notices",
         "outcomes", "pipelines", "plan", "present", "reporttypes", "schema", "strategy", "tables", "uvsays", "verdict",
         "vocabulary", "wire",
     },

@@ -1,0 +1,28 @@
+"""The door for somebody's own tests: `python suite_door.py FILE MODULES ARGUMENT...`, run by the cell's interpreter.
+
+Neither our folder nor the working folder is on `sys.path` when pytest starts, as it is for the command `pytest`: the
+tests meet the installed package, not the source that lies beside them. Afterwards the file tells, for each of the
+modules (comma-separated), where it was imported from: name, tab, path; no path where it was not.
+"""
+
+import os
+import sys
+
+FOLDER = os.path.dirname(os.path.realpath(__file__))
+
+
+def main():
+    """Run pytest, tell where modules came from, end with pytest's exit code."""
+    sys.path[:] = [entry for entry in sys.path if os.path.realpath(entry) != FOLDER]
+    told, modules = sys.argv[1:3]
+    del sys.argv[1:3]
+    pytest = __import__("pytest")
+    code = pytest.main()
+    with open(told, "w", encoding="utf-8") as file:
+        for name in modules.split(","):
+            file.write("{}\t{}\n".format(name, getattr(sys.modules.get(name), "__file__", None) or ""))
+    sys.exit(int(code))
+
+
+if __name__ == "__main__":
+    main()

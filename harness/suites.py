@@ -1,0 +1,346 @@
+"""The subject's own pytest suite, run beside a cell: in an environment of its own, on a clean copy of the source.
+
+The environment holds the cell's packages at the cell's versions and what the tests need besides, so that the cell
+itself stays pure. The package is met as it was installed: what it is made of is taken out of the copy.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+from harness import launch, normalise, process, subjects
+from harness.errors import CouldNotTell
+from harness.model import (
+    FAILING,
+    CheckRecord,
+    Finding,
+    Interpreter,
+    Level,
+    Lock,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Question,
+    Subject,
+    Suite,
+)
+from harness.outcomes import MACHINE_TROUBLE
+from harness.store import Store, now, write_atomic
+from harness.subjects import Ready
+from harness.vocabulary import required_name
+
+CHECK = "suite.pytest"
+DOOR = launch.INCELL / "suite_door.py"
+PYTEST = "pytest"
+MOST_REPORT = 32 << 20
+RUNS_TO_CONFIRM = 3
+COLLECTED_NOTHING = 5
+USAGE, INTERNAL = 4, 3
+LOADING_CONFTEST = "while loading conftest"
+"""A conftest that cannot be imported is a usage error for pytest, and yet a fault of what it imports."""
+
+
+# --- its packages ----------------------------------------------------------------------------------------------
+
+
+def question(asked: Question, lock: Lock, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
+    """What is to be resolved for a suite: the cell's question, what the tests need, and every pin of the cell.
+
+    Raises BadInput for an extra or a group that the subject does not have.
+    """
+    pins = tuple(f"{name}=={version}" for name, version in lock.versions.items())
+    loose = unpinned(asked, subject, known, interpreter)
+    return replace(loose, constraints=(*loose.constraints, *pins))
+
+
+def unpinned(asked: Question, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
+    """The same without the pins: what the tests would take if the cell had no say."""
+    suite = subject.suite or Suite()
+    lines = (*subjects.wanted(known, interpreter, suite.extras, suite.groups), *suite.requirements)
+    named = {required_name(line) for line in lines}
+    tools = () if PYTEST in named else (PYTEST,)
+    requirements = tuple(dict.fromkeys((*asked.requirements, *lines, *tools)))
+    return replace(asked, requirements=requirements, resolution="highest")
+
+
+def moved(lock: Lock, other: Lock) -> str | None:
+    """Which packages of the cell the tests' lock holds at other versions, in words; None where all stand."""
+    found = other.versions
+    names = [name for name, version in lock.versions.items() if found.get(name) != version]
+    told = [f"{name} {found.get(name, 'gone')} instead of {lock.versions[name]}" for name in names]
+    return f"the tests ask for {', '.join(told)}" if told else None
+
+
+def untold(decisive: str, *, unavailable: bool = False) -> PhaseRecord:
+    """The record of a suite that could not be run."""
+    outcome = Outcome.UNAVAILABLE if unavailable else Outcome.INFRA
+    return PhaseRecord(phase=Phase.SUITE, outcome=outcome, decisive=normalise.bounded(decisive))
+
+
+# --- running it ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bench:
+    """All that a run of a suite takes. `name` is that of its evidence, `places` this machine's folders."""
+
+    subject: Subject
+    known: Ready
+    site: launch.Site
+    store: Store
+    name: str
+    places: Mapping[str, str]
+    verify: bool = False
+    notify: Callable[[str], None] = lambda _: None
+
+    @property
+    def suite(self) -> Suite:
+        """How it is to be run."""
+        return self.subject.suite or Suite()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Ran:
+    """How one run ended: what pytest reported, and how its process did."""
+
+    outcome: Outcome
+    decisive: str | None
+    seconds: float
+    evidence: str
+    tests: Mapping[str, int] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+
+def measure(bench: Bench) -> PhaseRecord:
+    """Run the suite: again with twice the time where that ran out, and where `verify` confirms a failure."""
+    ran, attempts = _run(bench, bench.suite.seconds), 1
+    if ran.outcome is Outcome.TIMED_OUT:
+        ran, attempts = _run(bench, 2 * bench.suite.seconds), 2
+    elif bench.verify and ran.outcome in FAILING:
+        again = [_run(bench, 2 * bench.suite.seconds) for _ in range(RUNS_TO_CONFIRM - 1)]
+        passed = sum(one.outcome is Outcome.PASSED for one in again)
+        attempts = RUNS_TO_CONFIRM
+        if passed:
+            told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {ran.decisive}"
+            ran = replace(ran, outcome=Outcome.FLAKY, decisive=told)
+    check = CheckRecord(
+        check=CHECK, outcome=ran.outcome, seconds=ran.seconds, decisive=ran.decisive, facts={"tests": dict(ran.tests)}
+    )
+    return PhaseRecord(
+        phase=Phase.SUITE,
+        outcome=ran.outcome,
+        seconds=ran.seconds,
+        decisive=ran.decisive,
+        checks=(check,),
+        findings=ran.findings,
+        evidence=ran.evidence,
+        attempts=attempts,
+        measured=now(),
+    )
+
+
+@contextmanager
+def _scratch() -> Iterator[Path]:
+    folder = Path(tempfile.mkdtemp(prefix="simmatrix-"))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _run(bench: Bench, seconds: float) -> _Ran:
+    bench.notify(Phase.SUITE)
+    with _scratch() as scratch:
+        try:
+            source = subjects.copied(bench.subject, scratch / "source")
+        except CouldNotTell as error:
+            return _Ran(outcome=Outcome.INFRA, decisive=str(error), seconds=0.0, evidence="")
+        _without(source, bench.known.modules)
+        site, places = bench.site, {**bench.places, str(source): "$SUBJECT", str(scratch): "$SCRATCH"}
+        launch.furnish(site, scratch / "home")
+        folder, sealed = launch.entered(site, scratch)
+        completed = process.run(_command(bench, seconds, scratch, source, folder, sealed))
+        places |= {str(one): "$ENV" for one in (*site.folders, folder)}
+
+        def clean(text: str) -> str:
+            return normalise.normalise(text, places)
+
+        text = clean(completed.log.read_text(encoding="utf-8", errors="replace"))
+        report = _text(scratch / "junit.xml")
+        evidence = bench.store.evidence(bench.name)
+        write_atomic(evidence / "log.txt", text.encode())
+        write_atomic(evidence / "junit.xml", clean(report).encode())
+        told = _Told(completed, text, *_counted(report))
+        outcome, decisive = _foreign(_text(scratch / "modules.txt"), source) or told.outcome(bench.suite, seconds)
+        return _Ran(
+            outcome=outcome,
+            decisive=normalise.bounded(clean(decisive)) if decisive else None,
+            seconds=round(completed.seconds, 3),
+            evidence=bench.store.relative(evidence),
+            tests=told.tests,
+            findings=tuple(_findings(completed)),
+        )
+
+
+def _command(
+    bench: Bench, seconds: float, scratch: Path, source: Path, folder: Path, sealed: tuple[Path, ...]
+) -> process.Command:
+    site = bench.site
+    python = folder / site.python.relative_to(site.folder)
+    path = ":".join([str(python.parent), site.variables.get("PATH", "")])
+    return process.Command(
+        argv=(
+            str(python),
+            "-s",
+            str(DOOR),
+            str(scratch / "modules.txt"),
+            ",".join(bench.known.modules),
+            *bench.suite.arguments,
+            "--color=no",
+            "-rfE",
+            f"--rootdir={source}",
+            f"--junitxml={scratch / 'junit.xml'}",
+        ),
+        cwd=source,
+        env={**site.variables, "PATH": path, "VIRTUAL_ENV": str(folder), "PYTHONPYCACHEPREFIX": str(site.pycache)},
+        limits=process.Limits(seconds=seconds, memory_mb=bench.suite.memory_mb),
+        log=scratch / "log.txt",
+        profile=process.Profile.CELL,
+        home=scratch / "home",
+        sealed=sealed,
+    )
+
+
+def _without(source: Path, modules: Iterable[str]) -> None:
+    """Take what was installed out of the copy, so that it cannot be met there."""
+    for base in (source, source / "src", source / "lib"):
+        for module in modules:
+            if (base / module).is_dir():
+                shutil.rmtree(base / module)
+            (base / f"{module}.py").unlink(missing_ok=True)
+
+
+def _foreign(told: str, source: Path) -> tuple[Outcome, str] | None:
+    """Whether a module of the subject was imported from the copy after all: then something else was tested."""
+    for line in told.splitlines():
+        name, _, path = line.partition("\t")
+        if path and Path(path).is_relative_to(source):
+            where = Path(path).relative_to(source)
+            return Outcome.INFRA, f"the tests import {name} from {where} of the source, not as it is installed"
+    return None
+
+
+# --- what it came to -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """What a run left behind: how its process ended, what it printed, its tests by how they ended, the first fault."""
+
+    completed: process.Completed
+    text: str
+    tests: Mapping[str, int]
+    fault: str | None
+
+    def outcome(self, suite: Suite, seconds: float) -> tuple[Outcome, str | None]:
+        """The outcome of the suite and the line that says why."""
+        done = self.completed
+        if done.out_of_memory:
+            told = f"needs more than the {suite.memory_mb} MB that the suite may have; `suite.memory_mb` raises that"
+            return Outcome.INFRA, done.killed or told
+        if done.timed_out:
+            return Outcome.TIMED_OUT, f"no end within {seconds:g} s"
+        if done.killed:
+            return Outcome.INFRA, done.killed
+        if done.signal:
+            return Outcome.CRASHED, normalise.death(done.exit_code, done.signal, self.text)
+        outcome, decisive = self._by_code(done.exit_code or 0)
+        trouble = outcome is Outcome.FAILED and MACHINE_TROUBLE.search(decisive or "")
+        return (Outcome.INFRA, decisive) if trouble else (outcome, decisive)
+
+    def _by_code(self, code: int) -> tuple[Outcome, str | None]:
+        """By pytest's exit code; what is not its own ended Python, whatever it was."""
+        passed = self.tests.get("passed", 0)
+        match code:
+            case 0 if passed:
+                return Outcome.PASSED, None
+            case 0 | 5:
+                skipped = self.tests.get("skipped", 0)
+                return Outcome.SKIPPED, f"all {skipped} tests were skipped" if skipped else "there is no test to run"
+            case 3:
+                return Outcome.INFRA, f"pytest itself failed: {self._last()}"
+            case 4 if LOADING_CONFTEST not in self.text:
+                return Outcome.INFRA, f"pytest cannot be run like this: {self._last()}"
+            case 1 | 2 | 4:
+                return Outcome.FAILED, self._failure()
+            case _:
+                return Outcome.CRASHED, f"Python ended with code {code}: {self._last()}"
+
+    def _failure(self) -> str:
+        bad = sum(self.tests.get(name, 0) for name in ("failed", "error"))
+        if self.fault is None:
+            return self._last()
+        return f"{self.fault} ({bad} of {sum(self.tests.values())} tests failed)"
+
+    def _last(self) -> str:
+        lines = [line.strip() for line in self.text.splitlines() if line.strip(" =-_")]
+        errors = [line for line in lines if line.startswith(("ERROR", "E  ", "INTERNALERROR>", "FAIL"))]
+        return next(iter(reversed(errors or lines)), "without a word")
+
+
+def _counted(report: str) -> tuple[dict[str, int], str | None]:
+    """The tests of a JUnit report by how they ended, and the first that failed with its message.
+
+    What a run leaves behind is not trusted: a report that is no plain XML counts as none.
+    """
+    try:
+        root = ElementTree.fromstring(report) if report and "<!DOCTYPE" not in report else None
+    except ElementTree.ParseError:
+        root = None
+    counts: Counter[str] = Counter()
+    fault = None
+    for case in root.iter("testcase") if root is not None else ():
+        ended = {child.tag: child for child in case}
+        how = next((name for name in ("error", "failure", "skipped") if name in ended), "passed")
+        counts[{"failure": "failed"}.get(how, how)] += 1
+        if fault is None and how in {"error", "failure"}:
+            named = ".".join(filter(None, (case.get("classname"), case.get("name"))))
+            fault = f"{named}: {_message(ended[how])}"
+    return dict(sorted(counts.items())), fault
+
+
+def _message(element: ElementTree.Element) -> str:
+    """What pytest says of a failure; of an error at collection the text below says more."""
+    message = (element.get("message") or "").strip()
+    if message and message != "collection failure":
+        return message
+    return normalise.decisive_line(_errors(element.text or "")) or message or "without a word"
+
+
+def _errors(text: str) -> str:
+    """pytest marks the lines of an exception by `E`."""
+    lines = [line[1:].strip() for line in text.splitlines() if line.startswith("E ")]
+    return "\n".join(lines) or text
+
+
+def _findings(completed: process.Completed) -> Iterator[Finding]:
+    if completed.written:
+        text = f"wrote into its own environment (kept from other runs): {', '.join(completed.written[:5])}"
+        yield Finding(check="suite.written", level=Level.WARNING, text=text)
+    if completed.stray:
+        text = f"left {completed.stray} process(es) behind at its end"
+        yield Finding(check="suite.stray", level=Level.WARNING, text=text)
+
+
+def _text(path: Path) -> str:
+    """A file that a cell wrote, as far as it is read at all."""
+    if path.is_symlink() or not path.is_file() or path.stat().st_size > MOST_REPORT:
+        return ""
+    return path.read_text(encoding="utf-8", errors="replace")
