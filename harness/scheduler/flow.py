@@ -28,7 +28,7 @@ from harness.scheduler.past import Past
 from harness.scheduler.room import Room
 from harness.scheduler.runner import Prepared, Runner
 from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
-from harness.store import Store
+from harness.store import Store, digest
 
 PREPARING = 3
 """Groups of cells that are resolved and installed at a time."""
@@ -103,9 +103,9 @@ class _Flow:
 
     def _grouped(self, cells: Sequence[Cell]) -> list[list[Cell]]:
         """Cells that ask the same of the same Python, those with the longest first."""
-        groups: dict[tuple[int, str], list[Cell]] = {}
+        groups: dict[tuple[str, str], list[Cell]] = {}
         for cell in sorted(cells, key=lambda cell: self.order[cell.id]):
-            groups.setdefault((id(cell.question), cell.python), []).append(cell)
+            groups.setdefault((digest(cell.question), cell.python), []).append(cell)
         return list(groups.values())
 
     # --- the first stage -------------------------------------------------------------------------------------------
