@@ -22,7 +22,7 @@ FLOORS = {
         "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process", "sdists", "store",
         "subjects", "supervisor", "uv", "uvcli",
     },
-    3: {"catalog", "cellrun", "fetching", "resolving", "scheduler"},
+    3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},
     4: {"commands"},
     5: {"__main__", "smoke", "noxface"},
 }  # fmt: skip
