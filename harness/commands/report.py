@@ -39,7 +39,7 @@ def main(args: argparse.Namespace) -> int:
     """Show what was measured; the exit code is that of `run`."""
     if args.into:
         return blocks.renew(args.into, of_block)
-    sources = [_found(name) for name in args.sources] or _all()
+    sources = [found(name) for name in args.sources] or _all()
     if args.out:
         store.writable(args.out)
     whole = _read(sources, args.out)
@@ -74,7 +74,7 @@ def _all() -> list[Path]:
     return found
 
 
-def _found(name: str) -> Path:
+def found(name: str) -> Path:
     """The report file that a path or the name of a matrix stands for."""
     reports = store.state_folder() / "reports"
     places = (Path(name), Path(name) / NAME, reports / name / NAME)
@@ -131,7 +131,7 @@ def _tables(report: Report) -> str:
 
 def of_block(source: Path, pivot: tuple[str, str] | None) -> str:
     """What a block of somebody's Markdown file holds."""
-    return _tables(tables.report(_read([_found(str(source))], None), pivot))
+    return _tables(tables.report(_read([found(str(source))], None), pivot))
 
 
 def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] | None) -> None:

@@ -64,7 +64,7 @@ def publish(
         folder = wanted.out or opened.folder / "reports"
         folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
         with exclusive(opened.folder / "reports" / f"{plan.matrix}.lock"):  # the last of several runs sees all cells
-            known = [found for cell in plan.cells if (found := measured.get(cell.id) or _kept(opened, here.id, cell))]
+            known = [found for cell in plan.cells if (found := measured.get(cell.id) or kept(opened, here.id, cell))]
             locate = _Files(opened, folder).place(known)
             report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, probes(plan))
             write(report, folder, wanted.pivot)
@@ -119,7 +119,7 @@ def page(report: Report) -> str:
     return present.markdown(report, template.read_text(encoding="utf-8"))
 
 
-def _kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
+def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
     """What was measured of a cell before, if it was this cell, whatever is expected of it now."""
     found = opened.load_cell(machine_id, cell.id)
     if found and replace(found.cell, expect=cell.expect) == cell:

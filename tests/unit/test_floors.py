@@ -13,9 +13,9 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise", "notices",
-        "outcomes", "pipelines", "plan", "present", "reporttypes", "schema", "strategy", "tables", "uvsays", "verdict",
-        "vocabulary", "wire",
+        "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise",
+        "notices", "outcomes", "pipelines", "plan", "present", "reporttypes", "schema", "strategy", "tables",
+        "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "glprobe", "index",

@@ -1,0 +1,273 @@
+"""Expectations for what is red now: which cells one table can speak of, and where in the matrix file it goes.
+
+A table is written for cells with the same verdict, phase and reason, and selects these and no others of the plan. It
+goes before every table that would have caught one of them, since the first one that fits a cell holds. The text around
+it stays as it is, comments included.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import combinations
+from typing import Any
+
+from harness.errors import BadInput
+from harness.matrix import ExpectTable, Matrix
+from harness.model import Cell, Phase, Verdict
+from harness.reporttypes import UNTOLD, CellEntry, word
+from harness.verdict import Judgement, expected
+from harness.vocabulary import When, alternatives, matcher
+
+LONGEST = 160
+"""Characters of a decisive line that an expectation repeats."""
+
+HEADER = re.compile(r"[ \t]*\[")
+EXPECT = re.compile(r"""[ \t]*\[\[[ \t]*(?:expect|"expect"|'expect')[ \t]*\]\]""")
+INNER = re.compile(r"""[ \t]*\[+[ \t]*(?:expect|"expect"|'expect')[ \t]*\.""")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Wish:
+    """What the user says of the cells: `pattern` is the glob that chose them."""
+
+    pattern: str
+    reason: str
+    link: str | None = None
+    until: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Red:
+    """What a cell came to on every machine that could tell; `lines` are their reasons."""
+
+    cell: Cell
+    verdict: Verdict
+    phase: Phase | None
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Accepted:
+    """The new text of the file, the tables in it that are new, and what the user is to know of those that went."""
+
+    text: str
+    tables: tuple[str, ...]
+    replaced: tuple[str, ...]
+
+
+# --- what is red -----------------------------------------------------------------------------------------------
+
+
+def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], today: str) -> tuple[list[Red], list[str]]:
+    """The cells that are red and not as expected, or no longer; and why others of them cannot be expected."""
+    found, mixed = [], []
+    for cell in cells:
+        told = [entry for entry in entries.get(cell.id, ()) if entry.verdict not in UNTOLD]
+        if not any(
+            entry.verdict is not Verdict.WORKS and as_expected(cell, entry, today) != (True, None) for entry in told
+        ):
+            continue
+        if len({(entry.verdict, entry.phase) for entry in told}) > 1:
+            ends = ", ".join(f"{word(entry.verdict)} on {entry.machine}" for entry in told)
+            mixed.append(f"{cell.id}: {ends}; no expectation fits them all")
+            continue
+        lines = sorted({entry.decisive for entry in told if entry.decisive})
+        found.append(Red(cell=cell, verdict=told[0].verdict, phase=told[0].phase, lines=tuple(lines)))
+    return found, mixed
+
+
+def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
+    """Judge a result by what the matrix expects of the cell now: whether it fits, and why that is out of date."""
+    judged = Judgement(verdict=entry.verdict, phases=entry.phases, phase=entry.phase, decisive=entry.decisive)
+    return expected(cell, judged, today)
+
+
+# --- the tables ------------------------------------------------------------------------------------------------
+
+
+def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red], wish: Wish) -> Accepted:
+    """Write tables for red cells into the text of a matrix file; `cells` are all that are planned."""
+    groups: dict[tuple[Verdict, Phase | None, str], list[Cell]] = {}
+    for red in found:
+        groups.setdefault((red.verdict, red.phase, _match(red.lines)), []).append(red.cell)
+    tables = [
+        _table(selector, verdict, phase, match, wish)
+        for (verdict, phase, match), group in groups.items()
+        for selector in _selectors(matrix, cells, group, wish.pattern)
+    ]
+    accepted = {red.cell.id for red in found}
+    owned = _owned(matrix.expect, cells, matrix)
+    gone = {index for index, ids in owned.items() if ids and ids <= accepted}
+    catching = [
+        index
+        for index, table in enumerate(matrix.expect)
+        if index not in gone and any(_fits(table, red.cell, matrix) for red in found)
+    ]
+    replaced = tuple(
+        f"expect[{index}] is gone, which spoke of these cells alone: {matrix.expect[index].reason}"
+        for index in sorted(gone)
+    )
+    return Accepted(
+        text=_spliced(text, tables, gone, min(catching, default=None)), tables=tuple(tables), replaced=replaced
+    )
+
+
+def _match(lines: Iterable[str]) -> str:
+    """A regular expression that finds these lines: as they are, what has a meaning in one escaped."""
+    return "|".join(re.sub(r"[\\.^$*+?{}\[\]|()]", r"\\\g<0>", _cut(line)) for line in lines)
+
+
+def _cut(line: str) -> str:
+    first = line.partition("\n")[0]
+    return first if len(first) <= LONGEST else first[:LONGEST].rpartition(" ")[0] or first[:LONGEST]
+
+
+def _table(selector: str, verdict: Verdict, phase: Phase | None, match: str, wish: Wish) -> str:
+    pairs = {"verdict": verdict.value, "phase": phase and phase.value, "match": match, "reason": wish.reason,
+             "link": wish.link, "until": wish.until}  # fmt: skip
+    lines = [f"{key} = {_string(value)}" for key, value in pairs.items() if value]
+    return "\n".join(["[[expect]]", selector, *lines, ""])
+
+
+def _string(text: str) -> str:
+    """A TOML string; one with backslashes reads better between single quotes."""
+    if "\\" in text and "'" not in text and text.isprintable():
+        return f"'{text}'"
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pattern: str) -> list[str]:
+    """Lines that together select these cells: values of one axis, one label, values of two axes, or what chose them."""
+    ids = {cell.id for cell in group}
+    one, two = (_boxes(matrix, cells, group, axes) for axes in (1, 2))
+    labels = [f"cells = {_string(cell.label)}" for cell in group]
+    for selector in (one, labels[0] if len(labels) == 1 else None, two):
+        if selector:
+            return [selector]
+    if {cell.id for cell in cells if _globbed(pattern, cell)} == ids:
+        return [f"cells = {_string(pattern)}"]
+    return labels
+
+
+def _boxes(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], count: int) -> str | None:
+    """The first `when` over so many axes that holds for these cells and for no other."""
+    ids = {cell.id for cell in group}
+    for axes in combinations(matrix.axes, count):
+        when: When = {axis: tuple(dict.fromkeys(cell.axes[axis] for cell in group)) for axis in axes}
+        if {cell.id for cell in cells if _holds(when, cell, matrix)} == ids:
+            return "when = { " + ", ".join(f"{_key(axis)} = {_values(when[axis])}" for axis in axes) + " }"
+    return None
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _string(name)
+
+
+def _values(values: str | tuple[str, ...]) -> str:
+    texts = [_string(value) for value in alternatives(values)]
+    return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
+
+
+# --- what a table speaks of ------------------------------------------------------------------------------------
+
+
+def _owned(tables: Sequence[ExpectTable], cells: Iterable[Cell], matrix: Matrix) -> dict[int, set[str]]:
+    """The cells for which each table holds: the first one that fits."""
+    owned: dict[int, set[str]] = {index: set() for index in range(len(tables))}
+    for cell in cells:
+        first = next((index for index, table in enumerate(tables) if _fits(table, cell, matrix)), None)
+        if first is not None:
+            owned[first].add(cell.id)
+    return owned
+
+
+def _fits(table: ExpectTable, cell: Cell, matrix: Matrix) -> bool:
+    return (table.cells is None or _globbed(table.cells, cell)) and _holds(table.when, cell, matrix)
+
+
+def _globbed(pattern: str, cell: Cell) -> bool:
+    return fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)
+
+
+def _holds(when: When, cell: Cell, matrix: Matrix) -> bool:
+    return all(
+        any(matcher(matrix.axes[axis].kind, pattern)(cell.axes[axis]) for pattern in alternatives(patterns))
+        for axis, patterns in when.items()
+    )
+
+
+# --- the text --------------------------------------------------------------------------------------------------
+
+
+def _spliced(text: str, tables: Sequence[str], gone: set[int], before: int | None) -> str:
+    """The text with tables put in and others taken out; a comment right above a table goes with it."""
+    end = "\r\n" if "\r\n" in text else "\n"
+    lines = text.split("\n")
+    blocks = list(_blocks(lines))
+    if len(blocks) != len(tomllib.loads(text).get("expect", ())):
+        message = "its expectations are not written as [[expect]] tables; write them so, and accept again"
+        raise BadInput(message)
+    at = blocks[before][0] if before is not None else max((stop for _, stop in blocks), default=len(lines))
+    new = end.join(end.join(table.split("\n")) for table in tables).rstrip()
+    dropped = {line for index in gone for line in _lines_of(lines, *blocks[index])}
+    above = "\n".join(lines[line] for line in range(at) if line not in dropped).rstrip()
+    below = "\n".join(lines[line] for line in range(at, len(lines)) if line not in dropped).strip("\r\n")
+    return end.join([*([above, ""] if above else []), new, *(["", below] if below else []), ""])
+
+
+def _blocks(lines: Sequence[str]) -> Iterator[tuple[int, int]]:
+    """First line of each [[expect]] table, with the comment above it, and the line after its last one."""
+    starts = [(_with_comment(lines, at), EXPECT.match(lines[at])) for at in _headers(lines)]
+    for index, (start, mine) in enumerate(starts):
+        if mine:
+            yield start, starts[index + 1][0] if index + 1 < len(starts) else len(lines)
+
+
+def _lines_of(lines: Sequence[str], start: int, stop: int) -> range:
+    """A table without the blank lines and comments that follow it, but one."""
+    last = max(at for at in range(start, stop) if lines[at].strip() and not lines[at].lstrip().startswith("#"))
+    return range(start, last + 1 + (last + 1 < stop and not lines[last + 1].strip()))
+
+
+def _headers(lines: Sequence[str]) -> Iterator[int]:
+    """Lines that begin a table, those inside expectations apart: what stands above one is a whole document."""
+    for at, line in enumerate(lines):
+        if HEADER.match(line) and not INNER.match(line) and _whole("\n".join([*lines[:at], ""])):
+            yield at
+
+
+def _whole(text: str) -> bool:
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
+
+
+def _with_comment(lines: Sequence[str], at: int) -> int:
+    while at and lines[at - 1].lstrip().startswith("#"):
+        at -= 1
+    return at
+
+
+# --- whether it came out right ---------------------------------------------------------------------------------
+
+
+def trouble(
+    before: Sequence[Cell], after: Sequence[Cell], accepted: Iterable[str], judge: Callable[[Cell], list[Any]]
+) -> str | None:
+    """What the new expectations got wrong; `judge` gives the standing of a cell's results by its expectation."""
+    chosen, known = set(accepted), {cell.id: cell for cell in before}
+    if known.keys() != {cell.id for cell in after}:
+        return "other cells are planned"
+    for cell in after:
+        if cell.id not in chosen and cell.expect != known[cell.id].expect:
+            return f"something else is expected of {cell.id}"
+        if cell.id in chosen and any(standing not in {(True, None), (None, None)} for standing in judge(cell)):
+            return f"{cell.id} is still not as expected"
+    return None

@@ -1,0 +1,154 @@
+"""`simmatrix accept MATRIX -k GLOB --reason TEXT`: expectations for what is red now."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from harness import accepting, catalog, document, machine, matrixfile, store
+from harness.commands import report, reporting
+from harness.commands.run import choose, tell
+from harness.errors import BadInput, HarnessError
+from harness.model import Cell, Plan
+from harness.reporttypes import UNTOLD, CellEntry, number
+from harness.vocabulary import Instant
+
+HELP = "Write expectations for cells that are red now, each with its reason, into the matrix file."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `accept`."""
+    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    parser.add_argument("-k", metavar="GLOB", required=True, help="cells whose id matches, e.g. '*mujoco4*'")
+    parser.add_argument("--reason", metavar="TEXT", required=True, type=_reason, help="why they are red")
+    parser.add_argument("--until", metavar="DATE", type=_until, help="when the expectation is out of date [never]")
+    parser.add_argument("--link", metavar="URL", help="where more is said of it")
+    parser.add_argument("--report", metavar="SOURCE", help="a report.json or its folder [what was measured here]")
+    parser.add_argument("--dry-run", action="store_true", help="print the tables, and write nothing")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Write the tables; 1 where a red cell cannot be expected to be what it is."""
+    path = _editable(args.matrix)
+    plan = catalog.load(args.matrix, tell, offline=True)
+    chosen = choose(plan.cells, args.k)
+    entries = _reported(args.report, plan) if args.report else _measured(plan)
+    today = store.now()
+    found, mixed = accepting.reds(chosen, entries, today)
+    for sentence in mixed:
+        tell(sentence)
+    if not found:
+        tell(f"nothing to accept: {_standing(chosen, entries)}")
+        return 1 if mixed else 0
+    text = path.read_bytes().decode()
+    wish = accepting.Wish(pattern=args.k, reason=args.reason, link=args.link, until=args.until)
+    made = accepting.accept(text, matrixfile.read(text, str(path)), plan.cells, found, wish)
+    print("\n".join(made.tables), end="")
+    for sentence in made.replaced:
+        tell(sentence)
+    if args.dry_run:
+        tell(f"nothing was written: {number(len(made.tables), 'table')} for {number(len(found), 'cell')}")
+        return 1 if mixed else 0
+    store.write_atomic(path, made.text.encode())
+    try:
+        _check(args.matrix, plan, [red.cell.id for red in found], entries, today)
+    except BaseException:
+        store.write_atomic(path, text.encode())
+        raise
+    tell(f"{args.matrix}: {number(len(found), 'cell')} accepted with {number(len(made.tables), 'table')}")
+    return 1 if mixed else 0
+
+
+def _check(name: str, plan: Plan, accepted: Sequence[str], entries: dict[str, list[CellEntry]], today: str) -> None:
+    """Read the file again: every accepted cell is as expected now, and nothing else has changed."""
+
+    def judged(cell: Cell) -> list[Any]:
+        return [accepting.as_expected(cell, entry, today) for entry in entries[cell.id]]
+
+    after = catalog.load(name, lambda _: None, offline=True)
+    wrong = accepting.trouble(plan.cells, after.cells, accepted, judged)
+    if wrong or len(after.stale) > len(plan.stale):
+        message = (
+            f"{name}: was put back, since these tables would be wrong: {wrong or after.stale[-1]}; please report it"
+        )
+        raise HarnessError(message)
+
+
+# --- what was measured -----------------------------------------------------------------------------------------
+
+
+def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
+    """The last results of this machine."""
+    opened = store.open_store()
+    dated = catalog.dated(plan, opened)
+    here = machine.facts()
+    known = [found for cell in dated.cells if (found := reporting.kept(opened, here.id, cell))]
+    if not known:
+        message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
+        raise BadInput(message)
+    return _by_id(document.build(known, [dated], {here.id: here.facts}, store.now()).cells)
+
+
+def _reported(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
+    """The results of a report, which must be of this matrix as it is."""
+    path = report.found(source)
+    made = document.read(path.read_bytes(), str(path))
+    planned = {cell.id: cell for cell in plan.cells}
+    entries = [entry for entry in made.cells if entry.id in planned]
+    for entry in entries:
+        cell = planned[entry.id]
+        asked = (dict(cell.axes), cell.python, dict(cell.environment), cell.question.requirements)
+        if asked != (entry.axes, entry.requested_python, entry.environment, entry.requirements):
+            message = f"{path}: {entry.id} was another cell then; measure the matrix as it is now"
+            raise BadInput(message)
+    if not entries:
+        message = f"{path}: has no cell of {plan.matrix}"
+        raise BadInput(message)
+    return _by_id(entries)
+
+
+def _by_id(entries: Sequence[CellEntry]) -> dict[str, list[CellEntry]]:
+    found: dict[str, list[CellEntry]] = {}
+    for entry in entries:
+        found.setdefault(entry.id, []).append(entry)
+    return found
+
+
+def _standing(chosen: Sequence[Cell], entries: dict[str, list[CellEntry]]) -> str:
+    told = sum(any(entry.verdict not in UNTOLD for entry in entries.get(cell.id, ())) for cell in chosen)
+    untold = len(chosen) - told
+    rest = f"; of {number(untold, 'cell')} nothing is known" if untold else ""
+    return f"{number(told, 'cell')} of these {'works or is' if told == 1 else 'work or are'} red as expected{rest}"
+
+
+# --- what the user gave ----------------------------------------------------------------------------------------
+
+
+def _editable(name: str) -> Path:
+    """The file of a matrix; one inside an installed package belongs to that package."""
+    path = catalog.locate(name).resolve()
+    if path.is_relative_to((catalog.PACKAGE / "matrices").resolve()):
+        message = f"{name}: belongs to the installed simmatrix; copy it and accept in the copy: cp {path} {path.name}"
+        raise BadInput(message)
+    return path
+
+
+def _reason(text: str) -> str:
+    if not text.strip():
+        message = "say why these cells are red"
+        raise argparse.ArgumentTypeError(message)
+    return text.strip()
+
+
+def _until(text: str) -> str:
+    """The value of `--until`, as it is to stand in the file."""
+    try:
+        instant = Instant.canonical(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    if instant < store.now():
+        message = f"{text} has passed already"
+        raise argparse.ArgumentTypeError(message)
+    return text

@@ -1,0 +1,68 @@
+"""`accept`: what is red here, or in a report of machines elsewhere, becomes an expectation that holds at once."""
+
+from __future__ import annotations
+
+import json
+
+from commandline import Desk
+
+
+def test_accepted_cells_are_as_expected(kept: Desk) -> None:
+    """The table is printed and written, the rest of the file stays, and the next run ends with 0."""
+    path = kept.folder / "small.toml"
+    before = path.read_text()
+    assert kept.run("run", "small.toml").code == 1
+
+    tried = kept.run("accept", "small.toml", "-k", "*", "--reason", "it draws nothing", "--dry-run")
+    assert path.read_text() == before
+    made = kept.run("accept", "small.toml", "-k", "*", "--reason", "it draws nothing", "--until", "2999-12-31")
+
+    assert (tried.code, made.code) == (0, 0)
+    assert path.read_text() == before + "\n" + made.out
+    assert made.out == (
+        '[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nphase = "render"\n'
+        "match = 'ContractViolation: blank frame: every pixel is \\[0, 0, 0\\]'\n"
+        'reason = "it draws nothing"\nuntil = "2999-12-31"\n'
+    )
+    assert tried.out == made.out.replace('until = "2999-12-31"\n', "")
+    assert made.err == "small.toml: 1 cell accepted with 1 table\n"
+    assert kept.run("run", "small.toml").code == 0
+    again = kept.run("accept", "small.toml", "-k", "*", "--reason", "again")
+    assert (again.code, again.out, again.err) == (
+        0, "", "nothing to accept: 2 cells of these work or are red as expected\n"
+    )  # fmt: skip
+
+
+def test_a_report_from_elsewhere(kept: Desk) -> None:
+    """With `--report` the results of other machines count; where they differ nothing is accepted, which is 1."""
+    report = kept.state / "reports" / "small" / "report.json"
+    made = json.loads(report.read_text())
+    red = next(cell for cell in made["cells"] if cell["verdict"] == "partial")
+    made["cells"].append({**red, "verdict": "works", "machine": "elsewhere", "decisive": None, "phase": None})
+    report.write_text(json.dumps(made))
+
+    mixed = kept.run("accept", "small.toml", "-k", "*-blank", "--reason", "x", "--report", "small")
+
+    here = red["machine"]
+    assert (mixed.code, mixed.out) == (1, "")
+    assert f"{red['id']}: partial on {here}, works on elsewhere; no expectation fits them all" in mixed.err
+
+
+def test_mistakes(kept: Desk) -> None:
+    """No such cell, nothing measured, another matrix, a day that has passed, no reason: 2, and nothing is written."""
+    path = kept.folder / "small.toml"
+    report = kept.state / "reports" / "small"
+    path.write_text(path.read_text().replace("requirements = [", 'requirements = ["fake-plain", '))
+    before = path.read_text()
+    wrong = {
+        ("-k", "*odd", "--reason", "x"): "-k *odd: none of the 2 cells matches",
+        ("-k", "*", "--reason", "x"): "small: nothing of it was measured here; run it first, or name a report.json",
+        ("-k", "*", "--reason", "x", "--report", report): "was another cell then; measure the matrix as it is now",
+        ("-k", "*", "--reason", "x", "--until", "2020-01-01"): "2020-01-01 has passed already",
+        ("-k", "*", "--reason", " "): "say why these cells are red",
+    }
+    for arguments, sentence in wrong.items():
+        ran = kept.run("accept", "small.toml", *arguments)
+        assert (ran.code, ran.out) == (2, "")
+        assert sentence in ran.err
+    assert path.read_text() == before

@@ -1,0 +1,254 @@
+"""Expectations written for what is red: they select these cells and no others, and leave the rest of the file alone."""
+
+import tomllib
+from collections.abc import Sequence
+from random import Random
+
+import pytest
+from specimens import GENERATED, MACHINES, case, phase, record
+
+from harness import accepting, document, matrixfile, plan
+from harness.errors import BadInput
+from harness.matrix import Matrix
+from harness.model import Cell, Outcome, Phase, Plan
+from harness.reporttypes import CellEntry
+
+TODAY = "2026-11-21T12:00:00Z"
+HEAD = """\
+# Walkers, old and new.
+[axes]
+python = ["3.10", "3.11"]
+gymnasium = ["0.29.1", "1.2.3"] # two of them
+mujoco = ["2.3.7", "3.3.7"]
+
+[[cases]]
+id = "ant"
+env = "Ant-v5"
+api = "gymnasium"
+"""
+LINE = "ValueError: bad [model] (line 3)"
+WISH = accepting.Wish(pattern="*mujoco3*", reason="the model of Ant is too old")
+
+
+def planned(text: str) -> tuple[Matrix, Plan]:
+    """The matrix that a text is, and its plan."""
+    matrix = matrixfile.read(text, "walkers.toml")
+    return matrix, plan.expand(matrix, host_python="3.11.7")
+
+
+def measured(cell: Cell, line: str | None = None, machine: str = "linux", at: Phase = Phase.SINGLE) -> CellEntry:
+    """A result of a cell: works, or is broken with this line."""
+    failed = case("pfff" if at is Phase.SINGLE else "fnnn", **{at.value: phase(at, Outcome.FAILED, line)})
+    one = record(failed if line else case("pppp"), of=cell, machine=machine)
+    made = document.build(
+        [one], [Plan(matrix="walkers", cells=(cell,))], {machine: MACHINES["linux-x86_64"]}, GENERATED
+    )
+    return made.cells[0]
+
+
+def results(cells: Sequence[Cell], red: Sequence[str], line: str = LINE) -> dict[str, list[CellEntry]]:
+    """Everything was measured; these are red."""
+    return {cell.id: [measured(cell, line if cell.label in red else None)] for cell in cells}
+
+
+def accepted(text: str, red: Sequence[str], wish: accepting.Wish = WISH, line: str = LINE) -> accepting.Accepted:
+    """Accept the red cells; whichever they are, they are as expected then, and the others as before."""
+    matrix, before = planned(text)
+    entries = results(before.cells, red, line)
+    found, mixed = accepting.reds(before.cells, entries, TODAY)
+    made = accepting.accept(text, matrix, before.cells, found, wish)
+    _, after = planned(made.text)
+    ids = [one.cell.id for one in found]
+    wrong = accepting.trouble(
+        before.cells, after.cells, ids, lambda cell: [accepting.as_expected(cell, e, TODAY) for e in entries[cell.id]]
+    )
+    assert (wrong, mixed) == (None, [])
+    assert sorted(ids) == sorted(cell.id for cell in before.cells if cell.label in red)
+    return made
+
+
+def labels(**wanted: str) -> list[str]:
+    """Labels of the cells with these values."""
+    return [cell.label for cell in planned(HEAD)[1].cells if all(cell.axes[a] == v for a, v in wanted.items())]
+
+
+class TestTables:
+    def test_whole_table(self) -> None:
+        """Cells with one reason share a table, which has all that the user said; what means something is escaped."""
+        wish = accepting.Wish(pattern="*", reason='too "old"', link="https://example.org/1", until="2026-12-31")
+
+        made = accepted(HEAD, labels(mujoco="3.3.7"), wish)
+
+        assert made.tables == (
+            '[[expect]]\nwhen = { mujoco = "3.3.7" }\nverdict = "broken"\nphase = "single"\n'
+            "match = 'ValueError: bad \\[model\\] \\(line 3\\)'\n"
+            'reason = "too \\"old\\""\nlink = "https://example.org/1"\nuntil = "2026-12-31"\n',
+        )
+        assert made.text == HEAD + "\n" + made.tables[0]
+
+    @pytest.mark.parametrize(
+        ("red", "selectors"),
+        [
+            (labels(), ['when = { python = ["3.10", "3.11"] }']),
+            (labels(gymnasium="1.2.3"), ['when = { gymnasium = "1.2.3" }']),
+            (labels(gymnasium="1.2.3", mujoco="3.3.7"), ['when = { gymnasium = "1.2.3", mujoco = "3.3.7" }']),
+            (labels()[:1], ['cells = "py3.10-gymnasium0.29.1-mujoco2.3.7"']),
+            ([*labels()[:1], *labels()[3:4]],
+             ['cells = "py3.10-gymnasium0.29.1-mujoco2.3.7"', 'cells = "py3.10-gymnasium1.2.3-mujoco3.3.7"']),
+            ([label for label in labels() if label not in labels(gymnasium="1.2.3", mujoco="2.3.7")],
+             [f'cells = "{label}"' for label in labels() if label not in labels(gymnasium="1.2.3", mujoco="2.3.7")]),
+        ],
+    )  # fmt: skip
+    def test_selectors(self, red: list[str], selectors: list[str]) -> None:
+        """Values of one axis, of two, or each cell by its label: what selects the red cells and no others."""
+        assert [table.splitlines()[1] for table in accepted(HEAD, red).tables] == selectors
+
+    def test_the_glob_that_chose_them(self) -> None:
+        """Where no two axes tell the cells apart, what the user typed does, if it matches these alone."""
+        text = HEAD.replace('"3.3.7"]', '"3.3.7", "4.0.0"]')
+        red = [f"py3.11-gymnasium1.2.3-mujoco{version}" for version in ("3.3.7", "4.0.0")]
+
+        for pattern, selectors in {
+            "py3.11-gymnasium1*-mujoco[34]*": ['cells = "py3.11-gymnasium1*-mujoco[34]*"'],
+            "*mujoco[34]*": [f'cells = "{label}"' for label in red],
+        }.items():
+            made = accepted(text, red, accepting.Wish(pattern=pattern, reason="x"))
+            assert [table.splitlines()[1] for table in made.tables] == selectors
+
+    def test_a_long_line_is_cut(self) -> None:
+        """Of a long line its beginning is expected, to the end of a word."""
+        (table,) = accepted(HEAD, labels()[:1], line="Because " + "no wheel " * 100).tables
+
+        match = tomllib.loads(table)["expect"][0]["match"]
+        assert match == ("Because " + "no wheel " * 100)[: len(match)]
+        assert 150 < len(match) <= accepting.LONGEST
+
+    @pytest.mark.parametrize(
+        "line", ["it's \\d+ (a)", "tab\there", "quote \" and ' both \\", "ünï: 模型", "a|b^$.*?{}"]
+    )
+    def test_any_line_is_met_again(self, line: str) -> None:
+        """Whatever the decisive line is, its expectation holds at once."""
+        accepted(HEAD, labels(mujoco="2.3.7"), line=line)
+
+    @pytest.mark.parametrize("seed", range(25))
+    def test_any_cells(self, seed: int) -> None:
+        """Whichever cells are red, before or after others were accepted, all of them and only they are accepted."""
+        random = Random(seed)
+        first = accepted(HEAD, random.sample(labels(), random.randrange(1, 8))).text
+        second = accepted_more(first, random.sample(labels(), random.randrange(1, 8)))
+
+        assert second.startswith(HEAD)
+
+
+def accepted_more(text: str, red: Sequence[str]) -> str:
+    """Accept, with another line, cells of a matrix that expects something already."""
+    matrix, before = planned(text)
+    entries = results(before.cells, red, "RuntimeError: other")
+    found, _ = accepting.reds(before.cells, entries, TODAY)
+    made = accepting.accept(text, matrix, before.cells, found, WISH)
+    after = planned(made.text)[1]
+    for cell in after.cells:
+        (entry,) = entries[cell.id]
+        if cell.label in red:
+            assert accepting.as_expected(cell, entry, TODAY) == (True, None)
+        else:
+            assert cell.expect == next(one.expect for one in before.cells if one.id == cell.id)
+    return made.text
+
+
+class TestFile:
+    OLD = (
+        "\n# known for long\n[[expect]]\nwhen = { mujoco = \">=3\" } # all of them\nverdict = \"partial\"\n"
+        'reason = "old"\n\n# and this\n[[expect]]\ncells = "*mujoco2*"\nverdict = "import_fails"\nreason = "older"\n'
+    )  # fmt: skip
+    REST = "\n# the end\n[index]\nno_index = false\n"
+
+    def test_before_the_table_that_would_catch_them(self) -> None:
+        """A new table stands above the one that fits more; comments stay with their tables."""
+        made = accepted(HEAD + self.OLD + self.REST, labels(mujoco="3.3.7", python="3.10"))
+
+        assert made.text == HEAD + "\n" + made.tables[0] + self.OLD + self.REST
+        assert made.replaced == ()
+
+    def test_a_table_of_these_cells_alone_is_replaced(self) -> None:
+        """What held for no other cell goes with its comment, and the user is told."""
+        made = accepted(HEAD + self.OLD + self.REST, labels(mujoco="3.3.7"))
+
+        second = self.OLD[self.OLD.index("\n# and this") :]
+        assert made.text == HEAD + second + "\n" + made.tables[0] + self.REST
+        assert made.replaced == ("expect[0] is gone, which spoke of these cells alone: old",)
+
+    def test_an_expectation_that_ran_out_is_renewed(self) -> None:
+        """Red as expected, but only until yesterday: accepted anew."""
+        text = accepted(HEAD, labels(mujoco="3.3.7"), accepting.Wish(pattern="*", reason="x", until="2026-11-22")).text
+        matrix, before = planned(text)
+        entries = results(before.cells, labels(mujoco="3.3.7"))
+
+        assert accepting.reds(before.cells, entries, "2026-11-22T12:00:00Z") == ([], [])
+        found, _ = accepting.reds(before.cells, entries, "2026-11-23T00:00:00Z")
+        made = accepting.accept(text, matrix, before.cells, found, WISH)
+
+        assert made.text == HEAD + "\n" + made.tables[0]
+
+    def test_line_ends_stay(self) -> None:
+        """A file of another system keeps its line ends."""
+        text = (HEAD + self.OLD).replace("\n", "\r\n")
+
+        made = accepted(text, labels(mujoco="2.3.7", python="3.10"))
+
+        assert made.text.count("\n") == made.text.count("\r\n")
+        assert made.text.startswith(HEAD.replace("\n", "\r\n"))
+
+    def test_text_that_looks_like_a_table(self) -> None:
+        """What stands inside a string is no table."""
+        text = 'description = """\n[[expect]]\n[x]\n"""\n' + HEAD + self.OLD
+
+        made = accepted(text, labels(mujoco="3.3.7", python="3.10"))
+
+        assert made.text == text.replace(self.OLD, "") + "\n" + made.tables[0] + self.OLD
+
+    def test_expectations_in_one_array(self) -> None:
+        """A file that writes them in another way is refused."""
+        text = 'expect = [{ cells = "*mujoco2*", verdict = "broken", reason = "x" }]\n' + HEAD
+
+        with pytest.raises(BadInput) as caught:
+            accepted(text, labels(mujoco="3.3.7"))
+
+        assert str(caught.value) == (
+            "its expectations are not written as [[expect]] tables; write them so, and accept again"
+        )
+
+
+class TestReds:
+    def test_what_is_never_accepted(self) -> None:
+        """What works, what says nothing, and what is red as expected."""
+        text = accepted(HEAD, labels(mujoco="3.3.7")).text
+        _, known = planned(text)
+        entries = results(known.cells, labels(mujoco="3.3.7"))
+
+        assert accepting.reds(known.cells, entries, TODAY) == ([], [])
+        assert accepting.reds(known.cells, {}, TODAY) == ([], [])
+
+    def test_machines_that_differ(self) -> None:
+        """No expectation fits a cell that works on one machine and is red on another."""
+        _, before = planned(HEAD)
+        cell = before.cells[0]
+        entries = {cell.id: [measured(cell), measured(cell, LINE, "mac")]}
+
+        found, mixed = accepting.reds(before.cells, entries, TODAY)
+
+        assert found == []
+        assert mixed == [f"{cell.id}: works on linux, broken on mac; no expectation fits them all"]
+
+    def test_machines_with_their_own_words(self) -> None:
+        """One verdict for two reasons: either of them is expected."""
+        matrix, before = planned(HEAD)
+        cell = before.cells[0]
+        entries = {cell.id: [measured(cell, "no GL"), measured(cell, "no EGL", "mac")]}
+
+        found, _ = accepting.reds(before.cells, entries, TODAY)
+        made = accepting.accept(HEAD, matrix, before.cells, found, WISH)
+
+        assert 'match = "no EGL|no GL"' in made.text
+        after = planned(made.text)[1].cells[0]
+        assert [accepting.as_expected(after, entry, TODAY) for entry in entries[cell.id]] == [(True, None)] * 2
