@@ -1,0 +1,263 @@
+"""What each leg of a workflow claims by its matrix, and what its steps install.
+
+Steps are followed in their order: those whose `if` a leg's values turn off are left out, `pip`, `uv pip` and `conda`
+commands are read, setup actions are asked for their Python. What scripts, containers and other actions do with a value
+is not seen; that it was handed to them is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from packaging.requirements import InvalidRequirement, Requirement
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.utils import canonicalize_name
+
+from harness.workflows import expressions, shell
+from harness.workflows.combinations import Combination
+from harness.workflows.expressions import UNKNOWN, text_of
+from harness.workflows.shell import unmarked
+
+SETUPS = ("/setup-python", "/setup-uv", "/setup-miniconda", "/setup-micromamba", "/install-pinned-python")
+"""Ends of the names of actions that provide the Python of their `python-version`."""
+
+_VERSION = re.compile(r"\s*(?:[<>=~!^]=?=?\s*)?v?\d[\w.*+-]*(?:\s*,.*)?")
+_UNREADABLE = "?"
+
+
+class Fate(StrEnum):
+    """What becomes of a value that a matrix names."""
+
+    INSTALLED = "installed"
+    HANDED_ON = "handed on"
+    OTHERWISE = "otherwise"
+    NEVER = "never"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Claim:
+    """One value of a leg and what became of it; `why` completes the sentence."""
+
+    name: str
+    value: str
+    fate: Fate
+    why: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Leg:
+    """One combination of one job: what it claims and what it installs, as far as that can be read.
+
+    `extras` is None where the project itself is not installed; `unread` are files, addresses and the like.
+    """
+
+    combination: Combination
+    python: str | None
+    requirements: tuple[str, ...]
+    extras: tuple[str, ...] | None
+    unread: tuple[str, ...]
+    claims: tuple[Claim, ...]
+
+
+def leg(job: Mapping[str, Any], combination: Combination) -> Leg:
+    """Follow the steps of a job with the values of one combination."""
+    followed = _Followed(combination.values)
+    around = [job.get(key) for key in ("runs-on", "container", "services", "env", "defaults", "with")]
+    followed.hand_on(around, "the job's own settings")
+    environment = followed.variables(job.get("env"), {})
+    for step in job.get("steps") or ():
+        if (
+            isinstance(step, dict)
+            and expressions.holds(step.get("if", True), followed.contexts(environment)) is not False
+        ):
+            followed.step(step, followed.variables(step.get("env"), environment))
+    return Leg(
+        combination=combination,
+        python=followed.python,
+        requirements=tuple(str(requirement) for requirement in followed.packages.values()),
+        extras=tuple(sorted(followed.extras)) if followed.extras is not None else None,
+        unread=tuple(dict.fromkeys(followed.unread)),
+        claims=tuple(followed.claim(name, text_of(value), job) for name, value in combination.values.items()),
+    )
+
+
+@dataclass
+class _Followed:
+    """What is known after the steps so far."""
+
+    values: Mapping[str, Any]
+    python: str | None = None
+    packages: dict[str, Requirement] = field(default_factory=dict)
+    extras: set[str] | None = None
+    unread: list[str] = field(default_factory=list)
+    installing: set[str] = field(default_factory=set)
+    handed: dict[str, str] = field(default_factory=dict)
+    marked: dict[str, str] = field(default_factory=dict)
+
+    # --- values ---
+
+    def contexts(self, environment: Mapping[str, str]) -> dict[str, Any]:
+        """What expressions can be answered from."""
+        return {"matrix": dict(self.values), "env": {name: unmarked(text) for name, text in environment.items()}}
+
+    def variables(self, table: object, around: Mapping[str, str]) -> dict[str, str]:
+        """Environment variables with marks where they hold values of the matrix."""
+        own = table if isinstance(table, dict) else {}
+        return {**around, **{str(name): self.filled(text_of(value), around) for name, value in own.items()}}
+
+    def filled(self, text: str, environment: Mapping[str, str]) -> str:
+        """The text with its expressions replaced, each marked with the names that it took its value from."""
+
+        def write(expression: str, value: Any) -> str:
+            marks = set(expressions.names_in(expression, "matrix"))
+            for name in expressions.names_in(expression, "env"):
+                marks |= _names(environment.get(name, ""))
+            return f"\x01{','.join(sorted(marks))}\x02{_UNREADABLE if value is UNKNOWN else text_of(value)}\x03"
+
+        return expressions.substituted(text, write, self.contexts(environment))
+
+    # --- steps ---
+
+    def step(self, step: Mapping[str, Any], environment: Mapping[str, str]) -> None:
+        """Follow one step that is run."""
+        action, given = text_of(step.get("uses")), step.get("with")
+        for name, value in given.items() if isinstance(given, dict) else ():
+            text = self.filled(text_of(value), environment)
+            if name == "python-version" and action.partition("@")[0].endswith(SETUPS):
+                self.python = unmarked(text)
+                self.installing |= _names(text)
+            else:
+                self.hand_on([value], action)
+        if "run" in step:
+            self.script(self.filled(text_of(step["run"]), environment), environment)
+        self.hand_on([step.get("env"), step.get("working-directory"), step.get("shell")], "environment variables")
+
+    def script(self, text: str, environment: Mapping[str, str]) -> None:
+        """Follow the commands of a step."""
+        for name, value in environment.items():
+            text = re.sub(rf"\$(?:{re.escape(name)}\b|\{{{re.escape(name)}\}})", value.replace("\\", "\\\\"), text)
+        for words in shell.commands(text):
+            plain = [unmarked(word) for word in words]
+            names = {name for word in words for name in _names(word)}
+            found = shell.install(plain)
+            python = shell.python_of(plain)
+            if found:
+                self.install(found)
+            if found or python:
+                self.python = python or self.python
+                self.installing |= names
+            else:
+                self.hand_on_names(names, f"`{' '.join(plain[:3])}{' ...' if plain[3:] else ''}`")
+        self.hand_on_names(_names(text), "a script")
+
+    def install(self, found: shell.Install) -> None:
+        """Take over what a command installs; a package that is there already is not replaced without need."""
+        self.unread += found.files
+        for word in found.words:
+            if own := re.fullmatch(r"(?:\./?|\$?\{?\w*\}?/?dist/\*\S*)(?:\[([^]]*)\])?", word):
+                self.extras = (self.extras or set()) | {extra.strip() for extra in (own[1] or "").split(",")} - {""}
+                continue
+            try:
+                requirement = Requirement(word)
+            except InvalidRequirement:
+                self.unread.append(word)
+                continue
+            name = canonicalize_name(requirement.name)
+            if name == "python":  # conda's
+                continue
+            if found.removes:
+                self.packages.pop(name, None)
+            elif requirement.specifier or requirement.url or found.upgrade or name not in self.packages:
+                self.packages[name] = requirement
+
+    def hand_on(self, parts: Iterable[object], to: str) -> None:
+        """Note that what these parts of the workflow use is used, wherever it ends."""
+        self.hand_on_names({name for text in _texts(list(parts)) for name in expressions.names(text, "matrix")}, to)
+
+    def hand_on_names(self, names: Iterable[str], to: str) -> None:
+        """Note who was given values."""
+        for name in names:
+            for each in self.values if name == "*" else [name]:
+                self.handed.setdefault(each, to)
+
+    # --- the end ---
+
+    def claim(self, name: str, value: str, job: Mapping[str, Any]) -> Claim:
+        """What became of one value."""
+        reached = name in self.installing or "*" in self.installing
+        instead = self.instead(name, value)
+        if instead is not None and not (reached and instead == ""):
+            return Claim(name=name, value=value, fate=Fate.OTHERWISE, why=instead or f"installs any {_package(name)}")
+        if reached:
+            return Claim(name=name, value=value, fate=Fate.INSTALLED)
+        if name in self.handed:
+            return Claim(name=name, value=value, fate=Fate.HANDED_ON, why=self.handed[name])
+        if not _VERSION.fullmatch(value) and name in _mentioned(job):
+            return Claim(name=name, value=value, fate=Fate.HANDED_ON, why="names and conditions")
+        return Claim(name=name, value=value, fate=Fate.NEVER, why=_why_never(name, job))
+
+    def instead(self, name: str, value: str) -> str | None:
+        """What is installed where the value says another version; "" for no version in particular."""
+        if not _VERSION.fullmatch(value):
+            return None
+        package = _package(name)
+        if package == "python":
+            return f"sets up Python {self.python}" if self.python not in {None, value} else None
+        found = self.packages.get(package)
+        if found is None or _specifiers(value) == found.specifier:
+            return None
+        return f"installs {found}" if found.specifier or found.url else ""
+
+
+def _package(name: str) -> str:
+    """The package that an axis such as `gymnasium-version` speaks of."""
+    return canonicalize_name(re.sub(r"[-_.]?(?:version|ver)s?$", "", name, flags=re.IGNORECASE) or name)
+
+
+def _specifiers(value: str) -> SpecifierSet | None:
+    text = value.strip()
+    try:
+        return SpecifierSet(text if text[:1] in "<>=~!^" else f"=={text}")
+    except InvalidSpecifier:
+        return None
+
+
+def _why_never(name: str, job: Mapping[str, Any]) -> str:
+    steps = [step for step in job.get("steps") or () if isinstance(step, dict)]
+    using = [
+        step for step in steps if name in _used([value for key, value in step.items() if key not in {"if", "name"}])
+    ]
+    if using:
+        named = text_of(using[0].get("name")) or text_of(using[0].get("uses")) or text_of(using[0].get("run"))
+        condition = text_of(using[0].get("if"))
+        return f'the step "{named.splitlines()[0]}", which would, is left out by `if: {condition}`'
+    return f"no step uses matrix.{name}"
+
+
+def _mentioned(job: Mapping[str, Any]) -> frozenset[str]:
+    """Names that conditions and names of steps and of the job use."""
+    steps = [step for step in job.get("steps") or () if isinstance(step, dict)]
+    conditions = (text_of(step.get("if")) for step in steps)
+    inside = {name for condition in conditions for name in expressions.names_in(condition, "matrix")}
+    return _used([job.get("name"), job.get("continue-on-error"), *(step.get("name") for step in steps)]) | inside
+
+
+def _used(parts: Sequence[object]) -> frozenset[str]:
+    return frozenset(name for text in _texts(parts) for name in expressions.names(text, "matrix"))
+
+
+def _texts(part: object) -> Iterator[str]:
+    """Every text inside a part of a workflow."""
+    if isinstance(part, str):
+        yield part
+    inner = part.values() if isinstance(part, dict) else part if isinstance(part, list | tuple) else ()
+    for each in inner:
+        yield from _texts(each)
+
+
+def _names(text: str) -> set[str]:
+    return {name for marks in shell.MARK.findall(text) for name in marks.split(",") if name}

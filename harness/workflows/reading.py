@@ -1,0 +1,115 @@
+"""A workflow file of GitHub: its jobs that have a matrix, with what each of their legs claims and installs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from harness.errors import BadInput
+from harness.workflows.combinations import Combination, Unreadable, combinations, unmatched
+from harness.workflows.legs import Leg, leg
+
+MOST = 256
+"""GitHub refuses a matrix of more jobs."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Job:
+    """One job with a matrix; `notes` are sentences about the matrix itself, or why it cannot be read."""
+
+    name: str
+    legs: tuple[Leg, ...]
+    notes: tuple[str, ...]
+
+
+def read(text: str, file: str) -> tuple[Job, ...]:
+    """Read a workflow; jobs without a matrix are left out."""
+    try:
+        loader = _Loader(text)
+        try:
+            document = loader.get_single_data()
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        message = f"{file}:{line}: {error.problem}"
+        raise BadInput(message) from None
+    jobs = document.get("jobs") if isinstance(document, dict) else None
+    if not isinstance(jobs, dict):
+        message = f"{file}: there are no jobs; is it a workflow of GitHub?"
+        raise BadInput(message)
+    found = tuple(_job(str(name), job) for name, job in jobs.items() if _matrix(job) is not None)
+    if not found:
+        message = f"{file}: none of its jobs ({', '.join(map(str, jobs))}) has a strategy.matrix"
+        raise BadInput(message)
+    return found
+
+
+def _matrix(job: object) -> object:
+    strategy = job.get("strategy") if isinstance(job, dict) else None
+    return strategy.get("matrix") if isinstance(strategy, dict) else strategy
+
+
+def _job(name: str, job: Mapping[str, Any]) -> Job:
+    matrix = _matrix(job)
+    try:
+        found = combinations(matrix)
+    except Unreadable as error:
+        return Job(name=name, legs=(), notes=(str(error),))
+    notes = [*_misread(matrix), *_replaced(found)]
+    notes += [f"exclude[{index}] leaves nothing out" for index in unmatched(matrix)]  # type: ignore[arg-type]
+    if len(found) > MOST:
+        notes.append(f"{len(found)} combinations are more than the {MOST} that GitHub runs")
+    return Job(name=name, legs=tuple(leg(job, each) for each in found), notes=tuple(dict.fromkeys(notes)))
+
+
+def _misread(part: object, name: str = "matrix") -> Iterator[str]:
+    """Versions that YAML takes for numbers, and shortens."""
+    if isinstance(part, _Number) and part.written != f"{float(part):.15g}":
+        yield f"{name}: {part.written} without quotes is the number {float(part):.15g}, which is what GitHub uses"
+    if isinstance(part, list):
+        for each in part:
+            yield from _misread(each, name)
+    for key, value in part.items() if isinstance(part, dict) else ():
+        yield from _misread(value, name if key in {"include", "exclude"} else str(key))
+
+
+def _replaced(found: tuple[Combination, ...]) -> Iterator[str]:
+    for each in found:
+        for lost in each.replaced:
+            own = ", ".join(f"{name} {value}" for name, value in each.values.items() if name != lost.name)
+            yield (
+                f"include[{lost.index}] adds no combination: it replaces {lost.name} {lost.before} "
+                f"by {lost.after} on {own or 'every combination'}"
+            )
+
+
+class _Number(float):
+    """A number with the text that it was written as."""
+
+    written: str
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.2 as GitHub reads it: `on` and `yes` are texts, dates too."""
+
+
+def _number(loader: _Loader, node: yaml.ScalarNode) -> _Number:
+    found = _Number(node.value)
+    found.written = node.value
+    return found
+
+
+_Loader.yaml_implicit_resolvers = {}
+for _tag, _pattern, _starts in (
+    ("tag:yaml.org,2002:null", r"(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
+    ("tag:yaml.org,2002:bool", r"(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
+    ("tag:yaml.org,2002:float", r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?$", list("-+.0123456789")),
+    ("tag:yaml.org,2002:merge", r"<<$", ["<"]),
+):
+    _Loader.add_implicit_resolver(_tag, re.compile(_pattern), _starts)
+_Loader.add_constructor("tag:yaml.org,2002:float", _number)
