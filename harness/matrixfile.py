@@ -29,6 +29,7 @@ from harness.matrix import (
 )
 from harness.model import CELL_PHASES, Phase, Verdict
 from harness.schema import key_path, load_toml, located, suggestion
+from harness.strategy import Strategy
 from harness.vocabulary import (
     ABSENT,
     HOST,
@@ -67,6 +68,7 @@ def read(text: str, path: str) -> Matrix:
     fields = {field: getattr(table, field) for field in table.__struct_fields__}
     matrix = Matrix(**{**fields, "axes": axes, "name": name, "path": path})
     _check(matrix)
+    matrix = msgspec.structs.replace(matrix, strategy=_strategy(matrix))
     included = tuple(_included(matrix, index, table) for index, table in enumerate(matrix.include))
     return msgspec.structs.replace(matrix, include=included)
 
@@ -306,6 +308,21 @@ def _check_expect(expected: ExpectTable, phases: Sequence[Phase]) -> None:
         message = f'no signature "{expected.signature}" is known; say with "match" what the decisive line is like'
     if message:
         raise ValueError(message)
+
+
+def _strategy(matrix: Matrix) -> Strategy:
+    """The strategy with versions in their normalised form."""
+
+    def canonical(name: str, text: str) -> str:
+        with located(matrix.path, "strategy", "baseline", name):
+            return value_text(_axis(matrix, name).kind, text)
+
+    for path, case in _cases(matrix):
+        with located(matrix.path, *path, "only"):
+            if case.only and not matrix.strategy.baselines:
+                message = 'the strategy has no baseline; write strategy = "baseline", or a list with it'
+                raise ValueError(message)
+    return matrix.strategy.with_values(canonical)
 
 
 def _included(matrix: Matrix, index: int, table: IncludeTable) -> IncludeTable:

@@ -63,6 +63,13 @@ class Strategy:
             raise ValueError(message)
         return made
 
+    def with_values(self, canonical: Callable[[str, str], str]) -> Strategy:
+        """The same with the values of its baselines in their canonical form; `canonical` takes axis and value."""
+        made = Strategy(["full"] * self.full + ["boundaries"] * self.boundaries)
+        made.ways, made.names = self.ways, self.names
+        made.baselines = tuple({axis: canonical(axis, text) for axis, text in each.items()} for each in self.baselines)
+        return made
+
     @property
     def covering(self) -> int:
         """Of how many axes every combination of values is to be covered; 0 where nothing has to be computed for it."""

@@ -205,7 +205,7 @@ class Contents:
             constraints=self._rules(changes.constraints),
             overrides=self._rules(changes.overrides),
             build_constraints=self._rules(changes.build_constraints),
-            cases=tuple((self._case(table), condition(self.matrix, table.when)) for table in cases),
+            cases=tuple((self._case(table), self._when(table)) for table in cases),
         )
 
     def _case(self, table: CaseTable) -> Case:

@@ -10,7 +10,6 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Any
 
 import msgspec
@@ -26,8 +25,10 @@ from harness.schema import located, suggestion
 from harness.vocabulary import ABSENT, Kind
 
 Axes = Mapping[str, tuple[Choice, ...]]
-WITHOUT_WEIGHT = {"axes", "cases", "description", "environment", "expect", "files", "include", "needs", "shown"}
-"""Keys that have no say in which combinations exist and resolve; axes and cases are looked into."""
+WITHOUT_WEIGHT = {
+    *("axes", "cases", "description", "environment", "exclude", "expect", "files", "include", "needs", "shown")
+}
+"""Keys that have no say in what resolves; the axes and the combinations that exist are looked into."""
 
 
 # --- chosen by what the file says ------------------------------------------------------------------------------
@@ -112,18 +113,14 @@ class Candidates:
     @property
     def made_from(self) -> str:
         """A hash of all that decides which combinations a covering array has, but for the index."""
-        matrix = self.matrix
-        axes = {
-            name: [(choice.asked, choice.changes is NO_CHANGES or _weighty(choice.changes)) for choice in choices]
-            for name, choices in self.axes.items()
-        }
-        cases = chain(matrix.cases, *(choice.cases for choices in self.axes.values() for choice in choices))
         said: dict[str, Any] = {
-            "axes": axes,
-            "cases": [(case.when, case.only) for case in cases],
-            "matrix": {name: getattr(matrix, name) for name in _fields(MatrixTable)},
-            "exclude": [table.when for table in matrix.exclude],
-            "breaks": sorted(self.breaks.items()) if matrix.strategy.boundaries else [],
+            "axes": {
+                name: [(choice.asked, choice.changes is NO_CHANGES or _weighty(choice.changes)) for choice in choices]
+                for name, choices in self.axes.items()
+            },
+            "combinations": [self.row(each) for each in self.combinations.values()],
+            "named": [self.row(each) for each in self.named.values()],
+            "matrix": {name: getattr(self.matrix, name) for name in _fields(MatrixTable)},
         }
         return hashlib.sha256(msgspec.json.encode(said, enc_hook=_plain, order="deterministic")).hexdigest()
 
