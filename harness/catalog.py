@@ -10,11 +10,12 @@ from pathlib import Path
 
 import msgspec
 
-from harness import expansion, index, interpreters, matrixfile, plan
+from harness import expansion, index, interpreters, matrixfile, plan, subjects
 from harness.errors import BadInput, CouldNotTell
 from harness.fetched import Fetched
 from harness.matrix import Expansion, Matrix
-from harness.model import IndexSettings, Plan, Question
+from harness.model import IndexSettings, Plan, Question, Subject, Suite
+from harness.schema import suggestion
 from harness.store import Store, now, write_atomic
 
 PACKAGE = Path(__file__).parent
@@ -52,11 +53,18 @@ def load(
     planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks)
     if matrix.snapshot and str(matrix.snapshot) > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
+    planned = _with_subjects(planned, partial(_placed, matrix, path.parent))
     return _with_questions(planned, lambda question: replace(question, index=index))
 
 
-def dated(planned: Plan, store: Store, *, renew: bool = False, fetched: Fetched | None = None) -> Plan:
-    """The plan with an instant in every question: the matrix's own, else that of its first lock, which is kept."""
+def dated(
+    planned: Plan, store: Store, *, renew: bool = False, fetched: Fetched | None = None, offline: bool = False
+) -> Plan:
+    """The plan with an instant in every question: the matrix's own, else that of its first lock, which is kept.
+
+    Subjects are looked at: a cell is one of the package as it stands now.
+    """
+    planned = _with_subjects(planned, partial(subjects.settled, offline=offline))
     if all(cell.question.snapshot for cell in planned.cells):
         return planned
     kept = fetched.instant(planned.matrix) if fetched else None
@@ -168,6 +176,34 @@ def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
     """Settings whose folders of files are found from anywhere: the file names them as seen from its own folder."""
     links = tuple(link if "://" in link else str((folder / link).absolute()) for link in settings.find_links)
     return replace(settings, find_links=links)
+
+
+def _placed(matrix: Matrix, folder: Path, subject: Subject) -> Subject:
+    """The subject as it is found from anywhere, its extras and groups known ones where its pyproject tells them."""
+    located = replace(subject, source=subjects.located(subject.source, folder))
+    about, suite = subjects.about(located), subject.suite or Suite()
+    if about:
+        _check_names(matrix, "extra", (*subject.extras, *suite.extras), about.extras)
+        _check_names(matrix, "dependency group", (*subject.groups, *suite.groups), tuple(about.groups))
+    return located
+
+
+def _check_names(matrix: Matrix, what: str, names: Sequence[str], known: Sequence[str] | None) -> None:
+    unknown = next((name for name in names if known is not None and name not in known), None)
+    if unknown:
+        message = f'{matrix.path}: the subject has no {what} "{unknown}"{suggestion(unknown, known or ())}'
+        raise BadInput(message)
+
+
+def _with_subjects(planned: Plan, change: Callable[[Subject], Subject]) -> Plan:
+    """The plan with each subject changed; equal ones are changed once, and stay one object."""
+    made: dict[Subject, Subject] = {}
+    cells = []
+    for cell in planned.cells:
+        if cell.subject and cell.subject not in made:
+            made[cell.subject] = change(cell.subject)
+        cells.append(replace(cell, subject=made[cell.subject]) if cell.subject else cell)
+    return replace(planned, cells=tuple(cells)) if made else planned
 
 
 def _with_questions(planned: Plan, change: Callable[[Question], Question]) -> Plan:

@@ -272,6 +272,12 @@ def _content(path: Path, limit: int) -> bytes:
 
 
 @cache
+def file_hash(path: Path) -> str:
+    """A hash of one in-cell file that runs by itself."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+
+
+@cache
 def probe_hash(api: str, phase: Phase) -> str:
     """A hash of exactly the in-cell files that a probe of this phase loads: part of a result's key."""
     names = wire.closure(api, (phase,), lambda name: (INCELL / name).read_text())

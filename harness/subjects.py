@@ -69,6 +69,13 @@ def located(source: str, folder: Path) -> str:
     return str((next(marked, near) / source).resolve())
 
 
+def about(subject: Subject) -> project.About | None:
+    """What the pyproject.toml of a folder tells before anything is built; None of a wheel or a repository."""
+    if subject.source.startswith(checkouts.REPOSITORY) or not (Path(subject.source) / project.FILES[0]).is_file():
+        return None
+    return _about(subject)
+
+
 def settled(subject: Subject, *, offline: bool = False) -> Subject:
     """The subject with what its source holds now. Raises BadInput where there is none."""
     path = Path(subject.source)
@@ -99,27 +106,47 @@ def copied(subject: Subject, target: Path) -> Path:
 # --- its wheel -------------------------------------------------------------------------------------------------
 
 
+def kept(subject: Subject, interpreter: Interpreter, question: Question) -> Ready | Step | None:
+    """The wheel of a settled subject, where it was built before, or why this Python is none of its Pythons."""
+    if subject.source.endswith(WHEEL):
+        return _read(Path(subject.source), interpreter, {})
+    about = _about(subject)
+    refused = _python_refused(about.name or UNNAMED, about.python, interpreter)
+    if refused:
+        return refused
+    memories = (path for path in _memories(subject, interpreter, question) if path.exists())
+    found = next((built for path in memories if (built := builds.kept(path.read_text(encoding="ascii")))), None)
+    return _read(found.path, interpreter, about.groups) if found else None
+
+
 def ready(subject: Subject, interpreter: Interpreter, question: Question, *, offline: bool = False) -> Ready | Step:
     """The wheel of a settled subject for an interpreter, built now or before, or the step that failed.
 
     A wheel that says to be for any Python is built once, by the first that needs it.
     """
-    if subject.source.endswith(WHEEL):
-        return _read(Path(subject.source), interpreter, {})
-    about = project.about(checkouts.text(subject.source, subject.commit, "pyproject.toml"))
-    refused = _python_refused(about.name or UNNAMED, about.python, interpreter)
-    if refused:
-        return refused
-    inputs = (question.build_constraints, question.build_variables, question.only_binary, question.index)
-    memory = cache_folder() / "subjects" / f"{digest('subject', subject.state, *inputs)}.txt"
-    with exclusive(memory.with_suffix(".lock")):
-        built = builds.kept(memory.read_text(encoding="ascii")) if memory.exists() else None
-        made = built or _built(subject, about.name, interpreter, question, offline=offline)
+    for_any, for_this = _memories(subject, interpreter, question)
+    with exclusive(for_any.with_suffix(".lock")):
+        known = kept(subject, interpreter, question)  # it may have been built while we waited
+        if known:
+            return known
+        about = _about(subject)
+        made = _built(subject, about.name, interpreter, question, offline=offline)
         if isinstance(made, Step):
             return made
-        if built is None and made.path.stem.endswith(PURE):
-            write_atomic(memory, made.key.encode())
+        write_atomic(for_any if made.path.stem.endswith(PURE) else for_this, made.key.encode())
     return _read(made.path, interpreter, about.groups)
+
+
+def _about(subject: Subject) -> project.About:
+    return project.about(checkouts.text(subject.source, subject.commit, "pyproject.toml"))
+
+
+def _memories(subject: Subject, interpreter: Interpreter, question: Question) -> tuple[Path, Path]:
+    """Where it is remembered which build is that of a state: for any Python, and for this one."""
+    inputs = (question.build_constraints, question.build_variables, question.only_binary, question.index)
+    names = [digest("subject", subject.state, python, *inputs) for python in (None, interpreter.identity)]
+    for_any, for_this = (cache_folder() / "subjects" / f"{name}.txt" for name in names)
+    return for_any, for_this
 
 
 def _built(

@@ -6,7 +6,9 @@ itself stays pure. The package is met as it was installed: what it is made of is
 
 from __future__ import annotations
 
+import inspect
 import shutil
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -32,7 +34,7 @@ from harness.model import (
     Suite,
 )
 from harness.outcomes import MACHINE_TROUBLE
-from harness.store import Store, now, write_atomic
+from harness.store import Store, digest, now, write_atomic
 from harness.subjects import Ready
 from harness.vocabulary import required_name
 
@@ -82,6 +84,11 @@ def untold(decisive: str, *, unavailable: bool = False) -> PhaseRecord:
     """The record of a suite that could not be run."""
     outcome = Outcome.UNAVAILABLE if unavailable else Outcome.INFRA
     return PhaseRecord(phase=Phase.SUITE, outcome=outcome, decisive=normalise.bounded(decisive))
+
+
+def judging() -> str:
+    """A hash of what turns a run into an outcome: one judged in another way is measured again."""
+    return digest(inspect.getsource(sys.modules[__name__]), inspect.getsource(normalise))
 
 
 # --- running it ------------------------------------------------------------------------------------------------

@@ -85,7 +85,7 @@ def about(text: str, name: str = "pyproject.toml") -> About:
         name=canonicalize_name(project.name),
         python=project.requires_python,
         extras=tuple(map(canonicalize_name, project.optional_dependencies)) if told else None,
-        groups=document.dependency_groups,
+        groups={canonicalize_name(group): lines for group, lines in document.dependency_groups.items()},
     )
 
 

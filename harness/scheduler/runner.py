@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from time import monotonic
 
-from harness import cellrun, interpreters, launch, machine, process, uv, uvcli
+from harness import cellrun, interpreters, launch, machine, process, subjects, uv, uvcli
 from harness.environments import Environment
 from harness.errors import CouldNotTell
 from harness.filelocks import claim, exclusive
@@ -23,26 +24,26 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.scheduler import undertest
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, conditioned, outdated
 from harness.scheduler.settings import Observer, Settings
+from harness.scheduler.undertest import Unknown
 from harness.store import Installed, Store, cache_folder, digest, now, question_key
-
-
-class Unknown(Exception):
-    """Something has to be done before the cell's record can be told."""
+from harness.subjects import Ready
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Prepared:
     """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
 
-    `claims` are what is to be measured, `environment` is where.
+    `claims` are what is to be measured, `environment` is where; `suite` comes after the cases.
     """
 
     record: CellRecord
     context: cellrun.Context | None = None
     cases: tuple[Case, ...] = ()
+    suite: undertest.Suite | None = None
     claims: tuple[str, ...] = ()
     environment: str | None = None
 
@@ -62,6 +63,7 @@ class Runner:
     installed: dict[str, Installed] = field(default_factory=dict)
     environments: dict[str, Environment] = field(default_factory=dict)
     measured: dict[str, PhaseRecord] = field(default_factory=dict)
+    subjects: dict[str, Ready | Step] = field(default_factory=dict)
 
     def measure(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases; its results are kept, its record is not."""
@@ -97,7 +99,7 @@ class Runner:
         if ready.context:
             try:
                 cases = tuple(cellrun.run_case(ready.context, case) for case in ready.cases)
-                record = replace(record, cases=cases)
+                record = replace(record, cases=cases, suite=ready.suite.measure(cases) if ready.suite else None)
             except NoEnvironment as failure:
                 record = _stopped(record, failure.step)
         if process.stopped():
@@ -107,11 +109,11 @@ class Runner:
 
     # --- resolving -------------------------------------------------------------------------------------------------
 
-    def lock(self, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
-        """The lock of a question and how it came: kept from before, or resolved now, once for all that ask it."""
-        return self._locked(question, interpreter, quick=False)
+    def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
+        """The lock of a question and how it came: kept from before, or resolved now, once for all that ask it.
 
-    def _locked(self, question: Question, interpreter: Interpreter, *, quick: bool) -> tuple[Lock | None, Step]:
+        `quick` raises Unknown where it was not resolved before.
+        """
         key = question_key(question, interpreter)
         with self.once.turn(key):
             known = self.resolved.get(key)
@@ -159,8 +161,12 @@ class Runner:
         if isinstance(interpreter, str) or missing:
             return Prepared(record=replace(record, unavailable=missing, cases=_not_reached(cell)))
         record = replace(record, python=interpreter.version)
+        asked, tested = self._asked(cell, interpreter, quick=quick)
+        if isinstance(tested, Step):
+            return Prepared(record=_stopped(record, tested))
+        record = replace(record, subject=tested.tested if tested else None)
         fetched = self.settings.fetched
-        lock, step = fetched.answer(cell) if fetched else self._locked(cell.question, interpreter, quick=quick)
+        lock, step = fetched.answer(cell) if fetched else self.lock(asked.question, interpreter, quick=quick)
         record = replace(record, resolve=step)
         if lock is None:
             return Prepared(record=_stopped(record, step))
@@ -168,7 +174,17 @@ class Runner:
         record = replace(record, lock=file, lock_sha256=lock.sha256)
         if self.settings.until is Phase.RESOLVE:
             return Prepared(record=record)
-        return self._installed(record, Pool(self, cell, lock, interpreter), quick=quick)
+        return self._installed(record, Pool(self, asked, lock, interpreter), tested, quick=quick)
+
+    def _asked(self, cell: Cell, interpreter: Interpreter, *, quick: bool) -> tuple[Cell, Ready | Step | None]:
+        """The cell with what is to be resolved for it; and its subject, if it has one, or why there is no wheel."""
+        if cell.subject is None:
+            return cell, None
+        tested = undertest.ready(self, cell, interpreter, quick=quick)
+        if isinstance(tested, Step):
+            return cell, tested
+        question = subjects.completed(cell.question, cell.subject, tested, interpreter)
+        return replace(cell, question=question), tested
 
     def _interpreter(self, cell: Cell, *, quick: bool) -> Interpreter | str:
         """The Python of a cell, or why there is none."""
@@ -179,7 +195,7 @@ class Runner:
             raise Unknown  # it may be there to be downloaded
         return found or interpreters.hint(cell.python)
 
-    def _installed(self, record: CellRecord, pool: Pool, *, quick: bool) -> Prepared:
+    def _installed(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> Prepared:
         """Install, unless every result is known already."""
         known = pool.kept()
         if known is None:
@@ -188,6 +204,7 @@ class Runner:
             known = pool.install()
         if known.failed:
             return Prepared(record=_stopped(record, known.failed))
+        known = undertest.extended(known, tested) if tested else known
         record = replace(
             record,
             key=known.key,
@@ -204,56 +221,90 @@ class Runner:
             if self.settings.until is Phase.INSTALL:
                 if quick:
                     raise Unknown  # it may be gone: that is looked at in turn
-                pool.environment()
+                self._place(pool, tested)
                 return Prepared(record=record)
-            return self._known_cases(record, pool, known, quick=quick)
+            return self._known_cases(record, pool, known, tested, quick=quick)
         except NoEnvironment as failure:
             return Prepared(record=_stopped(record, failure.step))
 
-    def _known_cases(self, record: CellRecord, pool: Pool, known: Installed, *, quick: bool) -> Prepared:
-        context = self._context(record, pool)
+    def _known_cases(
+        self, record: CellRecord, pool: Pool, known: Installed, tested: Ready | None, *, quick: bool
+    ) -> Prepared:
+        context = self._context(record, pool, tested)
         cases = tuple(_with_modules(case, known) for case in record.cell.cases)
         stored = [cellrun.stored_case(context, case) for case in cases]
         found = tuple(one for one in stored if one)
+        suite = self._suite(record, pool, tested, quick=quick)
         if len(found) == len(stored):
-            return Prepared(record=replace(record, cases=found))
+            told, ended = suite.known(found) if suite else (True, None)
+            if told:
+                return Prepared(record=replace(record, cases=found, suite=ended))
         if quick:
             raise Unknown
-        pool.environment()
+        self._place(pool, tested)
         claims = {cellrun.claim(context, case) for case, one in zip(cases, stored, strict=True) if one is None}
         return Prepared(
-            record=record, context=context, cases=cases, claims=tuple(sorted(claims)), environment=record.key
+            record=record,
+            context=context,
+            cases=cases,
+            suite=suite,
+            claims=tuple(sorted(claims | ({suite.key} if suite and suite.key else set()))),
+            environment=record.key,
         )
 
-    def _context(self, record: CellRecord, pool: Pool) -> cellrun.Context:
+    def _suite(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> undertest.Suite | None:
+        """The subject's own suite, resolved and installed, where the cell has one and is to come that far."""
         cell = record.cell
-        given = {**record.supplied, **cell.environment}
-        needs = (*cell.needs, *machine.drawing_needs(given))
-        variables = {name: value for name, value in {**machine.base_environment(needs), **given}.items() if value != ""}
-        files = {name: content.encode() for name, content in cell.files.items()}
+        wanted = tested and cell.subject and cell.subject.suite and self.settings.until is Phase.SUITE
+        if not wanted or tested is None:
+            return None
+        suite = undertest.Suite(
+            owner=self,
+            cell=pool.cell,
+            lock=pool.lock,
+            interpreter=pool.interpreter,
+            tested=tested,
+            site=lambda environment, below: self._site(record, environment, below),
+            identity=self._identity(record),
+        )
+        suite.prepare(quick=quick)
+        return suite
 
-        def site() -> launch.Site:
-            environment = pool.environment()
-            return launch.Site(
-                folder=environment.path,
-                python=environment.python,
-                pycache=cache_folder() / "pycache" / environment.key,
-                variables=variables,
-                files=files,
-            )
+    def _place(self, pool: Pool, tested: Ready | None) -> tuple[Environment, Path | None]:
+        """Where a cell is probed, and the environment below that, if that is a thin one."""
+        if tested is None:
+            return pool.environment(), None
+        return undertest.on_top(self, pool, tested), pool.environment().path
 
+    def _variables(self, record: CellRecord) -> dict[str, str]:
+        given = {**record.supplied, **record.cell.environment}
+        needs = (*record.cell.needs, *machine.drawing_needs(given))
+        return {name: value for name, value in {**machine.base_environment(needs), **given}.items() if value != ""}
+
+    def _identity(self, record: CellRecord) -> tuple[object, ...]:
+        """What the keys of results hold of a cell besides its environment."""
+        variables, files = sorted(self._variables(record).items()), sorted(record.cell.files.items())
+        return variables, files, process.sandbox_mode(), machine.facts().id
+
+    def _site(self, record: CellRecord, environment: Environment, below: Path | None) -> launch.Site:
+        return launch.Site(
+            folder=environment.path,
+            python=environment.python,
+            pycache=cache_folder() / "pycache" / environment.key,
+            variables=self._variables(record),
+            files={name: content.encode() for name, content in record.cell.files.items()},
+            below=below,
+        )
+
+    def _context(self, record: CellRecord, pool: Pool, tested: Ready | None) -> cellrun.Context:
+        cell = record.cell
+        on_top = (tested.tested.content,) if tested else ()
         return cellrun.Context(
             store=self.store,
             python=record.python or "",
-            site=site,
-            identity=(
-                record.key,
-                sorted(variables.items()),
-                sorted(cell.files.items()),
-                process.sandbox_mode(),
-                machine.facts().id,
-            ),
-            undrawable=machine.undrawable(given),
+            site=lambda: self._site(record, *self._place(pool, tested)),
+            identity=(record.key, *self._identity(record), *on_top),
+            undrawable=machine.undrawable({**record.supplied, **cell.environment}),
             conditions=machine.conditions(),
             places=uvcli.places(),
             until=self.settings.until,
@@ -308,7 +359,9 @@ def _with_modules(case: Case, installed: Installed) -> Case:
 
 
 def _phases(record: CellRecord) -> Iterator[PhaseRecord]:
-    return (phase for case in record.cases for phase in case.phases if phase.measured)
+    suite = (record.suite,) if record.suite else ()
+    phases = (phase for case in record.cases for phase in case.phases)
+    return (phase for phase in (*phases, *suite) if phase.measured)
 
 
 def _seconds(record: CellRecord) -> float:

@@ -27,7 +27,7 @@ class Settings:
     """
 
     jobs: int = 1
-    until: Phase = Phase.RENDER
+    until: Phase = Phase.SUITE
     fresh: bool = False
     again: bool = False
     offline: bool = False

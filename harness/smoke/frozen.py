@@ -53,7 +53,7 @@ def freeze(
     run.check_distinct(planned)
     run.selected([cell for plan in planned for cell in plan.cells], None)
     store = open_store()
-    plans = tuple(catalog.dated(plan, store) for plan in planned)
+    plans = tuple(catalog.dated(plan, store, offline=offline) for plan in planned)
     return Frozen(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)
 
 

@@ -1,0 +1,215 @@
+"""The package under test in a cell: made ready once for each Python, put on top, its suite run beside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+from harness import cellrun, environments, launch, machine, subjects, suites, uvcli
+from harness.environments import Environment
+from harness.model import (
+    FAILING,
+    CaseRecord,
+    Cell,
+    Interpreter,
+    Lock,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Question,
+    Step,
+)
+from harness.scheduler.once import Once
+from harness.scheduler.pool import NoEnvironment, Pool, conditioned, outdated
+from harness.scheduler.settings import Observer, Settings
+from harness.store import Installed, Store, digest
+from harness.subjects import Ready
+from harness.vocabulary import SELF
+
+
+class Unknown(Exception):
+    """Something has to be done before the cell's record can be told."""
+
+
+class Owner(Protocol):
+    """The runner, as far as it is needed here."""
+
+    store: Store
+    settings: Settings
+    observer: Observer
+    once: Once
+    installed: dict[str, Installed]
+    environments: dict[str, Environment]
+    measured: dict[str, PhaseRecord]
+    subjects: dict[str, Ready | Step]
+
+    def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
+        """The lock of a question, or why there is none."""
+
+
+def ready(owner: Owner, cell: Cell, interpreter: Interpreter, *, quick: bool) -> Ready | Step:
+    """The wheel of the cell's subject, or the step that failed, once in a run for each Python."""
+    assert cell.subject
+    asked = cell.question
+    inputs = (asked.build_constraints, asked.build_variables, asked.only_binary, asked.index, asked.snapshot)
+    key = digest("subject", cell.subject.source, cell.subject.state, interpreter.identity, *inputs)
+    with owner.once.turn(("subject", key)):
+        if key not in owner.subjects:
+            owner.subjects[key] = _ready(owner, cell, interpreter, key, quick=quick)
+    return owner.subjects[key]
+
+
+def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str, *, quick: bool) -> Ready | Step:
+    """A wheel that was built before, a failure that still holds, or a build now."""
+    assert cell.subject
+    settings = owner.settings
+    known = subjects.kept(cell.subject, interpreter, cell.question)
+    if known:
+        return known
+    before = None if settings.fresh or settings.again else owner.store.load_installed(key)
+    if before and before.failed and not outdated(before.failed):
+        return replace(before.failed, reused=True)
+    if quick:
+        raise Unknown
+    owner.observer.step(cell, "build")
+    made = subjects.ready(cell.subject, interpreter, cell.question, offline=settings.offline)
+    if isinstance(made, Step) and made.outcome is Outcome.FAILED:
+        owner.store.save_installed(key, Installed(failed=conditioned(made)))
+    return made
+
+
+def extended(known: Installed, tested: Ready) -> Installed:
+    """What is installed, with the subject on top of it; it may register any environment."""
+    name = tested.tested.name
+    return replace(
+        known,
+        versions=dict(sorted({**known.versions, name: tested.tested.version}.items())),
+        modules={**known.modules, name: tested.modules, SELF: tested.modules},
+        speaking={api: (*names, SELF) for api, names in known.speaking.items()},
+    )
+
+
+def on_top(owner: Owner, pool: Pool, tested: Ready) -> Environment:
+    """The environment of a cell with the subject on top. Raises NoEnvironment."""
+    base = pool.environment()
+    key = digest("on top", base.key, tested.tested.content)
+    with owner.once.turn(("environment", key)):
+        if key not in owner.environments:
+            made = environments.on_top(base, tested.wheel, pool.interpreter)
+            if owner.settings.verify and isinstance(made, Environment) and environments.verify(made):
+                environments.discard(made)
+                made = environments.on_top(base, tested.wheel, pool.interpreter)
+            if isinstance(made, Step):
+                raise NoEnvironment(made)
+            owner.environments[key] = made
+    return owner.environments[key]
+
+
+# --- the suite -------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Suite:
+    """The suite of one cell: what is known of it, and how it is measured.
+
+    `cell` asks what was resolved for it, `lock` is its lock; `site` makes the place where a run happens of an
+    environment that is there and the one below it, `identity` is what a result's key holds of the cell besides the
+    environment.
+    """
+
+    owner: Owner
+    cell: Cell
+    lock: Lock
+    interpreter: Interpreter
+    tested: Ready
+    site: Callable[[Environment, Path], launch.Site]
+    identity: tuple[object, ...]
+    failed: PhaseRecord | None = field(default=None, init=False)
+    pool: Pool | None = field(default=None, init=False)
+    key: str | None = field(default=None, init=False)
+
+    def prepare(self, *, quick: bool) -> None:
+        """Resolve and install what it needs; raises Unknown where that was not done before and `quick` forbids it."""
+        assert self.cell.subject
+        asked, subject = self.cell.question, self.cell.subject
+        question = suites.question(asked, self.lock, subject, self.tested, self.interpreter)
+        lock, step = self.owner.lock(question, self.interpreter, quick=quick)
+        if lock is None:
+            self.failed = self._unsolved(step, quick=quick)
+            return
+        moved = suites.moved(self.lock, lock)
+        if moved:
+            self.failed = suites.untold(moved)
+            return
+        self.pool = Pool(self.owner, replace(self.cell, question=question), lock, self.interpreter)
+        known = self.pool.kept()
+        if known is None and quick:
+            raise Unknown
+        known = known or self.pool.install()
+        if known.failed:
+            decisive = f"the environment of the tests cannot be made: {known.failed.decisive}"
+            self.failed = suites.untold(decisive, unavailable=known.failed.outcome is Outcome.UNAVAILABLE)
+            return
+        tests = (subject.suite, subject.state, launch.file_hash(suites.DOOR), suites.judging())
+        self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)
+
+    def _unsolved(self, step: Step, *, quick: bool) -> PhaseRecord:
+        """Why the tests cannot run beside the cell's packages: which of them they ask for at other versions."""
+        assert self.cell.subject
+        if step.outcome is not Outcome.FAILED:
+            return suites.untold(f"the packages of the tests: {step.decisive}")
+        question = suites.unpinned(self.cell.question, self.cell.subject, self.tested, self.interpreter)
+        free, _ = self.owner.lock(question, self.interpreter, quick=quick)
+        moved = suites.moved(self.lock, free) if free else None
+        return suites.untold(f"{moved}" if moved else f"the packages of the tests: {step.decisive}")
+
+    def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
+        """Whether it is known what becomes of it after these cases, and what; none where it is not reached."""
+        if not _imported(cases):
+            return True, None
+        found = self.failed or self._recalled()
+        return found is not None, found
+
+    def _recalled(self) -> PhaseRecord | None:
+        settings = self.owner.settings
+        if self.key in self.owner.measured:
+            return self.owner.measured[self.key]
+        kept = self.owner.store.load_phase(self.key) if self.key and not settings.fresh else None
+        stands = kept and kept.conditions in {None, machine.conditions()}
+        failed = kept is not None and kept.outcome in FAILING
+        return replace(kept, reused=True) if kept and stands and not (settings.again and failed) else None
+
+    def measure(self, cases: tuple[CaseRecord, ...]) -> PhaseRecord | None:
+        """Bring it to an outcome, from a stored one where there is one. Raises NoEnvironment."""
+        told, found = self.known(cases)
+        if told or self.pool is None or self.key is None:
+            return found
+        assert self.cell.subject
+        base = self.pool.environment()
+        environment = on_top(self.owner, self.pool, self.tested)
+        record = suites.measure(
+            suites.Bench(
+                subject=self.cell.subject,
+                known=self.tested,
+                site=self.site(environment, base.path),
+                store=self.owner.store,
+                name=f"suite-{self.key[:16]}",
+                places=uvcli.places(),
+                verify=self.owner.settings.verify,
+                notify=lambda text: self.owner.observer.step(self.cell, text),
+            )
+        )
+        self.owner.measured[self.key] = record
+        if record.outcome not in cellrun.MEASURED_AGAIN:
+            failed = record.outcome in FAILING
+            kept = replace(record, conditions=machine.conditions()) if failed else record
+            self.owner.store.save_phase(self.key, kept)
+        return record
+
+
+def _imported(cases: tuple[CaseRecord, ...]) -> bool:
+    """Whether an import passed, without which tests would only say the same again."""
+    ended = {phase.outcome for case in cases for phase in case.phases if phase.phase is Phase.IMPORT}
+    return Outcome.PASSED in ended
