@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -269,6 +269,11 @@ def combined(documents: Sequence[Document]) -> Document:
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),
         probes={name: probe for document in documents for name, probe in document.probes.items()},
     )
+
+
+def only(document: Document, ids: Container[str]) -> Document:
+    """The document with these cells alone."""
+    return msgspec.structs.replace(document, cells=tuple(cell for cell in document.cells if cell.id in ids))
 
 
 def exit_code(document: Document, fail_on: Iterable[str]) -> int:

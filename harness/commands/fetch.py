@@ -14,7 +14,8 @@ import msgspec
 
 from harness import catalog, fetched, fetching, scheduler, store, verdict
 from harness.commands import progress
-from harness.commands.run import jobs, selected, tell
+from harness.commands.choosing import JOBS, jobs
+from harness.commands.run import selected, tell
 from harness.fetched import FetchedCell, FetchedMatrix, Manifest
 from harness.filelocks import exclusive
 from harness.model import CellRecord, Phase, Plan
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="the folder, made where it is absent")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
-    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), help="cells at a time [cores]")
+    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), metavar="N", help=JOBS)
     parser.add_argument("--json", action="store_true", help="print the manifest, and nothing else, on stdout")
 
 

@@ -10,7 +10,8 @@ import msgspec
 
 from harness import catalog, resolving, scheduler, store, verdict
 from harness.commands import progress, reporting
-from harness.commands.run import jobs, selected, tell
+from harness.commands.choosing import JOBS, jobs
+from harness.commands.run import selected, tell
 from harness.model import CellRecord, Phase, Verdict
 from harness.reporttypes import UNTOLD
 
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `lock`."""
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
-    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), help="cells at a time [cores]")
+    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), metavar="N", help=JOBS)
     parser.add_argument("--upgrade", action="store_true", help="expand ranges again and lock as of now")
     parser.add_argument("--offline", action="store_true", help="never ask the index")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where the lock of a single cell goes [stdout]")
@@ -52,7 +53,7 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     ask = resolving.asking(opened, settings)
     planned = catalog.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
-    plan = catalog.dated(planned, opened, renew=args.upgrade)
+    plan = catalog.dated(planned, opened, renew=args.upgrade, offline=args.offline)
     cells = selected(plan.cells, args.k)
     with progress.Progress(len(cells), args.jobs, _headline) as board:
         records = scheduler.run(cells, opened, settings, board)

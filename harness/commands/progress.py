@@ -10,6 +10,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from harness.model import Cell, CellRecord
+from harness.reporttypes import number
+from harness.scheduler import WAITING
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -17,11 +19,11 @@ if TYPE_CHECKING:
 
 
 class Progress:
-    """Counts cells done, running and left, and estimates the time to go from the cells done so far."""
+    """Counts cells done, running, waiting and left; estimates the time to go from those that were not known at once."""
 
     def __init__(self, total: int, jobs: int, describe: Callable[[CellRecord], str]) -> None:
         self.total, self.jobs, self.describe = total, jobs, describe
-        self.done_count = 0
+        self.done_count = self.known_count = 0
         self._running: dict[str, str] = {}
         self._began = monotonic()
         self._lock = threading.Lock()
@@ -57,7 +59,7 @@ class Progress:
     def done(self, record: CellRecord) -> None:
         """A cell is finished."""
         with self._lock:
-            self._running.pop(record.cell.id, None)
+            self.known_count += self._running.pop(record.cell.id, None) is None
             self.done_count += 1
             line = f"[{self.done_count}/{self.total}] {record.cell.id}: {self.describe(record)}"
             self.say(line if self._live or self.done_count == self.total else f"{line} ({self._summary()})")
@@ -70,12 +72,12 @@ class Progress:
             print(text, file=sys.stderr, flush=True)
 
     def _summary(self) -> str:
-        running = len(self._running)
+        running = sum(step != WAITING for step in self._running.values())
         left = self.total - self.done_count - running
-        spent = monotonic() - self._began
-        if not self.done_count:
+        spent, worked = monotonic() - self._began, self.done_count - self.known_count
+        if not worked:
             return f"{running} running, {left} left"
-        to_go = spent / self.done_count * (running + left)
+        to_go = spent / worked * (running + left)
         return f"{running} running, {left} left, about {to_go:.0f} s to go"
 
     def _board(self) -> Table:
@@ -84,6 +86,9 @@ class Progress:
         board = Table.grid(padding=(0, 2))
         with self._lock:
             board.add_row(f"{self.done_count} of {self.total} done", self._summary())
-            for name, step in sorted(self._running.items()):
+            active = {name: step for name, step in self._running.items() if step != WAITING}
+            for name, step in sorted(active.items()):
                 board.add_row(f"  {step}", name)
+            if waiting := len(self._running) - len(active):
+                board.add_row(f"  {WAITING}", number(waiting, "cell") + ", installed")
         return board

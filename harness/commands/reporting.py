@@ -23,17 +23,20 @@ DEFAULT_FAIL_ON = ("unexpected", "stale")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Wanted:
-    """How the user wants the report."""
+    """How the user wants the report; `alone` leaves out what was measured before, as a shard does."""
 
     out: Path | None
     pivot: tuple[str, str] | None
     json: bool
     fail_on: tuple[str, ...]
+    alone: bool = False
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Wanted:
         """From the command line of `run`."""
-        return cls(out=args.out, pivot=tuple(args.pivot) if args.pivot else None, json=args.json, fail_on=args.fail_on)
+        pivot = tuple(args.pivot) if args.pivot else None
+        alone = args.shard is not None
+        return cls(out=args.out, pivot=pivot, json=args.json, fail_on=args.fail_on, alone=alone)
 
 
 def kinds(text: str) -> tuple[str, ...]:
@@ -64,7 +67,9 @@ def publish(
         folder = wanted.out or opened.folder / "reports"
         folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
         with exclusive(opened.folder / "reports" / f"{plan.matrix}.lock"):  # the last of several runs sees all cells
-            known = [found for cell in plan.cells if (found := measured.get(cell.id) or kept(opened, here.id, cell))]
+            others = [] if wanted.alone else [cell for cell in plan.cells if cell.id not in measured]
+            before = {cell.id: kept(opened, here.id, cell) for cell in others}
+            known = [found for cell in plan.cells if (found := measured.get(cell.id) or before.get(cell.id))]
             locate = _Files(opened, folder).place(known)
             report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, probes(plan))
             write(report, folder, wanted.pivot)
@@ -84,7 +89,8 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
         print(_closing(list(measured.values())))
         for folder, _ in made:
             print(f"report: {os.path.relpath(folder)}")
-    return document.exit_code(document.combined([report for _, report in made]), wanted.fail_on)
+    whole = document.combined([report for _, report in made])
+    return document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
 
 
 def probes(plan: Plan) -> dict[str, str]:
@@ -142,7 +148,8 @@ class _Files:
             for frame, case in ((frame, case) for case, phase in phases for frame in phase.frames):
                 self._copy(frame, f"frames/{record.cell.label}--{case}--{Path(frame).name}")
             logs = [step.log for step in (record.resolve, record.install) if step]
-            for path in (record.lock, *logs, *(phase.evidence for _, phase in phases)):
+            suite = record.suite.evidence if record.suite else None
+            for path in (record.lock, *logs, *(phase.evidence for _, phase in phases), suite):
                 self._copy(path, path)
         return self.locate
 
@@ -171,6 +178,8 @@ def seen_from_here(folder: Path) -> document.Locate:
 
 
 def _closing(records: Sequence[CellRecord]) -> str:
+    if not records:
+        return "nothing was measured"
     reused = sum(record.reused for record in records)
     if reused == len(records):
         return f"nothing to do: all {reused} cells were measured before, under the same keys"

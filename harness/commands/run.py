@@ -9,9 +9,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from harness import catalog, fetched, scheduler, store, tables
-from harness.commands import progress, reporting
+from harness.commands import choosing, progress, reporting
 from harness.errors import BadInput
 from harness.model import CASE_PHASES, Cell, Phase, Plan
+from harness.reporttypes import number
 
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 
@@ -22,8 +23,17 @@ VERIFYING = "one process per check, failures confirmed, environments checked fil
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `run`."""
     parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
-    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), help="cells at a time [cores]")
+    parser.add_argument("-j", "--jobs", type=choosing.jobs, default=scheduler.default_jobs(), metavar="N",
+                        help=choosing.JOBS)  # fmt: skip
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco3*'")
+    parser.add_argument(
+        "--shard", type=choosing.shard, metavar="I/N", help="only this one of N parts of about equal time"
+    )
+    parser.add_argument("--durations", type=Path, metavar="FILE", action="append", default=[],
+                        help="a report.json whose seconds balance the shards [the committed report's]")  # fmt: skip
+    parser.add_argument("--only-failed", action="store_true",
+                        help="only cells that were red or inconclusive here the last time; their failures are "
+                        "measured again")  # fmt: skip
     parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
     parser.add_argument("--fresh", action="store_true", help="measure everything again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
@@ -41,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 
-UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES))
+UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES, Phase.SUITE))
 
 
 def main(args: argparse.Namespace) -> int:
@@ -51,6 +61,7 @@ def main(args: argparse.Namespace) -> int:
         jobs=args.jobs,
         until=Phase(args.until),
         fresh=args.fresh,
+        again=args.only_failed,
         offline=args.offline or layer is not None,
         verify=args.verify,
         fetched=layer,
@@ -62,11 +73,27 @@ def main(args: argparse.Namespace) -> int:
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
-    plans = [catalog.dated(plan, opened, fetched=layer) for plan in planned]
-    chosen = selected([cell for plan in plans for cell in plan.cells], args.k)
+    plans = [catalog.dated(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
+    chosen = _chosen(args, plans, opened)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
     return reporting.finish(plans, records, opened, reporting.Wanted.of(args))
+
+
+def _chosen(args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store) -> tuple[Cell, ...]:
+    """The cells to be worked on; a shard may be empty, and nothing may have failed."""
+    cells = selected([cell for plan in plans for cell in plan.cells], args.k)
+    if args.shard:
+        files = [catalog.locate(name) for name in args.matrices if not args.fetched]
+        reports = [choosing.committed_report(file, plan.matrix) for file, plan in zip(files, plans, strict=False)]
+        seconds = choosing.durations([report for report in reports if report] + args.durations)
+        whole, cells = len(cells), choosing.of_shard(cells, args.shard, seconds)
+        tell(f"shard {args.shard}: {len(cells)} of {number(whole, 'cell')}")
+    if args.only_failed:
+        cells = choosing.failed(cells, opened)
+        if not cells:
+            tell("nothing failed: no cell that was run here was red or inconclusive the last time")
+    return cells
 
 
 def tell(text: str) -> None:
@@ -101,11 +128,3 @@ def check_distinct(plans: Sequence[Plan]) -> None:
     if twice:
         message = f"two of the matrices are called {twice}, and so are their cells; name one of them, or rename one"
         raise BadInput(message)
-
-
-def jobs(text: str) -> int:
-    """The value of `--jobs`."""
-    if not text.isdigit() or int(text) < 1:
-        message = f"{text!r} is not a number of cells at a time"
-        raise argparse.ArgumentTypeError(message)
-    return int(text)

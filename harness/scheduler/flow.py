@@ -23,7 +23,7 @@ from typing import Any
 
 from harness import machine, process
 from harness.filelocks import Claim, claim
-from harness.model import Cell, CellRecord
+from harness.model import Cell, CellRecord, Phase
 from harness.scheduler.past import Past
 from harness.scheduler.room import Room
 from harness.scheduler.runner import Prepared, Runner
@@ -31,7 +31,7 @@ from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, defaul
 from harness.store import Store, digest
 
 PREPARING = 3
-"""Groups of cells that are resolved and installed at a time."""
+"""Groups of cells that are resolved and installed at a time, beside the probes."""
 
 LOOK_SECONDS = 0.25
 """How often it is asked whether memory is free again, and whether another process is done with the same cell."""
@@ -75,6 +75,8 @@ class _Flow:
         settings = runner.settings
         memory = settings.reading if settings.jobs == AUTO else None
         self.room = Room(settings.jobs or default_jobs(), memory)
+        alone = settings.until in {Phase.RESOLVE, Phase.INSTALL}
+        self.at_once = max(PREPARING, self.room.slots) if alone else PREPARING
         self.groups: deque[list[Cell]] = deque()
         self.preparing: set[Future[list[Prepared]]] = set()
         self.ready: list[_Ready] = []
@@ -95,7 +97,7 @@ class _Flow:
         self.past = past
         self.order = {cell.id: (-past.seconds(cell), number) for number, cell in enumerate(cells)}
         self.groups.extend(self._grouped(cells))
-        with _threads(PREPARING, self.room.slots) as (self.first, self.second):
+        with _threads(self.at_once, self.room.slots) as (self.first, self.second):
             while self.groups or self.preparing or self.ready or self.probing or self.elsewhere:
                 self._prepare()
                 self._probe()
@@ -105,15 +107,15 @@ class _Flow:
         """Cells that ask the same of the same Python, those with the longest first."""
         groups: dict[tuple[str, str], list[Cell]] = {}
         for cell in sorted(cells, key=lambda cell: self.order[cell.id]):
-            groups.setdefault((digest(cell.question), cell.python), []).append(cell)
+            groups.setdefault((digest(cell.question, cell.subject), cell.python), []).append(cell)
         return list(groups.values())
 
     # --- the first stage -------------------------------------------------------------------------------------------
 
     def _prepare(self) -> None:
         """Take on more groups, while not too many environments wait; but never let slots stay empty."""
-        ahead = self.room.slots + PREPARING
-        while self.groups and len(self.preparing) < PREPARING:
+        ahead = self.room.slots + self.at_once
+        while self.groups and len(self.preparing) < self.at_once:
             if self.ready and len(self.preparing) + len(self.environments) >= ahead:
                 break
             self.preparing.add(self.first.submit(self._prepared, self.groups.popleft()))

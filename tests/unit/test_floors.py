@@ -14,8 +14,8 @@ FLOORS = {
     0: {"model", "errors"},
     1: {
         "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise",
-        "notices", "outcomes", "pipelines", "plan", "present", "reporttypes", "schema", "strategy", "tables",
-        "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "notices", "outcomes", "pipelines", "plan", "present", "reporttypes", "schema", "shards", "strategy",
+        "tables", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "glprobe", "index",

@@ -1,0 +1,74 @@
+"""Which cells a run is about: of a shard, or those that failed the last time."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from harness import document, machine, shards, store, verdict
+from harness.commands import reporting
+from harness.errors import BadInput
+from harness.model import Cell, Verdict
+from harness.scheduler import AUTO
+from harness.store import Store
+
+JOBS = "cells at a time, or auto: as many as there are cores and memory for [cores]"
+
+
+def jobs(text: str) -> int:
+    """The value of `--jobs`."""
+    if text == "auto":
+        return AUTO
+    if not text.isdigit() or int(text) < 1:
+        message = f"{text!r} is not a number of cells at a time, nor auto"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
+
+
+def shard(text: str) -> shards.Shard:
+    """The value of `--shard`."""
+    try:
+        return shards.Shard.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def committed_report(matrix: Path, name: str) -> Path | None:
+    """The report that is committed for a matrix file: `reports/NAME/` beside it, or beside its `matrices/`."""
+    folder = matrix.absolute().parent
+    places = [folder.parent] if folder.name == "matrices" else []
+    files = (place / "reports" / name / "report.json" for place in (*places, folder))
+    return next((file for file in files if file.is_file()), None)
+
+
+def durations(files: Iterable[Path]) -> dict[str, float]:
+    """Seconds of cells by their ids, from report documents; a later one counts over an earlier one."""
+    seconds: dict[str, float] = {}
+    for file in files:
+        try:
+            content = file.read_bytes()
+        except OSError as error:
+            message = f"--durations {file}: cannot be read: {error.strerror}"
+            raise BadInput(message) from None
+        seconds |= shards.recorded(document.read(content, str(file)))
+    return seconds
+
+
+def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, float]) -> tuple[Cell, ...]:
+    """The cells of one shard, none where there are more shards than cells."""
+    return shards.split(cells, wanted.count, seconds)[wanted.number - 1]
+
+
+def failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
+    """The cells whose last record here is not as expected or inconclusive; one that was never run is none of them."""
+    here, today = machine.facts().id, store.now()
+    return tuple(cell for cell in cells if _failed(cell, opened, here, today))
+
+
+def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
+    record = reporting.kept(opened, here, cell)
+    if record is None:
+        return False
+    judged = verdict.judge(record)
+    return judged.verdict is Verdict.INCONCLUSIVE or verdict.expected(cell, judged, today)[0] is False

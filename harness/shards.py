@@ -1,0 +1,102 @@
+"""Cells split into shards of about equal time, the same split wherever it is computed.
+
+Seconds come from a committed report only, never from what this machine has measured.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import heapify, heapreplace
+from statistics import median
+from typing import Self
+
+import msgspec
+
+from harness.model import Cell
+from harness.reporttypes import Document
+
+ALONE = 1.0
+"""Seconds of a cell where none was ever recorded: then only their number counts."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Shard:
+    """One of `count` shards; `number` is counted from 1."""
+
+    number: int
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """From `I/N`. Raises ValueError with a sentence."""
+        match = re.fullmatch(r"(\d+)/(\d+)", text)
+        if match is None:
+            message = f"{text!r} is no shard; write I/N, which one of how many, as in 2/4"
+            raise ValueError(message)
+        number, count = map(int, match.groups())
+        if not 1 <= number <= count:
+            message = f"{text!r}: there is no shard {number} of {count}; they are counted from 1"
+            raise ValueError(message)
+        return cls(number=number, count=count)
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
+def recorded(document: Document) -> dict[str, float]:
+    """Seconds of each cell that was run, by its id; of one measured on several machines the most."""
+    seconds: dict[str, float] = {}
+    for cell in document.cells:
+        if cell.seconds > 0:
+            seconds[cell.id] = max(cell.seconds, seconds.get(cell.id, 0.0))
+    return seconds
+
+
+def split(cells: Sequence[Cell], count: int, seconds: Mapping[str, float]) -> tuple[tuple[Cell, ...], ...]:
+    """Split cells into `count` shards, each in the order of the cells; some may be empty.
+
+    Cells that ask the same of the same Python stay together, as they share a lock and an environment, unless that is
+    more than a shard's fair part. Longest first, each to the shard with the least. A cell without recorded seconds
+    counts as the median.
+    """
+    known = [seconds[cell.id] for cell in cells if cell.id in seconds]
+    usual = median(known) if known else ALONE
+    cost = [seconds.get(cell.id, usual) for cell in cells]
+    fair = sum(cost) / count
+    groups = [part for group in _groups(cells) for part in _parts(group, cost, fair)]
+    groups.sort(key=lambda group: (-sum(cost[place] for place in group), group))
+    shards: list[list[int]] = [[] for _ in range(count)]
+    loads = [(0.0, number) for number in range(count)]
+    heapify(loads)
+    for group in groups:
+        load, number = loads[0]
+        shards[number] += group
+        heapreplace(loads, (load + sum(cost[place] for place in group), number))
+    return tuple(tuple(cells[place] for place in sorted(shard)) for shard in shards)
+
+
+def _groups(cells: Sequence[Cell]) -> Iterable[list[int]]:
+    """Places of cells with the same question and Python."""
+    marks: dict[int, bytes] = {}
+    groups: dict[tuple[bytes, str], list[int]] = {}
+    for place, cell in enumerate(cells):
+        asked = cell.question
+        if id(asked) not in marks:
+            marks[id(asked)] = msgspec.json.encode(asked, order="deterministic")
+        groups.setdefault((marks[id(asked)], cell.python), []).append(place)
+    return groups.values()
+
+
+def _parts(group: list[int], cost: Sequence[float], fair: float) -> Iterable[list[int]]:
+    """The group, or pieces of it of at most a fair part each (or of one cell)."""
+    part: list[int] = []
+    load = 0.0
+    for place in group:
+        if part and load + cost[place] > fair * (1 + 1e-9):
+            yield part
+            part, load = [], 0.0
+        part.append(place)
+        load += cost[place]
+    yield part
