@@ -11,7 +11,7 @@ from harness.matrix import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
 from harness.model import Question
 from harness.plan.choices import Choice, Combination
 from harness.plan.covering import Row, covering
-from harness.plan.strategies import Candidates
+from harness.plan.strategies import Candidates, weight
 from harness.schema import located
 from harness.vocabulary import ABSENT, Kind
 
@@ -48,7 +48,10 @@ class _Search:
         self.ask = ask
         self.resolved: set[Row] = set()
         self.found: dict[tuple[Choice, ...], str] = {}
-        self.free = _free_axes(candidates.matrix)
+        self.ruling = _ruling(candidates.matrix)
+        self.free = (
+            [] if _any_absent(candidates.matrix) else [name for name in candidates.axes if name not in self.ruling]
+        )
 
     def run(self, say: Callable[[str], None]) -> list[Row]:
         """Choose, ask, and choose again until all that is chosen resolves; the rows in order, without the named."""
@@ -70,9 +73,10 @@ class _Search:
         return any(chosen.issuperset(part) for part in self.found)
 
     def _try(self, rows: Sequence[Row]) -> None:
-        parts = {row: self.candidates.combination(row) for row in rows}
+        whole = [self.candidates.combination(row) for row in rows]
+        parts = {row: self._with_weight(each) for row, each in zip(rows, whole, strict=True)}
         failed: dict[Row, str] = {}
-        for row, reason in zip(rows, self._answers([(parts[row], parts[row]) for row in rows]), strict=True):
+        for row, reason in zip(rows, self._answers([(each, each) for each in whole]), strict=True):
             if reason is None:
                 self.resolved.add(row)
             else:
@@ -80,6 +84,10 @@ class _Search:
         for axis in self.free:
             self._set_aside(axis, failed, parts)
         self.found.update({parts[row]: reason for row, reason in failed.items()})
+
+    def _with_weight(self, combination: Combination) -> Combination:
+        """Its values without those that add nothing to what is resolved, such as environment variables."""
+        return tuple(choice for choice in combination if choice.axis in self.ruling or not _is_weightless(choice))
 
     def _set_aside(self, axis: str, failed: dict[Row, str], parts: dict[Row, Combination]) -> None:
         """Where it fails without the pin of this axis, too, the pin has no part in it."""
@@ -100,23 +108,30 @@ class _Search:
         questions = []
         for whole, part in asked:
             question = self.candidates.contents.question(whole)
-            gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part)}
+            gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_plain(choice)}
             kept = tuple(text for text in question.requirements if text not in gone)
             python = next(choice.asked for choice in whole if choice.kind is Kind.PYTHON)
             questions.append((python, replace(question, requirements=kept)))
         return self.ask(questions)
 
 
-def _free_axes(matrix: Matrix) -> list[str]:
-    """Packages whose version decides nothing but its own pin: what fails without that pin fails with any."""
+def _ruling(matrix: Matrix) -> set[str]:
+    """The axes whose values decide whether a constraint holds."""
     tables: list[Changes] = [matrix, *(value.changes for axis in matrix.axes.values() for value in axis.values)]
     rules = [rule for table in tables for rule in (*table.constraints, *table.overrides, *table.build_constraints)]
-    ruling = {name for rule in rules for name in rule.when}
-    if any(value.text == ABSENT for axis in matrix.axes.values() for value in axis.values):
-        return []
-    return [name for name, axis in matrix.axes.items() if axis.kind is Kind.PACKAGE and name not in ruling]
+    return {name for rule in rules for name in rule.when}
+
+
+def _any_absent(matrix: Matrix) -> bool:
+    """Whether some package may not be there: without a pin, what is installed may bring it."""
+    return any(value.text == ABSENT for axis in matrix.axes.values() for value in axis.values)
 
 
 def _is_plain(choice: Choice) -> bool:
-    """Whether a value is a pin alone; a pin of a pre-release also lets it in."""
-    return choice.changes is NO_CHANGES and not Version(choice.text).is_prerelease
+    """Whether a value is a pin alone: what fails without it fails with any. A pin of a pre-release also lets it in."""
+    is_pin = choice.kind is Kind.PACKAGE and choice.changes is NO_CHANGES
+    return is_pin and not Version(choice.text).is_prerelease
+
+
+def _is_weightless(choice: Choice) -> bool:
+    return choice.kind is Kind.VARIABLE or (choice.kind is Kind.BUNDLE and weight(choice.changes) == weight(NO_CHANGES))

@@ -115,7 +115,7 @@ class Candidates:
         """A hash of all that decides which combinations a covering array has, but for the index."""
         said: dict[str, Any] = {
             "axes": {
-                name: [(choice.asked, choice.changes is NO_CHANGES or _weighty(choice.changes)) for choice in choices]
+                name: [(choice.asked, choice.changes is NO_CHANGES or weight(choice.changes)) for choice in choices]
                 for name, choices in self.axes.items()
             },
             "combinations": [self.row(each) for each in self.combinations.values()],
@@ -227,7 +227,8 @@ def _fields(table: type[msgspec.Struct]) -> list[str]:
     return [name for name in table.__struct_fields__ if name not in WITHOUT_WEIGHT]
 
 
-def _weighty(changes: Changes) -> dict[str, Any]:
+def weight(changes: Changes) -> dict[str, Any]:
+    """The part of what a value adds that has a say in what resolves."""
     return {name: getattr(changes, name) for name in _fields(Changes)}
 
 
