@@ -137,13 +137,16 @@ def _late(phase: Phase, outcome: Outcome) -> bool:
 
 
 def _probed(record: PhaseRecord) -> Seen:
-    red = [check for check in record.checks if check.outcome not in {Outcome.PASSED, Outcome.SKIPPED}]
-    lines = [f"{check.check} {check.outcome}: {check.decisive or ''}".removesuffix(": ") for check in red]
-    lines += [f"{check.check} hidden by: {check.masked_by}" for check in red if check.masked_by]
+    line = verdict.reason(record)
+    lines = []
+    for check in (one for one in record.checks if one.outcome not in {Outcome.PASSED, Outcome.SKIPPED}):
+        why = f": {check.decisive}" if check.decisive and check.decisive != line else ""
+        lines.append(f"{check.check} {check.outcome}{why}")
+        lines += [f"{check.check} is hidden by: {check.masked_by}"] if check.masked_by else []
     return Seen(
         phase=record.phase,
         outcome=record.outcome,
-        line=verdict.reason(record),
+        line=line,
         more=tuple(lines),
         evidence=record.evidence,
         seconds=0.0 if record.reused else record.seconds,

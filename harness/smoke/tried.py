@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from harness import machine, process
-from harness.model import Cell, CellRecord
+from harness.model import Cell, Expectation
 from harness.smoke import judging
 from harness.smoke.items import SESSION
 from harness.smoke.judging import Kind
@@ -35,9 +35,10 @@ class Ran:
     output: str
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class CellUnderTest:
-    """An installed cell. `python` is its interpreter; `variables` are all that a command in it is given.
+    """An installed cell. `python` is its interpreter; `variables` are all that a command in it is given,
+    `expect` is what the matrix expects of the cell, if not that it works.
 
     The environment holds what the lock says and nothing else: no pytest, not this package. It is shared and sealed:
     use `run`, which keeps what is written from others.
@@ -51,10 +52,14 @@ class CellUnderTest:
     installed: Mapping[str, str]
     variables: Mapping[str, str]
     files: Mapping[str, str]
-    record: CellRecord
+    expect: Expectation | None
+
+    def __repr__(self) -> str:
+        return f"<cell {self.id}>"
 
     def run(self, code: str, *arguments: str, timeout: float = 120.0, memory_mb: int = 6000, check: bool = True) -> Ran:
         """Run Python source in the cell, in the sandbox that probes run in; with `check` it has to end well."""
+        __tracebackhide__ = True
         scratch = Path(tempfile.mkdtemp(prefix="simmatrix-"))
         try:
             ran = self._run(code, arguments, process.Limits(seconds=timeout, memory_mb=memory_mb), scratch)
@@ -131,5 +136,5 @@ def tried(config: pytest.Config, cell: Cell) -> CellUnderTest:
         installed=record.installed or {},
         variables={name: value for name, value in variables.items() if value != ""},
         files=cell.files,
-        record=record,
+        expect=cell.expect,
     )

@@ -1,0 +1,321 @@
+"""The matrix as a pytest suite: items, workers, JUnit, a user's own functions, exit codes."""
+
+from __future__ import annotations
+
+import platform
+import re
+import signal
+import xml.etree.ElementTree as ET
+from time import monotonic, sleep
+
+import pytest
+from commandline import SMALL, Desk, Ran, processes_of
+
+PREFIX = f"py{platform.python_version()}"
+GOOD, BLANK = f"small/{PREFIX}-good", f"small/{PREFIX}-blank"
+HEALTHY, FRAME = "fake_healthy-Healthy-v0", "fake_blank_frame-BlankFrame-v0"
+WHY = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
+PHASES = ("import", "single", "vector", "render")
+RED = """
+[[expect]]
+when = { which = "blank" }
+verdict = "partial"
+phase = "render"
+match = "blank frame"
+reason = "it paints black"
+"""
+
+
+def smoke(desk: Desk, *arguments: str, **variables: str) -> Ran:
+    """Run the suite over `small.toml`."""
+    return desk.run(
+        "--pyargs", "harness.smoke", "--matrix", "small.toml", "-ra", *arguments, module="pytest", **variables
+    )
+
+
+def items(cell: str, *cases: str) -> list[str]:
+    """The node ids of a cell with these cases."""
+    names = ("resolve", "install", *(f"{case}::{phase}" for case in cases for phase in PHASES), "verdict")
+    return [f"{cell}::{name}" for name in names]
+
+
+def ended(ran: Ran, outcome: str) -> list[str]:
+    """The lines of the summary for one outcome."""
+    return re.findall(rf"(?m)^{outcome} (.*)$", ran.out)
+
+
+# --- items -----------------------------------------------------------------------------------------------------
+
+
+def test_items_are_cells_by_cases_by_phases(desk: Desk) -> None:
+    """They are listed in the order of the plan, and listing them resolves nothing."""
+    desk.matrix("small", SMALL.read_text())
+    ran = smoke(desk, "--collect-only", "-q", "--strict-markers", "-W", "error")
+    assert ran.out.splitlines()[:18] == [*items(GOOD, HEALTHY), *items(BLANK, HEALTHY, FRAME)]
+    assert ran.code == 0
+    assert not {path.name for path in desk.state.glob("*")} & {"locks", "steps", "evidence", "results", "cells"}
+
+
+def test_a_red_cell_fails_where_it_failed_and_as_a_whole(kept: Desk) -> None:
+    """The message is the decisive line, the check and its evidence, without a traceback."""
+    ran = smoke(kept)
+    assert ran.code == 1
+    assert ended(ran, "FAILED") == [f"{BLANK}::{FRAME}::render - {WHY}", f"{BLANK}::verdict - partial in render: {WHY}"]
+    told = ran.out.partition(" render ___")[2].split("\n", 1)[1].splitlines()[:3]
+    assert told[:2] == [WHY, "render.rgb_array failed"]
+    assert (kept.folder / told[2].removeprefix("evidence: ")).is_dir()
+    assert "Traceback" not in ran.out
+    assert ran.out.splitlines()[-1].strip("= ").startswith("2 failed, 16 passed")
+
+
+def test_an_expected_failure_is_a_strict_xfail(kept: Desk) -> None:
+    """A cell that is red as expected fails nothing; one that does better fails its verdict."""
+    kept.matrix("small", SMALL.read_text() + RED)
+    ran = smoke(kept)
+    assert (ran.code, ended(ran, "FAILED")) == (0, [])
+    assert ended(ran, "XFAIL") == [
+        f"{BLANK}::{FRAME}::render - {WHY} (it paints black)",
+        f"{BLANK}::verdict - partial in render: it paints black",
+    ]
+    better = RED.replace('"blank"', '"good"', 1)
+    kept.matrix("small", SMALL.read_text() + RED + better + RED.replace('which = "blank"', 'which = "odd"'))
+    ran = smoke(kept)
+    assert ran.code == 1
+    assert ended(ran, "FAILED") == [
+        f"{GOOD}::verdict - [XPASS(strict)] {GOOD} does better than expected: works instead of partial "
+        "(it paints black)",
+        'small::expectations - small.toml: expect[2] matches no cell (reason: "it paints black")',
+    ]
+
+
+def test_another_failure_than_the_expected_one_fails(kept: Desk) -> None:
+    """Where the line does not match nothing is expected."""
+    kept.matrix("small", SMALL.read_text() + RED.replace('"blank frame"', '"no display"'))
+    ran = smoke(kept)
+    assert (ran.code, ended(ran, "XFAIL")) == (1, [])
+    assert ended(ran, "FAILED") == [f"{BLANK}::{FRAME}::render - {WHY}", f"{BLANK}::verdict - partial in render: {WHY}"]
+
+
+SEGFAULT = """
+[axes.which.segfault]
+cases = [{ env = "fake_segfault:Segfault-v0", api = "gymnasium" }]
+"""
+CRASHED = f"small/{PREFIX}-segfault::fake_segfault-Segfault-v0"
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["one", "two"])
+def test_a_phase_asked_for_alone_runs_what_it_needs(workers: tuple[str, ...], desk: Desk) -> None:
+    """What stands in its way is told by the item itself, which a crash in the cell does not take with it."""
+    desk.matrix("small", SMALL.read_text().replace("[axes.which.odd]", f"{SEGFAULT}[axes.which.odd]"))
+    ran = smoke(desk, "-k", "(segfault or good) and render", "-v", *workers)
+    assert ran.code == 1
+    assert len(re.findall(rf"PASSED {GOOD}::{HEALTHY}::render|{GOOD}::{HEALTHY}::render PASSED", ran.out)) == 1
+    (line,) = ended(ran, f"FAILED {CRASHED}::render -")
+    assert line.startswith("not reached, single crashed: killed by SIGSEGV")
+    assert ran.out.splitlines()[-1].strip("= ").startswith("1 failed, 2 passed")
+    assert "report:" not in ran.out
+    measured = [path.read_text() for path in desk.state.glob("results/*/*.json")]
+    assert not [text for text in measured if '"phase":"vector"' in text]
+
+
+def test_markers_choose_phases(kept: Desk) -> None:
+    """`-m render` are the items of that phase; what nobody asked for is not judged."""
+    ran = smoke(kept, "-m", "single or render", "--strict-markers")
+    assert (ran.code, ended(ran, "FAILED")) == (1, [f"{BLANK}::{FRAME}::render - {WHY}"])
+    assert ran.out.splitlines()[-1].strip("= ").startswith("1 failed, 5 passed, 12 deselected")
+
+
+# --- workers, and what is kept ---------------------------------------------------------------------------------
+
+WITHOUT_FILE = """
+import pathlib
+
+def pytest_configure_node(node):
+    pathlib.Path("small.toml").unlink(missing_ok=True)
+"""
+
+
+def test_workers_need_no_matrix_and_leave_what_a_run_leaves(desk: Desk) -> None:
+    """They have the plan from the controller; afterwards `run` finds everything measured and says the same."""
+    matrix = desk.matrix("small", SMALL.read_text() + RED)
+    text = matrix.read_text()
+    (desk.folder / "conftest.py").write_text(WITHOUT_FILE)
+    ran = smoke(desk, "-n", "2", "-v")
+    assert not matrix.exists()
+    assert (ran.code, len(ended(ran, "XFAIL"))) == (0, 2)
+    found = dict(re.findall(r"(?m)^\[(gw\d)\] \[ *\d+%\] \w+ (\S+?)::", ran.out))
+    assert len(found) == 1  # both cells have one environment, and so one worker
+    assert "simmatrix: 1 partial, 1 works; report: .harness/reports/small" in ran.out
+    matrix.write_text(text)
+    report = (desk.state / "reports" / "small" / "report.json").read_text()
+    again = desk.run("run", "small.toml")
+    assert "nothing to do: all 2 cells were measured before, under the same keys\n" in again.out
+    volatile = re.compile(r'"(generated|reused)": .*')
+    assert volatile.sub("", (desk.state / "reports" / "small" / "report.json").read_text()) == volatile.sub("", report)
+
+
+def test_what_was_measured_in_part_is_no_record(desk: Desk) -> None:
+    """A report has only cells that were measured in full; results are kept all the same."""
+    desk.matrix("small", SMALL.read_text())
+    ran = smoke(desk, "-k", "good and not verdict")
+    assert (ran.code, "report:" in ran.out) == (0, False)
+    assert not list(desk.state.glob("cells/*/small"))
+    assert list(desk.state.glob("results/*/*.json"))
+
+
+def test_fresh_measures_each_case_once(kept: Desk) -> None:
+    """`--matrix-fresh` measures what is known, though one time for all items of a case."""
+    before = {path: path.stat().st_mtime_ns for path in kept.state.glob("results/*/*.json")}
+    ran = smoke(kept, "--matrix-fresh", "-k", "good", "--durations=0", "-n", "1")
+    assert ran.code == 0
+    after = {path: path.stat().st_mtime_ns for path in kept.state.glob("results/*/*.json")}
+    assert before.keys() == after.keys()
+    assert sum(before[path] != after[path] for path in before) == len(PHASES)
+    runs = [path for path in kept.state.glob("evidence/*-1") if path.stat().st_mtime_ns > max(before.values())]
+    assert len(runs) == 1
+
+
+# --- JUnit -----------------------------------------------------------------------------------------------------
+
+
+def test_junit_has_one_suite_per_cell(kept: Desk) -> None:
+    """Each with its own counts and facts; the functions of a user stay in pytest's own suite."""
+    (kept.folder / "test_mine.py").write_text("def test_mine(): pass\n")
+    ran = smoke(kept, "test_mine.py", "--junitxml=j.xml", "-n", "2")
+    assert ran.code == 1
+    suites = {suite.get("name"): suite for suite in ET.parse(kept.folder / "j.xml").getroot()}
+    counts = {
+        name: tuple(int(suite.get(count, "")) for count in ("tests", "failures", "errors", "skipped"))
+        for name, suite in suites.items()
+    }
+    assert counts == {GOOD: (7, 0, 0, 0), BLANK: (11, 2, 0, 0), "pytest": (1, 0, 0, 0)}
+    blank = suites[BLANK]
+    known = {one.get("name"): one.get("value") for one in blank.findall("properties/property")}
+    assert (known["axis.which"], known["verdict"], known["python"]) == ("blank", "partial", platform.python_version())
+    assert known.keys() >= {"machine", "lock_sha256", "environment"}
+    case = blank.findall("testcase")[9]
+    assert (case.get("classname"), case.get("name")) == (f"{BLANK.replace('/', '.')}.{FRAME}", "render")
+    assert case[0].get("message", "").splitlines()[0] == WHY
+    assert not blank.findall("testcase/properties")
+
+
+# --- functions of a user ---------------------------------------------------------------------------------------
+
+MINE = """
+import pytest
+
+def test_version(cell):
+    ran = cell.run("import sys, fake_healthy; print(*sys.version_info[:3], sep='.')")
+    assert ran.output.strip() == cell.version == cell.axes["python"]
+    assert (cell.python.is_file(), cell.installed["fake-healthy"]) == (True, "1.0")
+
+def test_make(cell, env):
+    cell.run(f"import gymnasium; gymnasium.make({env.env!r}).reset(seed=1)")
+
+def test_not_in_the_cell(cell):
+    cell.run("import pytest")
+
+@pytest.fixture(params=[1, 2])
+def other(request):
+    return request.param
+
+def test_other(other):
+    assert other
+"""
+THEIRS = """
+import pytest
+
+@pytest.fixture
+def env():
+    return "my own"
+
+def test_env(env):
+    assert env == "my own"
+"""
+
+
+def test_functions_of_a_user_run_once_for_each_cell_and_case(kept: Desk) -> None:
+    """What they hand to `cell.run` runs in the cell and nowhere else; a fixture of the user's own is left alone."""
+    (kept.folder / "test_mine.py").write_text(MINE)
+    (kept.folder / "test_theirs.py").write_text(THEIRS)
+    asked = ("test_mine.py", "test_theirs.py", "-v", "-rf", "--matrix", "small.toml")
+    ran = kept.run(*asked, module="pytest")
+    assert ran.code == 1
+    failed = f"test_mine.py::test_not_in_the_cell[{GOOD}] - harness.smoke.tried.CellFailed: {GOOD}: exit code 1"
+    assert ended(ran, "FAILED") == [failed, failed.replace(GOOD, BLANK)]
+    assert "ModuleNotFoundError: No module named 'pytest'" in ran.out
+    assert ran.out.splitlines()[-1].strip("= ").startswith("2 failed, 8 passed")
+    for name in (f"test_version[{BLANK}]", f"test_make[{BLANK}-{FRAME}]", "test_other[1]", "test_env"):
+        assert re.search(rf"::{re.escape(name)} PASSED", ran.out)
+    spread = kept.run(*asked, "-n", "2", "-k", "version or env", module="pytest")
+    assert spread.code == 0
+    assert len(set(re.findall(r"\[(gw\d)\].*::test_version", spread.out))) == 1
+
+
+def test_without_a_matrix_a_function_that_asks_for_a_cell_says_so(kept: Desk) -> None:
+    """It is skipped; nothing else of a session without `--matrix` is touched, and nothing of ours is imported."""
+    (kept.folder / "test_mine.py").write_text(MINE)
+    loaded = "import sys\n\ndef pytest_sessionfinish():\n    print(sorted(n for n in sys.modules if 'harness' in n))\n"
+    (kept.folder / "conftest.py").write_text(loaded)
+    ran = kept.run("test_mine.py", "-rs", "-s", module="pytest")
+    assert ran.code == 0
+    reason = "the fixture `cell` needs a matrix: pytest --matrix NAME (a matrix file, or the name of a built-in one)"
+    assert ended(ran, "SKIPPED")
+    assert all(line.endswith(reason) for line in ended(ran, "SKIPPED"))
+    assert "['harness', 'harness.smoke', 'harness.smoke.plugin']" in ran.out
+
+
+# --- what says nothing about packages --------------------------------------------------------------------------
+
+
+def test_what_cannot_be_told_fails_and_what_is_not_here_is_skipped(desk: Desk) -> None:
+    """An index that does not answer is `inconclusive` first in each message; an absent Python is a reason to skip."""
+    text = 'requirements = ["fake-plain"]\nindex = { default = "http://127.0.0.1:9/" }\n'
+    text += 'cases = [{ imports = ["fake_plain"] }]\n[axes]\npython = ["host", "3.99"]\n'
+    desk.matrix("small", text)
+    ran = smoke(desk, UV_HTTP_RETRIES="0")
+    assert ran.code == 1
+    failed = [line.partition(" - ") for line in ended(ran, "FAILED")]
+    assert [name.partition("::")[2] for name, _, _ in failed] == ["resolve", "verdict"]
+    assert all(message.startswith("inconclusive: ") or message.startswith("inconclusive in ") for *_, message in failed)
+    skipped = ended(ran, "SKIPPED")
+    assert any("small/py3.99: unavailable: python 3.99 is not on this machine" in line for line in skipped)
+    assert any("not reached: resolve infra" in line for line in skipped)
+
+
+BAD = {
+    ("--matrix", "quickstrat"): (
+        'ERROR: quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?\n'
+    ),
+    ("--matrix", "small.toml", "--matrix", "small.toml"): (
+        "ERROR: two of the matrices are called small, and so are their cells; name one of them, or rename one\n"
+    ),
+    (): "ERROR: harness.smoke needs a matrix: pytest --matrix NAME (a matrix file, or the name of a built-in one)\n",
+}
+
+
+@pytest.mark.parametrize("arguments", BAD, ids=" ".join)
+def test_bad_input_is_a_usage_error(arguments: tuple[str, ...], kept: Desk) -> None:
+    """pytest's 4, one sentence, no traceback."""
+    ran = kept.run("--pyargs", "harness.smoke", *arguments, module="pytest")
+    assert (ran.code, ran.err.strip()) == (4, BAD[arguments].strip())
+
+
+def test_an_empty_selection_is_pytests_own(kept: Desk) -> None:
+    """pytest's 5."""
+    assert smoke(kept, "-k", "nothing").code == 5
+
+
+def test_an_interrupt_leaves_nothing_behind(desk: Desk) -> None:
+    """Ctrl-C is pytest's 2, and no process outlives it."""
+    text = SMALL.read_text().replace("fake_healthy:Healthy-v0", "fake_hang:Hang-v0")
+    desk.matrix("small", 'environment = { FAKE_MARK = "@MARK@" }\n' + text)
+    asked = ("--pyargs", "harness.smoke", "--matrix", "small.toml", "-k", "good")
+    with desk.started(*asked, module="pytest") as process:
+        until = monotonic() + 60
+        while not processes_of(desk.mark) and monotonic() < until:
+            sleep(0.05)
+        assert processes_of(desk.mark)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 2
+    assert not processes_of(desk.mark)

@@ -1,0 +1,244 @@
+"""From what was measured to what pytest is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from harness.model import (
+    Case,
+    CaseRecord,
+    Cell,
+    CellRecord,
+    CheckRecord,
+    Expectation,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Question,
+    Step,
+    Verdict,
+)
+from harness.smoke import judging
+from harness.smoke.judging import Kind, Seen
+
+CASE = Case(
+    id="Ant", env="Ant-v5", api="gymnasium", checks=("import.modules", "single.loop", "vector.sync", "render.a")
+)
+CELL = Cell(
+    id="m/c", matrix="m", axes={}, python="3.11", question=Question(requirements=()), environment={}, cases=(CASE,)
+)
+PASSED = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
+EVERYTHING = frozenset(Phase)
+TODAY = "2026-11-21"
+
+
+def expecting(verdict: str, phase: str | None = None, match: str | None = None, until: str | None = None) -> Cell:
+    """The cell with an expectation."""
+    expect = Expectation(
+        verdict=Verdict(verdict), reason="known", phase=Phase(phase) if phase else None, match=match, until=until
+    )
+    return replace(CELL, expect=expect)
+
+
+def record(cell: Cell = CELL, decisive: str | None = "boom", **outcomes: str) -> CellRecord:
+    """A cell that was installed, with a case whose phases ended so; `import_`, since `import` is Python's."""
+    phases = []
+    for check in CASE.checks:
+        phase = Phase(check.partition(".")[0])
+        outcome = Outcome(outcomes.get(phase.value, outcomes.get(f"{phase.value}_", "passed")))
+        line = None if outcome in {Outcome.PASSED, Outcome.NOT_REACHED} else decisive
+        checks = (CheckRecord(check=check, outcome=outcome, decisive=line),)
+        reached = outcome is not Outcome.NOT_REACHED
+        phases.append(
+            PhaseRecord(
+                phase=phase,
+                outcome=outcome,
+                decisive=line,
+                checks=checks if reached else (),
+                evidence=f"evidence/{phase}" if reached else None,
+                seconds=2.0,
+                measured="2026-11-21T00:00:00Z" if reached else None,
+            )
+        )
+    case = CaseRecord(case=CASE.id, env=CASE.env, api=CASE.api, required=(), phases=tuple(phases))
+    install = replace(PASSED, phase=Phase.INSTALL)
+    return CellRecord(cell=cell, machine="here", resolve=PASSED, install=install, key="k", cases=(case,))
+
+
+def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -> tuple[Kind, str]:
+    """How the item of a phase ends."""
+    ended = judging.ended(record.cell, Phase(phase), judging.seen(record), shown)
+    return ended.kind, ended.text
+
+
+# --- phases ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outcome", "expected"),
+    [
+        ("passed", (Kind.PASSED, "")),
+        ("failed", (Kind.FAILED, "boom\nsingle.loop failed")),
+        ("crashed", (Kind.FAILED, "boom\nsingle.loop crashed")),
+        ("timed_out", (Kind.FAILED, "boom\nsingle.loop timed_out")),
+        ("flaky", (Kind.FAILED, "boom\nsingle.loop flaky")),
+        ("infra", (Kind.INCONCLUSIVE, "inconclusive: boom\nsingle.loop infra")),
+        ("unavailable", (Kind.SKIPPED, "unavailable: boom")),
+        ("skipped", (Kind.SKIPPED, "no meaning here: boom")),
+    ],
+)
+def test_every_outcome_has_its_word(outcome: str, expected: tuple[Kind, str]) -> None:
+    """What fails says its line first, what could not be told says so before anything else."""
+    assert told(record(single=outcome), "single") == expected
+
+
+def test_what_a_failure_hides_behind_is_told() -> None:
+    """Each check that did not pass is named, with its own line where that is another, and with what hides it."""
+    checks = (
+        CheckRecord(check="vector.sync", outcome=Outcome.PASSED),
+        CheckRecord(check="vector.async.fork", outcome=Outcome.FAILED, decisive="BrokenPipe", masked_by="EOFError"),
+        CheckRecord(check="vector.async.spawn", outcome=Outcome.CRASHED, decisive="SIGSEGV"),
+    )
+    cell = replace(CELL, cases=(replace(CASE, checks=tuple(check.check for check in checks)),))
+    phase = PhaseRecord(phase=Phase.VECTOR, outcome=Outcome.FAILED, decisive="BrokenPipe", checks=checks)
+    found = replace(record(cell), cases=(replace(record().cases[0], phases=(phase,)),))
+
+    assert told(found, "vector")[1].splitlines() == [
+        "BrokenPipe",
+        "vector.async.fork failed",
+        "vector.async.fork is hidden by: EOFError",
+        "vector.async.spawn crashed: SIGSEGV",
+    ]
+
+
+STOPPED = {"single": "failed", "vector": "not_reached", "render": "not_reached"}
+
+
+@pytest.mark.parametrize(
+    ("cell", "shown", "expected"),
+    [
+        (CELL, EVERYTHING, (Kind.SKIPPED, "not reached: single failed")),
+        (CELL, frozenset(), (Kind.FAILED, "not reached, single failed: boom\nsingle.loop failed")),
+        (expecting("broken", "single"), frozenset(), (Kind.XFAILED, "not reached, single failed: boom (known)")),
+        (expecting("broken", "render"), frozenset(), (Kind.FAILED, "not reached, single failed: boom\nsingle.loop failed")),  # noqa: E501
+    ],
+)  # fmt: skip
+def test_what_is_in_the_way_is_told_once(cell: Cell, shown: frozenset[Phase], expected: tuple[Kind, str]) -> None:
+    """By the item of the phase that failed, or, where that is not in the session, by the one that needs it."""
+    assert told(record(cell, **STOPPED), "render", shown) == expected
+
+
+@pytest.mark.parametrize("phase", ["install", "import", "render"])
+@pytest.mark.parametrize(
+    ("outcome", "shown", "expected"),
+    [
+        ("failed", EVERYTHING, (Kind.SKIPPED, "not reached: resolve failed")),
+        ("failed", frozenset(), (Kind.FAILED, "not reached, resolve failed: no solution")),
+        ("infra", frozenset(), (Kind.INCONCLUSIVE, "inconclusive: not reached, resolve infra: no solution")),
+        ("timed_out", frozenset(), (Kind.INCONCLUSIVE, "inconclusive: not reached, resolve infra: no solution")),
+        ("unavailable", EVERYTHING, (Kind.SKIPPED, "unavailable: no solution")),
+    ],
+)
+def test_nothing_is_reached_without_a_lock(
+    phase: str, outcome: str, shown: frozenset[Phase], expected: tuple[Kind, str]
+) -> None:
+    """A resolution that did not end well is the reason of all that comes after it."""
+    step = Step(phase=Phase.RESOLVE, outcome=Outcome(outcome), decisive="no solution")
+    found = record(import_="not_reached", single="not_reached", vector="not_reached", render="not_reached")
+
+    assert told(replace(found, resolve=step, install=None), phase, shown) == expected
+
+
+def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
+    """With the reason, whatever is asked."""
+    found = record(import_="not_reached", single="not_reached", vector="not_reached", render="not_reached")
+    found = replace(found, resolve=None, install=None, unavailable="no Python 3.99")
+
+    for phase in ("resolve", "install", "import", "render"):
+        assert told(found, phase) == (Kind.SKIPPED, "unavailable: no Python 3.99")
+
+
+# --- expectations ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cell", "phase", "line", "expected"),
+    [
+        (expecting("partial"), "render", "boom", True),
+        (expecting("partial"), "install", "boom", False),
+        (expecting("uninstallable"), "install", "boom", True),
+        (expecting("unresolvable"), "install", "boom", False),
+        (expecting("import_fails"), "single", "boom", False),
+        (expecting("works"), "single", "boom", False),
+        (expecting("partial", "vector"), "vector", "boom", True),
+        (expecting("partial", "vector"), "single", "boom", False),
+        (expecting("partial", "vector"), "render", "boom", False),
+        (expecting("partial", "vector", "bo+m"), "vector", "a boom", True),
+        (expecting("partial", "vector", "bo+m"), "vector", "crash", False),
+        (expecting("partial", "vector", "bo+m"), "vector", None, False),
+        (expecting("partial", "vector", "bo+m"), "render", "a boom", True),
+        (expecting("partial", "vector", "bo+m"), "single", "a boom", False),
+    ],
+)
+def test_which_failures_are_foreseen(cell: Cell, phase: str, line: str | None, expected: bool) -> None:
+    """Those of the phase and line expected, and the same line again in a later phase; never an earlier one."""
+    assert judging.foreseen(cell.expect, Phase(phase), line) is expected
+
+
+@pytest.mark.parametrize(
+    ("found", "kind", "text"),
+    [
+        (record(), Kind.PASSED, ""),
+        (record(render="failed"), Kind.FAILED, "partial in render: boom\nexpected: works"),
+        (record(expecting("partial", "render"), render="failed"), Kind.XFAILED, "partial in render: known"),
+        (
+            record(expecting("broken", "render", "x+"), render="failed"),
+            Kind.FAILED,
+            "[XPASS(strict)] m/c does better than expected: partial instead of broken (known)",
+        ),
+        (
+            record(expecting("partial", "vector", "x+"), render="failed"),
+            Kind.FAILED,
+            "partial in render: boom\nexpected: partial in vector, its line matching 'x+' (known)",
+        ),
+        (
+            record(expecting("partial", "render", until="2020-01-01"), render="failed"),
+            Kind.FAILED,
+            "m/c was expected to be partial until 2020-01-01, which has passed (known)",
+        ),
+        (
+            record(expecting("partial")),
+            Kind.FAILED,
+            "[XPASS(strict)] m/c does better than expected: works instead of partial (known)",
+        ),
+        (record(render="infra"), Kind.INCONCLUSIVE, "inconclusive in render: boom"),
+        (
+            replace(record(single="not_reached"), resolve=None, install=None, unavailable="no Python"),
+            Kind.SKIPPED,
+            "unavailable: no Python",
+        ),
+        (replace(record(), resolve=None, install=None), Kind.SKIPPED, "not run: only the import was tried"),
+    ],
+)
+def test_the_verdict_of_a_cell(found: CellRecord, kind: Kind, text: str) -> None:
+    """An unexpected verdict fails, better ones too; what could not be told fails; what is not here is skipped."""
+    ended = judging.judged(found, TODAY)
+
+    assert (ended.kind, ended.text) == (kind, text)
+
+
+def test_what_is_needed_comes_nearest_first() -> None:
+    """Rendering needs a loop, a loop needs an import."""
+    assert judging.needs(Phase.RENDER) == (Phase.SINGLE, Phase.IMPORT)
+
+
+def test_time_is_that_of_this_session() -> None:
+    """What was reused took none."""
+    (case,) = record().cases
+    phases = tuple(replace(phase, reused=phase.phase is Phase.RENDER) for phase in case.phases)
+    found = judging.seen(replace(record(), cases=(replace(case, phases=phases),)))
+
+    assert (found[Phase.SINGLE].seconds, found[Phase.RENDER].seconds) == (2.0, 0.0)
+    assert isinstance(found[Phase.RESOLVE], Seen)
