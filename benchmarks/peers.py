@@ -1,0 +1,327 @@
+"""The six-cell job beside nox, tox and hatch: `python benchmarks/peers.py` measures and writes `benchmarks/peers.md`.
+
+Every tool, and uv with nothing around it (the floor), makes the same environments from one folder of wheels with caches
+of its own, and runs the same check files, which are counted. It needs the network once, for the wheels and the tools.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from harness import interpreters
+
+HERE = Path(__file__).parent
+PYTHONS = ("3.10", "3.11", "3.12")
+GYMNASIUM = ("0.29.1", "1.2.3")
+CHECKS = 4
+CORES = 2
+SCRIPTS, USUAL = "plain", "tested"
+STYLES = {
+    SCRIPTS: "the same check files as scripts, one process for each cell",
+    USUAL: "as users use each tool: the check files inside pytest; ours: our own checks, more of them",
+}
+COLD, WARM, AGAIN = "cold", "warm, checks forced to run again", "nothing changed"
+OURS, FLOOR = "simmatrix", "bare uv (floor)"
+TOOLS = {"nox": ("nox",), "tox": ("tox", "tox-uv"), "hatch": ("hatch",)}
+ONLY_PYTEST = {"exceptiongroup", "iniconfig", "packaging", "pluggy", "pygments", "pytest", "tomli"}
+
+
+class Unequal(Exception):
+    """The sides did not do the same work."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where everything lies: the wheels, the tools, the variables that all sides share."""
+
+    folder: Path
+    wheels: Path
+    tools: Path
+    env: Mapping[str, str]
+    pythons: Mapping[str, str]
+
+    def call(self, work: Path, command: Sequence[str | Path], **more: str) -> str:
+        """Run a command of one side in its folder, with caches of its own; returns what it printed."""
+        own = {
+            "UV_CACHE_DIR": work / "uv-cache",
+            "HARNESS_CACHE": work / "cache",
+            "HARNESS_STATE": work / "state",
+            "HATCH_DATA_DIR": work / "hatch-data",
+            "HATCH_CACHE_DIR": work / "hatch-cache",
+            "HATCH_CONFIG": work / "hatch.toml",
+        }
+        env = {**self.env, **{name: str(path) for name, path in own.items()}, **more}
+        done = subprocess.run(
+            list(map(str, command)), cwd=work, env=env, text=True, capture_output=True, check=False, errors="replace"
+        )
+        if done.returncode:
+            message = f"{' '.join(map(str, command))}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
+            raise Unequal(message)
+        return done.stdout + done.stderr
+
+
+@dataclass
+class Side:
+    """One tool: what it runs for a style and a state, and where its environments are."""
+
+    name: str
+    run: Callable[[Bench, Path, str, str], int]
+    """Does the job in a folder and returns how many checks ran."""
+    environments: str
+    seconds: dict[tuple[str, str], list[float]] = field(default_factory=dict)
+    checks: dict[str, int] = field(default_factory=dict)
+    packages: dict[str, dict[tuple[str, str], frozenset[str]]] = field(default_factory=dict)
+
+    def measure(self, bench: Bench, work: Path, style: str, state: str) -> None:
+        """Time one run, count its checks and note what its environments hold."""
+        start = time.perf_counter()
+        found = self.run(bench, work, style, state)
+        self.seconds.setdefault((style, state), []).append(time.perf_counter() - start)
+        if state != AGAIN and self.checks.setdefault(style, found) != found:
+            message = f"{self.name}: {found} checks, and {self.checks[style]} before"
+            raise Unequal(message)
+        self.packages[style] = dict(packages(work, self.environments))
+
+    def median(self, style: str, state: str) -> float:
+        """Seconds."""
+        return statistics.median(self.seconds[style, state])
+
+
+def packages(work: Path, pattern: str) -> Iterator[tuple[tuple[str, str], frozenset[str]]]:
+    """What lies in each environment: (Python, gymnasium) to names and versions."""
+    for site in work.glob(f"{pattern}/lib/python3*/site-packages"):
+        names = frozenset(path.name.removesuffix(".dist-info") for path in site.glob("*.dist-info"))
+        gymnasium = next(name for name in names if name.startswith("gymnasium-"))
+        yield (site.parent.name.removeprefix("python"), gymnasium.partition("-")[2]), names
+
+
+# --- the sides -------------------------------------------------------------------------------------------------
+
+
+def counted(said: str, style: str) -> int:
+    """Checks that passed, by what they or pytest printed."""
+    if style == USUAL:
+        return sum(int(number) for number in re.findall(r"^(?:=+ )?(\d+) passed", said, re.MULTILINE))
+    return len(re.findall(r"check \w+ ok", said))
+
+
+def nox(bench: Bench, work: Path, style: str, state: str) -> int:
+    """nox with uv, two sessions at a time; what exists is taken as it is."""
+    reuse = () if state == COLD else ("-R",)
+    parallel = ("-j", str(CORES), "--allow-parallel")
+    return counted(bench.call(work, (bench.tools / "nox/bin/nox", "-s", style, *parallel, *reuse)), style)
+
+
+def tox(bench: Bench, work: Path, style: str, _state: str) -> int:
+    """tox with tox-uv, two environments at a time; `-o` shows what they print, so that it can be counted."""
+    command = (bench.tools / "tox/bin/tox", "run-parallel", "-p", str(CORES), "-o", "-f", style)
+    return counted(bench.call(work, command), style)
+
+
+def hatch(bench: Bench, work: Path, style: str, _state: str) -> int:
+    """hatch with uv; it runs its matrix one after the other."""
+    uv = str(bench.tools / "hatch/bin/uv")
+    command = (bench.tools / "hatch/bin/hatch", "run", f"{style}:checks")
+    return counted(bench.call(work, command, HATCH_ENV_TYPE_VIRTUAL_UV_PATH=uv), style)
+
+
+def ours(bench: Bench, work: Path, style: str, state: str) -> int:
+    """simmatrix."""
+    matrix = "matrix.toml" if style == SCRIPTS else "probes.toml"
+    more = ("--fresh",) if state == WARM else ()
+    said = bench.call(work, (sys.executable, "-m", "harness", "run", matrix, "--json", *more))
+    document, _ = json.JSONDecoder().raw_decode(said)  # what is told to people comes behind it
+    if style == USUAL:
+        outcomes = [one for cell in document["cells"] for case in cell["cases"] for one in case["checks"].values()]
+        return outcomes.count("passed")
+    imported = [cell["phases"]["import"] for cell in document["cells"]]
+    return CHECKS * imported.count("passed")
+
+
+def bare(bench: Bench, work: Path, style: str, state: str) -> int:
+    """uv and the interpreter, cells spread over the cores."""
+    uv = bench.tools / "hatch/bin/uv"
+    checks = ("-m", "pytest", "-q", "checks") if style == USUAL else ("checks/run_checks.py",)
+
+    def cell(asked: tuple[str, str]) -> int:
+        python, gymnasium = asked
+        place = work / "bare" / f"{python}-{gymnasium}"
+        if state == COLD:
+            wanted = (f"gymnasium[classic-control]=={gymnasium}", *(["pytest"] if style == USUAL else []))
+            bench.call(work, (uv, "venv", "-q", "--python", bench.pythons[python], place))
+            bench.call(work, (uv, "pip", "install", "-q", "--python", place / "bin/python", *wanted))
+        return counted(bench.call(work, (place / "bin/python", *checks)), style)
+
+    with ThreadPoolExecutor(CORES) as pool:
+        return sum(pool.map(cell, [(python, gymnasium) for python in PYTHONS for gymnasium in GYMNASIUM]))
+
+
+def sides() -> tuple[Side, ...]:
+    """All of them, in the order of the table."""
+    return (
+        Side(OURS, ours, "cache/environments/*"),
+        Side("nox", nox, ".nox/*"),
+        Side("tox", tox, ".tox/*"),
+        Side("hatch", hatch, "hatch-data/env/virtual/*"),
+        Side(FLOOR, bare, "bare/*"),
+    )
+
+
+# --- the job ---------------------------------------------------------------------------------------------------
+
+
+def main() -> None:
+    """Measure everything and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--style", choices=STYLES, action="append", help="only this way of checking, and no file")
+    args = parser.parse_args()
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:CORES])
+    measured = sides()
+    with tempfile.TemporaryDirectory() as folder:
+        bench = prepared(Path(folder))
+        tools = {tool: installed(bench.tools / tool, tool) for tool in TOOLS}
+        for style in args.style or STYLES:
+            for number in range(args.runs):
+                rounds(bench, measured, style, number)
+            compare(measured, style)
+    styles = args.style or list(STYLES)
+    text = render(measured, styles, args.runs, tools)
+    if not args.style:
+        (HERE / "peers.md").write_text(text)
+    print(text)
+
+
+def prepared(folder: Path) -> Bench:
+    """Wheels and tools, made once; every side sees the same interpreters, the same uv and no index."""
+    foreign = ("UV_", "PIP_", "HARNESS_", "NOX", "TOX", "HATCH", "VIRTUAL_ENV", "PYTHON")
+    user = dict(os.environ)
+    clean = {name: value for name, value in user.items() if not name.startswith(foreign)}
+    found = {python: interpreters.find(python) for python in PYTHONS}
+    pythons = {python: one.path for python, one in found.items() if one}
+    if len(pythons) < len(PYTHONS):
+        message = f"Pythons {', '.join(PYTHONS)} are needed; here are {', '.join(pythons) or 'none of them'}"
+        raise SystemExit(message)
+    fetched = {**user, "HARNESS_CACHE": str(folder / "cache"), "HARNESS_STATE": str(folder / "state")}
+    fetch = (sys.executable, "-m", "harness", "fetch", HERE / "peers/wheels.toml", "--to", folder / "fetched")
+    subprocess.run(fetch, env=fetched, check=True, capture_output=True)
+    (folder / "wheels").mkdir()
+    for wheel in folder.glob("fetched/wheels/*/*.whl"):
+        shutil.copy(wheel, folder / "wheels")
+    uv = Path(sys.executable).with_name("uv")
+    for tool, wanted in TOOLS.items():
+        place = folder / "tools" / tool
+        subprocess.run((uv, "venv", "-q", "--python", sys.executable, place), check=True)
+        pins = (*wanted, f"uv=={version('uv')}")
+        subprocess.run((uv, "pip", "install", "-q", "--python", place / "bin/python", *pins), check=True)
+    env = {
+        **clean,
+        "PATH": os.pathsep.join([*(str(Path(path).parent) for path in pythons.values()), clean["PATH"]]),
+        "UV_FIND_LINKS": str(folder / "wheels"),
+        "UV_NO_INDEX": "1",
+        "UV_PYTHON_DOWNLOADS": "never",
+        "SDL_VIDEODRIVER": "dummy",
+        "PYTHONDONTWRITEBYTECODE": "",
+    }
+    return Bench(folder=folder, wheels=folder / "wheels", tools=folder / "tools", env=env, pythons=pythons)
+
+
+def rounds(bench: Bench, measured: Sequence[Side], style: str, number: int) -> None:
+    """One round: every side once in each state, another one first each time."""
+    turn = [*measured[number % len(measured) :], *measured[: number % len(measured)]]
+    works = {side.name: bench.folder / "work" / re.sub(r"\W", "", side.name) for side in turn}
+    for work in works.values():
+        shutil.copytree(HERE / "peers", work)
+        (work / "wheels").symlink_to(bench.wheels)
+        (work / "hatch.toml").touch()
+    for state in (COLD, WARM, AGAIN):
+        for side in turn:
+            side.measure(bench, works[side.name], style, state)
+            print(f"{number + 1} {style} {state}: {side.name} {side.seconds[style, state][-1]:.2f} s", file=sys.stderr)
+    shutil.rmtree(bench.folder / "work")
+
+
+def compare(measured: Sequence[Side], style: str) -> None:
+    """Refuse a comparison of unlike things."""
+    cells = len(PYTHONS) * len(GYMNASIUM)
+    reference = measured[0].packages[style]
+    for side in measured:
+        extra = ONLY_PYTEST if style == USUAL and side.name != OURS else set()
+        found = {
+            cell: frozenset(name for name in names if name.partition("-")[0] not in extra)
+            for cell, names in side.packages[style].items()
+        }
+        if found != reference or len(found) != cells:
+            message = f"{side.name} has other packages in its environments than {OURS}: {found} and {reference}"
+            raise Unequal(message)
+        if side.checks[style] != CHECKS * cells and (style, side.name) != (USUAL, OURS):
+            message = f"{side.name} ran {side.checks[style]} checks, not {CHECKS * cells}"
+            raise Unequal(message)
+
+
+def installed(tool: Path, name: str) -> str:
+    """The version of a tool."""
+    said = subprocess.run((tool / "bin" / name, "--version"), capture_output=True, text=True, check=True)
+    found = re.search(r"\d+(?:\.\d+)+", said.stdout + said.stderr)
+    return found[0] if found else "?"
+
+
+# --- the table -------------------------------------------------------------------------------------------------
+
+
+def render(measured: Sequence[Side], styles: Sequence[str], runs: int, tools: Mapping[str, str]) -> str:
+    """Both tables, with what is needed to repeat them."""
+    named = ", ".join(f"{tool} {number}" for tool, number in tools.items())
+    lines = [
+        "# The six-cell job beside other tools",
+        "",
+        f"Made by `python benchmarks/peers.py --runs {runs}` on {datetime.now(UTC):%Y-%m-%d}: Python "
+        f"{platform.python_version()}, {platform.system()} {platform.machine()}, {CORES} cores, uv {version('uv')}, "
+        f"{named}; medians of {runs} rounds, the sides in turn.",
+        "",
+        f"Python {', '.join(PYTHONS)} with gymnasium {' and '.join(GYMNASIUM)}: CartPole in a loop, in a sync and an "
+        "async vector, rendered. Packages come from one folder of wheels, so that no side waits for a network; cold is "
+        "with all caches empty, uv's too; the tools themselves are installed before. Every side has the same packages "
+        "and no others in its environments: compared by name and version. nox and tox run two cells at a time, hatch "
+        "has no such mode. Where nothing changed the other tools run their checks again, which is all they can do.",
+    ]
+    for style in styles:
+        lines += ["", f"## {STYLES[style]}", "", *table(measured, style)]
+    return "\n".join([*lines, ""])
+
+
+def table(measured: Sequence[Side], style: str) -> list[str]:
+    """One row for each state, with the target where there is one."""
+    peers = [side for side in measured if side.name in TOOLS]
+    by_name = {side.name: side for side in measured}
+    heads = " | ".join(f"{side.name}, {side.checks[style]} checks" for side in measured)
+    lines = [f"| state | {heads} | of the best | target |", "| --- " * (len(measured) + 3) + "|"]
+    for state in (COLD, WARM, AGAIN):
+        best = min(side.median(style, state) for side in peers)
+        mine, floor = by_name[OURS].median(style, state), by_name[FLOOR].median(style, state)
+        limit = {COLD: max(0.75 * best, 1.15 * floor), WARM: 0.8 * best, AGAIN: 0.1 * best}[state]
+        times = " | ".join(f"{side.median(style, state):.2f} s" for side in measured)
+        met = "met" if mine <= limit else "missed"
+        target = f"≤ {limit:.2f} s: {met}" if style == SCRIPTS else "none"
+        lines.append(f"| {state} | {times} | {mine / best:.2f} | {target} |")
+    return lines
+
+
+if __name__ == "__main__":
+    main()
