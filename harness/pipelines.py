@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from enum import StrEnum
+from statistics import median
 
 import msgspec
 
@@ -21,7 +22,7 @@ from harness.reporttypes import number
 ACTIONS = "actions.toml"
 
 TYPICAL = 60.0
-"""Seconds taken for a cell that was never measured: most of it are downloads and the install."""
+"""Seconds of a cell where none was ever recorded: most of it are downloads and the install."""
 
 
 class Provider(StrEnum):
@@ -67,8 +68,8 @@ class Pipeline:
 
     `matrix` is what the commands in it are given: the name of a built-in matrix or a path in the repository. `made_by`
     is the command that makes the workflow. `planning` are the options with which a workflow counts its shards itself
-    each time it runs; where a platform cannot, `shards` stand in the file. `state` tells caches of one state of the
-    matrix from those of another. `limit` is in minutes.
+    each time it runs; where a platform cannot, `shards` stand in the file. `measuring` are the options of `run`.
+    `state` tells caches of one state of the matrix from those of another. `limit` is in minutes.
     """
 
     matrix: str
@@ -76,6 +77,7 @@ class Pipeline:
     made_by: str
     shards: int
     planning: str
+    measuring: str
     state: str
     install: str
     python: str
@@ -119,8 +121,13 @@ def render(pipeline: Pipeline, template: str, known: Mapping[str, Action]) -> st
 
 
 def shard_count(cells: Sequence[str], seconds: Mapping[str, float], minutes: int, most: int) -> int:
-    """How many shards of so many minutes, one cell after another, the cells make; `seconds` are recorded ones by id."""
-    whole = sum(seconds.get(cell, TYPICAL) for cell in cells)
+    """How many shards of so many minutes, one cell after another, the cells make.
+
+    `seconds` are recorded ones by id; a cell without counts as the median.
+    """
+    known = [seconds[cell] for cell in cells if cell in seconds]
+    usual = median(known) if known else TYPICAL
+    whole = sum(seconds.get(cell, usual) for cell in cells)
     return max(1, min(math.ceil(whole / (60 * minutes)), len(cells), most))
 
 

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from harness import catalog, pipelines, store
-from harness.commands import reporting
+from harness.commands import choosing, reporting
 from harness.commands.run import selected, tell
 from harness.errors import BadInput
 from harness.model import Plan
@@ -41,6 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--check", type=Path, metavar="FILE", help="compare with a file; exit 1 when it is out of date")
     parser.add_argument("--shards", type=_count, metavar="N", help="jobs to spread the cells over [by --minutes]")
     parser.add_argument("--minutes", type=_count, default=15, metavar="M", help="work for one shard [15]")
+    parser.add_argument("--durations", type=Path, metavar="FILE", action="append", default=[],
+                        help="a report.json whose seconds balance the shards [the committed report's]")  # fmt: skip
     parser.add_argument(
         "--limit", type=_count, default=90, metavar="M", help="minutes after which a shard is ended [90]"
     )
@@ -54,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 EMITTED = ("workflow", "summary", "shards")
-PLANNING = ("shards", "minutes")
+MEASURING = ("durations",)
+PLANNING = ("shards", "minutes", *MEASURING)
 OPTIONS = (*PLANNING, "limit", "install", "python", "branch", "runner", "fail_on")
 """What a workflow depends on beside its matrix, in the order in which its first line tells it."""
 
@@ -97,8 +100,11 @@ def _shards(args: argparse.Namespace, plan: Plan) -> int:
     if args.shards and args.shards > most:
         message = f"--shards {args.shards}: {args.provider} runs at most {most} jobs of one kind"
         raise BadInput(message)
-    cells = [cell.id for cell in plan.cells]
-    return args.shards or pipelines.shard_count(cells, {}, args.minutes, most)
+    if args.shards:
+        return int(args.shards)
+    committed = choosing.committed_report(catalog.locate(args.matrix), plan.matrix)
+    seconds = choosing.durations([*([committed] if committed else []), *args.durations])
+    return pipelines.shard_count([cell.id for cell in plan.cells], seconds, args.minutes, most)
 
 
 # --- the workflow ----------------------------------------------------------------------------------------------
@@ -115,6 +121,7 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
         made_by=shlex.join(["simmatrix", "ci", matrix, "--provider", provider, *_given(args, OPTIONS)]),
         shards=count,
         planning=shlex.join(["--provider", provider, *_given(args, PLANNING)]),
+        measuring=shlex.join(["-j", "auto", *_given(args, MEASURING)]),
         state=_state(path),
         install=pipelines.words(args.install or f"simmatrix=={version('simmatrix')}", "--install"),
         python=pipelines.plain(args.python, "--python"),
@@ -139,9 +146,11 @@ def _given(args: argparse.Namespace, names: Sequence[str]) -> Iterator[str]:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     for name in names:
-        value = getattr(args, name)
-        if value != parser.get_default(name):
-            yield from (f"--{name.replace('_', '-')}", ",".join(value) if isinstance(value, tuple) else str(value))
+        value, option = getattr(args, name), f"--{name.replace('_', '-')}"
+        if isinstance(value, list):
+            yield from (word for file in value for word in (option, _in_repository(str(file))))
+        elif value != parser.get_default(name):
+            yield from (option, ",".join(value) if isinstance(value, tuple) else str(value))
 
 
 def _in_repository(name: str) -> str:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-import harness
-from harness import pipelines
+from harness import catalog, document, pipelines
 from harness.__main__ import main
+from harness.model import CellRecord
 
 ROOT = Path(__file__).parents[2]
 WORKFLOW = ROOT / ".github" / "workflows" / "simmatrix.yml"
@@ -55,6 +55,14 @@ def linted(*command: str | Path) -> subprocess.CompletedProcess[str]:
     if program is None:
         pytest.skip(f"missing library: {command[0]}")
     return subprocess.run([program, *command[1:]], capture_output=True, text=True, check=False)
+
+
+def report(file: Path, seconds: float, cells: slice = slice(None)) -> None:
+    """A report in which these cells took so long."""
+    plan = catalog.load("matrices/mine.toml", print, offline=True)
+    records = [CellRecord(cell=cell, machine="here", seconds=seconds) for cell in plan.cells[cells]]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(document.encode(document.build(records, [plan], {"here": {}}, "2026-11-21T12:00:00Z")))
 
 
 ZIZMOR = ("zizmor", "--offline", "--no-progress", "--persona", "auditor", "--no-config")
@@ -156,6 +164,22 @@ class TestPlanning:
         assert "  parallel: 7\n" in text
         assert "--provider github --shards 7 --emit shards" in made(capsys, "--shards", "7")
 
+    def test_recorded_seconds_make_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """Those of the committed report, and of reports that are named, which `run` is given as well."""
+        expansion = Path("matrices/mine.expanded.json")
+        expansion.write_text(EXPANDED.replace('"2.4.0"', ", ".join(f'"2.{minor}.0"' for minor in range(6))))
+        assert "count=1\n" in made(capsys, "--emit", "shards")
+        report(Path("reports/mine/report.json"), 600)
+        assert "count=4\n" in made(capsys, "--emit", "shards")
+        assert "count=2\n" in made(capsys, "--emit", "shards", "--minutes", "30")
+        report(Path("longer.json"), 1500, slice(1))
+
+        text = made(capsys, "--durations", str(repository / "longer.json"))
+
+        assert "count=5\n" in made(capsys, "--emit", "shards", "--durations", "longer.json")
+        assert "simmatrix ci matrices/mine.toml --provider github --durations longer.json --emit shards" in text
+        assert "simmatrix run matrices/mine.toml -j auto --durations longer.json --shard" in text
+
     def test_installs_the_version_that_made_it(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """Unless something else is asked for."""
         assert f"pip install --quiet simmatrix=={version('simmatrix')}\n" in made(capsys)
@@ -240,13 +264,12 @@ def copy_of(repository: str) -> Path:
     return copy
 
 
-@pytest.mark.parametrize("name", ["checkout", "setup-python", "cache", "upload-artifact", "download-artifact"])
-def test_commits_are_those_of_the_tags(name: str) -> None:
-    """Read again from a copy of the action's repository, the tag names the commit of the table."""
-    table = Path(harness.__file__).parent / "templates" / pipelines.ACTIONS
-    action = pipelines.actions(table.read_text(encoding="utf-8"))[name]
-    asked = ["git", "--git-dir", str(copy_of(action.repository)), "rev-parse", f"refs/tags/{action.tag}^{{commit}}"]
-
-    assert subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip() == action.commit
-    assert action.read
-    assert action.read <= date.today()
+def test_commits_are_those_of_the_tags() -> None:
+    """Read again from copies of the actions' repositories, each tag names the commit of the table."""
+    table = pipelines.actions((Path(pipelines.__file__).parent / "templates" / pipelines.ACTIONS).read_text())
+    for action in table.values():
+        named = f"refs/tags/{action.tag}^{{commit}}"
+        asked = ["git", "--git-dir", str(copy_of(action.repository)), "rev-parse", named]
+        assert subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip() == action.commit
+        assert action.read
+        assert action.read <= date.today()

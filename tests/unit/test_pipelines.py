@@ -24,6 +24,7 @@ PIPELINE = Pipeline(
     made_by="simmatrix ci 'matrices/a b.toml'",
     shards=3,
     planning="--provider github --minutes 20",
+    measuring="-j auto",
     state="${{ hashFiles('matrices/a b.toml') }}",
     install="simmatrix==0.1.0",
     python="3.12",
@@ -141,7 +142,7 @@ class TestGitLab:
 
         assert made["shard"]["parallel"] == 3
         assert made["shard"]["script"][-1] == (
-            "simmatrix run 'matrices/a b.toml' --shard \"$CI_NODE_INDEX/$CI_NODE_TOTAL\" "
+            "simmatrix run 'matrices/a b.toml' -j auto --shard \"$CI_NODE_INDEX/$CI_NODE_TOTAL\" "
             "--out \"shards/$CI_NODE_INDEX\" --fail-on ''"
         )
         assert made["shard"]["artifacts"]["paths"] == ["shards"]
@@ -193,6 +194,7 @@ def test_table_of_actions(name: str, action: Action) -> None:
         pytest.param(6, {}, 256, 1, id="little work is one shard"),
         pytest.param(120, {}, 256, 8, id="unmeasured cells take a minute each"),
         pytest.param(120, {str(at): 5.0 for at in range(120)}, 256, 1, id="recorded seconds count"),
+        pytest.param(120, {"0": 90.0, "1": 100.0, "2": 900.0}, 256, 15, id="others are taken for usual ones"),
         pytest.param(3, {"0": 5000.0}, 256, 3, id="never more than cells"),
         pytest.param(120, {"0": 100_000.0}, 20, 20, id="never more than the platform takes"),
     ],

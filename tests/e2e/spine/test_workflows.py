@@ -1,0 +1,105 @@
+"""What `ci` makes does what it says: its own scripts are run, from the plan to the judgement of the merged report."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from commandline import SMALL, Desk
+from platforms import GitHub, read_workflow, with_slurm
+
+RED = """
+[[expect]]
+when = { which = "blank" }
+verdict = "partial"
+phase = "render"
+match = "blank frame"
+reason = "it paints black"
+"""
+
+
+FEW = SMALL.read_text().replace("@FAKES@", '"fake-healthy", "fake-blank-frame"')
+"""Two cells, one of them red, in an environment that is made quickly."""
+
+
+def test_github(desk: Desk) -> None:
+    """Shards measure a cell each and the merge has both; what a lost shard leaves open makes the one check red."""
+    repository = desk.folder / "repository"
+    repository.mkdir()
+    desk.matrix("repository/small", FEW + RED)
+    ran = replace(desk, folder=repository).run("ci", "small.toml", "--shards", "2")
+    assert ran.code == 0, ran.err
+    platform = GitHub(desk=desk, workflow=read_workflow(ran.out), repository=repository, folder=desk.folder / "actions")
+
+    jobs = platform.run()
+
+    assert platform.results() == dict.fromkeys(jobs, "success"), [job.log for values in jobs.values() for job in values]
+    assert jobs["plan"][0].outputs == {"count": "2", "shards": "[1, 2]"}
+    assert jobs["plan"][0].summary.startswith("## small: 2 cells in 2 shards\n")
+    assert jobs["merge"][0].summary == (platform.artifacts / "small-report" / "report.md").read_text()
+    assert "::error" not in jobs["merge"][0].log
+    measured = [read(platform.artifacts / f"small-shard-{at}", "measured") for at in (1, 2)]
+    assert sorted(sorted(map(bool, shard.values())) for shard in measured) == [[False, True]] * 2
+    assert measured[0] != measured[1]
+    assert read(platform.artifacts / "small-report", "verdict") == {"good": "works", "blank": "partial"}
+
+    shutil.rmtree(platform.artifacts / "small-shard-2")
+    platform.run("merge", "simmatrix")
+
+    lost = next(name for name, instant in measured[1].items() if instant)
+    told = [line for line in jobs["merge"][0].log.splitlines() if line.startswith("::error")]
+    assert platform.results() == {"plan": "success", "shard": "success", "merge": "failure", "simmatrix": "failure"}
+    assert jobs["merge"][0].failed == ["Judge"]
+    assert [line.endswith(f"-{lost}::not run") for line in told] == [True], told
+    assert jobs["merge"][0].summary.startswith("# small")
+
+
+def read(folder: Path, key: str) -> dict[str, Any]:
+    """One key of every cell of a report."""
+    cells = json.loads((folder / "report.json").read_text())["cells"]
+    return {cell["axes"]["which"]: cell[key] for cell in cells}
+
+
+def test_slurm(desk: Desk, tmp_path: Path) -> None:
+    """What was fetched where there is a network is measured by tasks that have none, and merged."""
+    wheels = tmp_path / "wheels"
+    shutil.copytree(desk.wheels, wheels)
+    online = replace(desk, wheels=wheels, online=True)
+    online.matrix("small", FEW)
+    assert online.run("ci", "small.toml", "--provider", "slurm", "--shards", "2", "--out", "slurm.sh").code == 0
+
+    submitted = subprocess.run(
+        ("bash", "slurm.sh"),
+        cwd=tmp_path,
+        env=with_slurm(online, gone=wheels) | {"TMPDIR": str(tmp_path), "PARTITION": "long"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    log = (tmp_path / "job.log").read_text() if (tmp_path / "job.log").exists() else ""
+    assert submitted.returncode == 0, submitted.stdout + submitted.stderr + log
+    assert submitted.stdout.splitlines()[-1] == (
+        f"array job 77 of 2 shards; then the report: {tmp_path}/simmatrix-small/runs/77/merged/report.md"
+    )
+    assert (tmp_path / "codes").read_text().split() == ["0", "0", "1"], log
+    merged = tmp_path / "simmatrix-small" / "runs" / "77" / "merged"
+    assert read(merged, "verdict") == {"good": "works", "blank": "partial"}
+    first, second = (tmp_path / "sbatch.log").read_text().splitlines()
+    assert "--array=1-2" in first
+    assert "--partition=long" in first
+    assert "--dependency=afterany:77 " in second
+
+
+def test_slurm_usage(desk: Desk, tmp_path: Path) -> None:
+    """A word that the script does not know is refused before anything is fetched."""
+    desk.matrix("small", SMALL.read_text())
+    assert desk.run("ci", "small.toml", "--provider", "slurm", "--out", "slurm.sh").code == 0
+
+    ran = subprocess.run(("bash", "slurm.sh", "shards"), cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    assert (ran.returncode, ran.stderr) == (2, "usage: bash slurm.sh\n")
