@@ -11,7 +11,7 @@ from packaging.version import InvalidVersion, Version
 
 from harness.matrix import Expansion, Matrix, RangeTable
 from harness.schema import load_json, load_toml, located
-from harness.vocabulary import Instant, PackageName, Rule
+from harness.vocabulary import Instant, PackageName, Rule, version_text
 
 Breaks = Mapping[str, tuple[Version, ...]]
 NO_BREAKS: Breaks = {}
@@ -100,8 +100,9 @@ def _latest_patches(ascending: Iterable[Version]) -> list[Version]:
 def read_breaks(text: str, path: str) -> dict[str, tuple[Version, ...]]:
     """The versions of each package that are known to have broken its API, oldest first."""
     found: dict[str, list[Version]] = {}
-    for known in load_toml(text, BreaksTable, path).breaks:
-        found.setdefault(known.package, []).append(Version(known.version))
+    for index, known in enumerate(load_toml(text, BreaksTable, path).breaks):
+        with located(path, "breaks", index, "version"):
+            found.setdefault(known.package, []).append(Version(version_text(known.version)))
     return {package: tuple(sorted(versions)) for package, versions in found.items()}
 
 

@@ -1,7 +1,12 @@
 """Ranges: which releases they come to, and when a committed expansion no longer holds."""
 
-import pytest
+import tomllib
+from pathlib import Path
 
+import pytest
+from packaging.version import Version
+
+import harness
 from harness import expansion, matrixfile
 from harness.errors import BadInput
 from harness.matrix import Matrix, RangeTable
@@ -47,6 +52,43 @@ def test_rules(rule: Rule, versions: tuple[str, ...]) -> None:
 
     assert expansion.expand_range(wanted, RELEASES) == versions
     assert expansion.expand_range(wanted, reversed(RELEASES)) == versions
+
+
+@pytest.mark.parametrize(
+    ("breaks", "versions"),
+    [
+        ([], ("1.0.10", "1.1.0", "2.0.0.post1", "2.1")),
+        (["1.0.2"], ("1.0", "1.0.2", "1.0.10", "1.1.0", "2.0.0.post1", "2.1")),
+        (["1.0.5"], ("1.0.2", "1.0.10", "1.1.0", "2.0.0.post1", "2.1")),
+        (["2.0"], ("1.0.10", "1.1.0", "2.0.0", "2.0.0.post1", "2.1")),
+        (["1.0", "3.0"], ("1.0.10", "1.1.0", "2.0.0.post1", "2.1")),
+    ],
+)
+def test_boundaries(breaks: list[str], versions: tuple[str, ...]) -> None:
+    """Newest patches, and of each break inside the range the last release before it and the first one with it."""
+    wanted = RangeTable(range=">=1.0", rule=Rule.BOUNDARIES)
+
+    assert expansion.expand_range(wanted, RELEASES, map(Version, breaks)) == versions
+
+
+def test_known_breaks() -> None:
+    """Each is a release of its own with a reference; gym, gymnasium and mujoco are known."""
+    text = (Path(harness.__file__).parent / "breaks.toml").read_text(encoding="utf-8")
+    known = tomllib.loads(text)["breaks"]
+    read = expansion.read_breaks(text, "breaks.toml")
+
+    assert {"gym", "gymnasium", "mujoco"} <= read.keys()
+    assert len({(each["package"], Version(each["version"])) for each in known}) == len(known)
+    assert all(each["source"].startswith("https://") and each["what"] for each in known)
+    assert read["gymnasium"] == (Version("0.27"), Version("1.0"), Version("1.1"))
+
+
+def test_mistakes_in_breaks() -> None:
+    """A file of breaks is read as strictly as any other."""
+    with pytest.raises(BadInput) as error:
+        expansion.read_breaks('[[breaks]]\npackage = "gym"\nversion = "newest"\nwhat = "x"\nsource = "y"', "b.toml")
+
+    assert str(error.value) == 'b.toml: breaks[0].version: "newest" is not a version; ids name resolved versions only'
 
 
 def test_prereleases_and_yanked_releases_when_asked_for() -> None:
