@@ -216,7 +216,7 @@ class Candidates:
             head = " and ".join(f"{name} {text}" for name, text in first)
             phrases.setdefault((head, last[0]), []).append(last[1])
         told = [f"{head} with " * bool(head) + f"{name} {', '.join(texts)}" for (head, name), texts in phrases.items()]
-        return f", but for those that nothing left has: {'; '.join(told)}" if told else ""
+        return f", but for these, excluded or without a resolution: {'; '.join(told)}" if told else ""
 
 
 def _has(combination: Combination, values: Mapping[str, str]) -> bool:

@@ -48,7 +48,7 @@ def test_chosen_by_lock_and_read_by_every_verb(desk: Desk) -> None:
     bad, rest = after.document["dropped"]
     assert (bad["id"].partition("-")[2], bad["count"]) == ("*-bad-*", 9)
     assert bad["reason"].startswith("does not resolve: Because only fake-plain>=1.0 is available")
-    assert rest["reason"].endswith("but for those that nothing left has: first bad")
+    assert rest["reason"].endswith("but for these, excluded or without a resolution: first bad")
     assert rest["count"] + 9 + len(axes) == 27
     assert expanded["chosen"]["axes"] == ["python", "fake-plain", "first", "second"]
     assert "asking whether" in locked.err
