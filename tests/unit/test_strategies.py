@@ -342,8 +342,8 @@ class TestResolving:
             id="demo/py3.12-*-mujoco2.3.7", reason="does not resolve: mujoco 2.3.7 has no wheel", count=3
         )
         assert rest.reason == (
-            "not chosen by pairwise; each pair of values is in some cell, but for these, excluded or without a resolution: "
-            "python 3.12 with mujoco 2.3.7"
+            "not chosen by pairwise; each pair of values is in some cell, but for these, excluded or without a "
+            "resolution: python 3.12 with mujoco 2.3.7"
         )
         assert len(labels(self.TEXT, made)) + first.count + rest.count == 27
 
@@ -367,8 +367,8 @@ class TestResolving:
             (f"demo/py{python}-gymnasium1.0.0-*", "does not resolve: yanked", 3) for python in ("3.10", "3.11", "3.12")
         ]
         assert rest.reason == (
-            "not chosen by pairwise; each pair of values is in some cell, but for these, excluded or without a resolution: "
-            "gymnasium 1.0.0"
+            "not chosen by pairwise; each pair of values is in some cell, but for these, excluded or without a "
+            "resolution: gymnasium 1.0.0"
         )
 
     def test_nothing_resolves(self) -> None:
