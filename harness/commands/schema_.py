@@ -51,7 +51,7 @@ def _manifest() -> type:
 
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
-    "expansion": ("what the ranges of a matrix came to, `NAME.expanded.json`", _expansion),
+    "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
     "report": ("`report.json`, and `--json` of run, try, report and show", _report),
     "plan": ("`plan --json`", _plan),
     "lock": ("`lock --json`", _lock),
