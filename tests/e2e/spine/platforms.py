@@ -153,9 +153,10 @@ class GitHub:
                 assert given["overwrite"] == "True"
                 shutil.copytree(place / given["path"], self.artifacts / given["name"], dirs_exist_ok=True)
             case "download-artifact":
-                for artifact in self.artifacts.iterdir():
-                    if fnmatch(artifact.name, given["pattern"]):
-                        shutil.copytree(artifact, place / given["path"] / artifact.name)
+                found = [one for one in self.artifacts.iterdir() if fnmatch(one.name, given["pattern"])]
+                for artifact in found:  # a single one gets no folder of its own
+                    target = place / given["path"] / (artifact.name if len(found) > 1 else "")
+                    shutil.copytree(artifact, target, dirs_exist_ok=True)
             case _:
                 assert name in {"setup-python", "cache"}
 
