@@ -10,14 +10,12 @@ import inspect
 import shutil
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from xml.etree import ElementTree
 
-from harness import launch, normalise, process, subjects
+from harness import launch, normalise, process, pytestsays, subjects
 from harness.errors import CouldNotTell
 from harness.model import (
     FAILING,
@@ -33,7 +31,8 @@ from harness.model import (
     Subject,
     Suite,
 )
-from harness.outcomes import MACHINE_TROUBLE
+from harness.outcomes import Ending
+from harness.pytestsays import Report
 from harness.store import Store, digest, now, write_atomic
 from harness.subjects import Ready
 from harness.vocabulary import required_name
@@ -43,10 +42,6 @@ DOOR = launch.INCELL / "suite_door.py"
 PYTEST = "pytest"
 MOST_REPORT = 32 << 20
 RUNS_TO_CONFIRM = 3
-COLLECTED_NOTHING = 5
-USAGE, INTERNAL = 4, 3
-LOADING_CONFTEST = "while loading conftest"
-"""A conftest that cannot be imported is a usage error for pytest, and yet a fault of what it imports."""
 
 
 # --- its packages ----------------------------------------------------------------------------------------------
@@ -57,19 +52,16 @@ def question(asked: Question, lock: Lock, subject: Subject, known: Ready, interp
 
     Raises BadInput for an extra or a group that the subject does not have.
     """
-    pins = tuple(f"{name}=={version}" for name, version in lock.versions.items())
-    loose = unpinned(asked, subject, known, interpreter)
-    return replace(loose, constraints=(*loose.constraints, *pins))
-
-
-def unpinned(asked: Question, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
-    """The same without the pins: what the tests would take if the cell had no say."""
     suite = subject.suite or Suite()
     lines = (*subjects.wanted(known, interpreter, suite.extras, suite.groups), *suite.requirements)
-    named = {required_name(line) for line in lines}
-    tools = () if PYTEST in named else (PYTEST,)
-    requirements = tuple(dict.fromkeys((*asked.requirements, *lines, *tools)))
-    return replace(asked, requirements=requirements, resolution="highest")
+    tools = () if PYTEST in {required_name(line) for line in lines} else (PYTEST,)
+    pins = (f"{name}=={version}" for name, version in lock.versions.items())
+    return replace(
+        asked,
+        requirements=tuple(dict.fromkeys((*asked.requirements, *lines, *tools))),
+        constraints=(*asked.constraints, *pins),
+        resolution="highest",
+    )
 
 
 def moved(lock: Lock, other: Lock) -> str | None:
@@ -88,7 +80,7 @@ def untold(decisive: str, *, unavailable: bool = False) -> PhaseRecord:
 
 def judging() -> str:
     """A hash of what turns a run into an outcome: one judged in another way is measured again."""
-    return digest(inspect.getsource(sys.modules[__name__]), inspect.getsource(normalise))
+    return digest(*(inspect.getsource(module) for module in (sys.modules[__name__], pytestsays, normalise)))
 
 
 # --- running it ------------------------------------------------------------------------------------------------
@@ -184,15 +176,16 @@ def _run(bench: Bench, seconds: float) -> _Ran:
         evidence = bench.store.evidence(bench.name)
         write_atomic(evidence / "log.txt", text.encode())
         write_atomic(evidence / "junit.xml", clean(report).encode())
-        told = _Told(completed, text, *_counted(report))
-        outcome, decisive = _foreign(_text(scratch / "modules.txt"), source) or told.outcome(bench.suite, seconds)
+        told = Report.read(report)
+        ending = _ending(completed, bench.suite, seconds)
+        outcome, decisive = _foreign(_text(scratch / "modules.txt"), source) or pytestsays.outcome(told, ending, text)
         return _Ran(
             outcome=outcome,
             decisive=normalise.bounded(clean(decisive)) if decisive else None,
             seconds=round(completed.seconds, 3),
             evidence=bench.store.relative(evidence),
             tests=told.tests,
-            findings=tuple(_findings(completed)),
+            findings=(*_findings(completed), *([_empty(decisive)] if outcome is Outcome.SKIPPED else [])),
         )
 
 
@@ -244,97 +237,19 @@ def _foreign(told: str, source: Path) -> tuple[Outcome, str] | None:
     return None
 
 
-# --- what it came to -------------------------------------------------------------------------------------------
+def _ending(done: process.Completed, suite: Suite, seconds: float) -> Ending:
+    short = f"needs more than the {suite.memory_mb} MB that the suite may have; `suite.memory_mb` raises that"
+    return Ending(
+        exit_code=done.exit_code,
+        signal=done.signal,
+        overran=seconds if done.timed_out else None,
+        trouble=None if done.timed_out else done.killed or (short if done.out_of_memory else None),
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class _Told:
-    """What a run left behind: how its process ended, what it printed, its tests by how they ended, the first fault."""
-
-    completed: process.Completed
-    text: str
-    tests: Mapping[str, int]
-    fault: str | None
-
-    def outcome(self, suite: Suite, seconds: float) -> tuple[Outcome, str | None]:
-        """The outcome of the suite and the line that says why."""
-        done = self.completed
-        if done.out_of_memory:
-            told = f"needs more than the {suite.memory_mb} MB that the suite may have; `suite.memory_mb` raises that"
-            return Outcome.INFRA, done.killed or told
-        if done.timed_out:
-            return Outcome.TIMED_OUT, f"no end within {seconds:g} s"
-        if done.killed:
-            return Outcome.INFRA, done.killed
-        if done.signal:
-            return Outcome.CRASHED, normalise.death(done.exit_code, done.signal, self.text)
-        outcome, decisive = self._by_code(done.exit_code or 0)
-        trouble = outcome is Outcome.FAILED and MACHINE_TROUBLE.search(decisive or "")
-        return (Outcome.INFRA, decisive) if trouble else (outcome, decisive)
-
-    def _by_code(self, code: int) -> tuple[Outcome, str | None]:
-        """By pytest's exit code; what is not its own ended Python, whatever it was."""
-        passed = self.tests.get("passed", 0)
-        match code:
-            case 0 if passed:
-                return Outcome.PASSED, None
-            case 0 | 5:
-                skipped = self.tests.get("skipped", 0)
-                return Outcome.SKIPPED, f"all {skipped} tests were skipped" if skipped else "there is no test to run"
-            case 3:
-                return Outcome.INFRA, f"pytest itself failed: {self._last()}"
-            case 4 if LOADING_CONFTEST not in self.text:
-                return Outcome.INFRA, f"pytest cannot be run like this: {self._last()}"
-            case 1 | 2 | 4:
-                return Outcome.FAILED, self._failure()
-            case _:
-                return Outcome.CRASHED, f"Python ended with code {code}: {self._last()}"
-
-    def _failure(self) -> str:
-        bad = sum(self.tests.get(name, 0) for name in ("failed", "error"))
-        if self.fault is None:
-            return self._last()
-        return f"{self.fault} ({bad} of {sum(self.tests.values())} tests failed)"
-
-    def _last(self) -> str:
-        lines = [line.strip() for line in self.text.splitlines() if line.strip(" =-_")]
-        errors = [line for line in lines if line.startswith(("ERROR", "E  ", "INTERNALERROR>", "FAIL"))]
-        return next(iter(reversed(errors or lines)), "without a word")
-
-
-def _counted(report: str) -> tuple[dict[str, int], str | None]:
-    """The tests of a JUnit report by how they ended, and the first that failed with its message.
-
-    What a run leaves behind is not trusted: a report that is no plain XML counts as none.
-    """
-    try:
-        root = ElementTree.fromstring(report) if report and "<!DOCTYPE" not in report else None
-    except ElementTree.ParseError:
-        root = None
-    counts: Counter[str] = Counter()
-    fault = None
-    for case in root.iter("testcase") if root is not None else ():
-        ended = {child.tag: child for child in case}
-        how = next((name for name in ("error", "failure", "skipped") if name in ended), "passed")
-        counts[{"failure": "failed"}.get(how, how)] += 1
-        if fault is None and how in {"error", "failure"}:
-            named = ".".join(filter(None, (case.get("classname"), case.get("name"))))
-            fault = f"{named}: {_message(ended[how])}"
-    return dict(sorted(counts.items())), fault
-
-
-def _message(element: ElementTree.Element) -> str:
-    """What pytest says of a failure; of an error at collection the text below says more."""
-    message = (element.get("message") or "").strip()
-    if message and message != "collection failure":
-        return message
-    return normalise.decisive_line(_errors(element.text or "")) or message or "without a word"
-
-
-def _errors(text: str) -> str:
-    """pytest marks the lines of an exception by `E`."""
-    lines = [line[1:].strip() for line in text.splitlines() if line.startswith("E ")]
-    return "\n".join(lines) or text
+def _empty(decisive: str | None) -> Finding:
+    """A suite that says nothing is not passed over in silence."""
+    return Finding(check="suite.empty", level=Level.WARNING, text=decisive or "no test ran")
 
 
 def _findings(completed: process.Completed) -> Iterator[Finding]:

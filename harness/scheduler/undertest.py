@@ -137,7 +137,8 @@ class Suite:
         question = suites.question(asked, self.lock, subject, self.tested, self.interpreter)
         lock, step = self.owner.lock(question, self.interpreter, quick=quick)
         if lock is None:
-            self.failed = self._unsolved(step, quick=quick)
+            told = f"the tests cannot have their packages beside the cell's: {step.decisive}"
+            self.failed = suites.untold(told, unavailable=step.outcome is Outcome.UNAVAILABLE)
             return
         moved = suites.moved(self.lock, lock)
         if moved:
@@ -154,16 +155,6 @@ class Suite:
             return
         tests = (subject.suite, subject.state, launch.file_hash(suites.DOOR), suites.judging())
         self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)
-
-    def _unsolved(self, step: Step, *, quick: bool) -> PhaseRecord:
-        """Why the tests cannot run beside the cell's packages: which of them they ask for at other versions."""
-        assert self.cell.subject
-        if step.outcome is not Outcome.FAILED:
-            return suites.untold(f"the packages of the tests: {step.decisive}")
-        question = suites.unpinned(self.cell.question, self.cell.subject, self.tested, self.interpreter)
-        free, _ = self.owner.lock(question, self.interpreter, quick=quick)
-        moved = suites.moved(self.lock, free) if free else None
-        return suites.untold(f"{moved}" if moved else f"the packages of the tests: {step.decisive}")
 
     def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
         """Whether it is known what becomes of it after these cases, and what; none where it is not reached."""

@@ -14,12 +14,12 @@ FLOORS = {
     0: {"model", "errors"},
     1: {
         "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise",
-        "notices", "outcomes", "pipelines", "plan", "present", "reporttypes", "schema", "shards", "strategy",
-        "tables", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "notices", "outcomes", "pipelines", "plan", "present", "pytestsays", "reporttypes", "schema", "shards",
+        "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
-        "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "glprobe", "index",
-        "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process", "sdists", "store",
+        "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "garbage", "glprobe",
+        "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process", "sdists", "store",
         "subjects", "supervisor", "uv", "uvcli",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},

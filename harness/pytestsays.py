@@ -1,0 +1,97 @@
+"""What a run of somebody's test suite means: pytest's exit code, its report, and how its process ended."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+from harness import normalise
+from harness.model import Outcome
+from harness.outcomes import MACHINE_TROUBLE, Ending
+
+PASSED, FAILED, INTERRUPTED, INTERNAL, USAGE, NO_TESTS = range(6)
+"""Exit codes of pytest; a test file that cannot be imported interrupts it."""
+
+LOADING_CONFTEST = "while loading conftest"
+"""A conftest that cannot be imported is a usage error for pytest, and yet a fault of what it imports."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Report:
+    """The tests of a run by how they ended (`passed`, `failed`, `error`, `skipped`), and the first that went wrong."""
+
+    tests: Mapping[str, int]
+    fault: str | None = None
+
+    @classmethod
+    def read(cls, junit: str) -> Report:
+        """Read a JUnit report. What a run leaves behind is not trusted: one that is no plain XML counts as none."""
+        try:
+            root = ElementTree.fromstring(junit) if junit and "<!DOCTYPE" not in junit else None
+        except ElementTree.ParseError:
+            root = None
+        counts: Counter[str] = Counter()
+        fault = None
+        for case in root.iter("testcase") if root is not None else ():
+            ended = {child.tag: child for child in case}
+            how = next((name for name in ("error", "failure", "skipped") if name in ended), "passed")
+            counts[{"failure": "failed"}.get(how, how)] += 1
+            if fault is None and how in {"error", "failure"}:
+                named = ".".join(filter(None, (case.get("classname"), case.get("name"))))
+                fault = f"{named}: {_message(ended[how])}"
+        return cls(tests=dict(sorted(counts.items())), fault=fault)
+
+
+def outcome(report: Report, ending: Ending, text: str) -> tuple[Outcome, str | None]:
+    """How a suite ended and the line that says why; `text` is all that the run printed."""
+    if ending.trouble:
+        return Outcome.INFRA, ending.trouble
+    if ending.overran is not None:
+        return Outcome.TIMED_OUT, f"no end within {ending.overran:g} s"
+    if ending.signal:
+        return Outcome.CRASHED, normalise.death(ending.exit_code, ending.signal, text)
+    found, decisive = _by_code(ending.exit_code or 0, report, text)
+    if found is Outcome.FAILED and MACHINE_TROUBLE.search(decisive or ""):
+        return Outcome.INFRA, decisive
+    return found, decisive
+
+
+def _by_code(code: int, report: Report, text: str) -> tuple[Outcome, str | None]:
+    """Codes that are not pytest's own ended Python, whatever it was."""
+    if code in {PASSED, NO_TESTS}:
+        if code == PASSED and report.tests.get("passed"):
+            return Outcome.PASSED, None
+        skipped = report.tests.get("skipped", 0)
+        return Outcome.SKIPPED, f"all {skipped} tests were skipped" if skipped else "there is no test to run"
+    if code == INTERNAL:
+        return Outcome.INFRA, f"pytest itself failed: {_last(text)}"
+    if code == USAGE and LOADING_CONFTEST not in text:
+        return Outcome.INFRA, f"pytest cannot be run like this: {_last(text)}"
+    if code in {FAILED, INTERRUPTED, USAGE}:
+        return Outcome.FAILED, _failure(report, text)
+    return Outcome.CRASHED, f"Python ended with code {code}: {_last(text)}"
+
+
+def _failure(report: Report, text: str) -> str:
+    bad = sum(report.tests.get(name, 0) for name in ("failed", "error"))
+    return f"{report.fault} ({bad} of {sum(report.tests.values())} tests)" if report.fault else _last(text)
+
+
+def _last(text: str) -> str:
+    """The last line that tells of an error, else the last one."""
+    lines = [line.strip() for line in text.splitlines() if line.strip(" =-_")]
+    errors = [line for line in lines if line.startswith(("ERROR", "E  ", "INTERNALERROR>", "FAIL"))]
+    told = (errors or lines or [normalise.SILENT])[-1]
+    return told.removeprefix("E  ").removeprefix("INTERNALERROR>").removeprefix("ERROR:").strip()
+
+
+def _message(element: ElementTree.Element) -> str:
+    """What pytest says of a failure; of an error at collection the text below says more."""
+    message = (element.get("message") or "").strip()
+    if message and message != "collection failure":
+        return message.splitlines()[0]
+    text = element.text or ""
+    marked = [line[1:].strip() for line in text.splitlines() if line.startswith("E ")]  # pytest's mark of an exception
+    return normalise.decisive_line("\n".join(marked) or text) or message or normalise.SILENT
