@@ -92,7 +92,7 @@ def _chosen(args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store
     if args.only_failed:
         cells = choosing.failed(cells, opened)
         if not cells:
-            tell("nothing failed: no cell that was run here was red or inconclusive the last time")
+            tell("nothing failed: no cell was inconclusive or unexpected when it was last run")
     return cells
 
 

@@ -1,0 +1,201 @@
+"""Many cells: nothing is done twice, memory is not overdrawn, a part of a run is a part of its report."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from commandline import SMALL, Desk
+from test_fetch import Index
+
+from harness import catalog, scheduler, store
+from harness.commands import progress, reporting
+from harness.memory import Reading
+from harness.model import Phase
+
+PATIENCE = 60.0
+GATES = """
+requirements = [@FAKES@]
+index = { no_index = true, find_links = ["@WHEELS@"] }
+cases = [{ env = "fake_gate:Gate-v0", api = "gymnasium" }]
+
+[axes]
+python = ["host"]
+"""
+ONE_GATE = 'environment = { FAKE_GATE = "@FOLDER@/gate" }\n'
+TWO_GATES = """
+[axes.gate]
+one = { environment = { FAKE_GATE = "@FOLDER@/one" } }
+two = { environment = { FAKE_GATE = "@FOLDER@/two" } }
+"""
+ONE_LOCK = """
+[axes.bound]
+none = { environment = { FAKE_GATE = "@FOLDER@/gate" } }
+loose = { environment = { FAKE_GATE = "@FOLDER@/gate" }, constraints = ["fake-gate<99"] }
+"""
+
+
+def wait_for(happened: Callable[[], bool]) -> None:
+    """Wait until it happened."""
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+# --- once ------------------------------------------------------------------------------------------------------
+
+
+def test_combinations_of_one_lock_are_measured_once(desk: Desk) -> None:
+    """Two questions have the same answer: their cells run at the same time, and one measurement stands in both rows."""
+    matrix = desk.matrix("m", GATES + ONE_LOCK)
+    (desk.folder / "gate").touch()
+    cells = desk.run("run", matrix, "-j", "2", "--until", "single", "--json").cells("bound")
+    assert cells["none"]["lock_sha256"] == cells["loose"]["lock_sha256"]
+    assert [cell["phases"]["single"] for cell in cells.values()] == ["passed", "passed"]
+    records = [json.loads(path.read_text()) for path in desk.state.glob("cells/*/m/*.json")]
+    reused = [{phase["reused"] for phase in record["cases"][0]["phases"][:2]} for record in records]
+    assert sorted(reused, key=str) == [{False}, {True}]
+    assert cells["none"]["cases"] == cells["loose"]["cases"]
+    assert not list(desk.state.glob("claims/*.lock-soft"))
+
+
+def test_processes_share_what_they_measure(desk: Desk) -> None:
+    """A second run of the same cell waits for the first, and takes its result."""
+    matrix = desk.matrix("m", ONE_GATE + GATES)
+    reached = desk.folder / "gate.reached"
+    asked = ("run", matrix, "--until", "single", "--json")
+    with desk.started(*asked) as first:
+        wait_for(reached.exists)
+        reached.unlink()
+        with desk.started(*asked) as second:
+            wait_for(lambda: any(desk.state.glob("claims/*")))
+            time.sleep(2)  # it would be there long before
+            assert not reached.exists()
+            (desk.folder / "gate").touch()
+            said = [json.loads(process.communicate(timeout=PATIENCE)[0]) for process in (first, second)]
+    assert [document["cells"][0]["phases"]["single"] for document in said] == ["passed", "passed"]
+    assert [document["cells"][0]["reused"] for document in said] == [False, True]
+
+
+# --- memory ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("free", "both"), [(3000, False), (5000, True)], ids=["little", "enough"])
+def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch, free: int, both: bool) -> None:
+    """Two that may take 2 GB each run one after the other where 3 GB are free, side by side where there are 5."""
+    if scheduler.default_jobs() < 2:
+        pytest.skip("unavailable: a second core")
+    monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
+    monkeypatch.setenv("HARNESS_STATE", str(desk.state))
+    opened = store.open_store()
+    plan = catalog.dated(catalog.load(str(desk.matrix("m", GATES + TWO_GATES)), print), opened)
+    settings = scheduler.Settings(
+        jobs=scheduler.AUTO, until=Phase.SINGLE, reading=lambda: Reading(free_mb=free, held_mb=(0, 0))
+    )
+    one, two = (desk.folder / name for name in ("one", "two"))
+    with ThreadPoolExecutor(1) as pool:
+        board = progress.Progress(2, 2, reporting.headline)
+        records = pool.submit(scheduler.run, plan.cells, opened, settings, board)
+        try:
+            wait_for((desk.folder / "one.reached").exists)
+            if both:
+                wait_for((desk.folder / "two.reached").exists)
+            else:
+                time.sleep(2)
+                assert not (desk.folder / "two.reached").exists()
+        finally:
+            one.touch()
+            two.touch()
+        assert [record.cases[0].phases[1].outcome for record in records.result()] == ["passed", "passed"]
+
+
+def test_the_peak_of_a_probe_is_recorded(kept: Desk) -> None:
+    """What a probe held at most is kept with its result, for the next time."""
+    (record,) = (json.loads(path.read_text()) for path in kept.state.glob("cells/*/small/*-good.json"))
+    peaks = [phase["peak_mb"] for case in record["cases"] for phase in case["phases"]]
+    assert all(10 < peak < 2000 for peak in peaks)
+
+
+# --- order and parts -------------------------------------------------------------------------------------------
+
+
+def test_the_longest_goes_first(kept: Desk) -> None:
+    """By what was recorded of each cell, whatever the order of the plan."""
+    for path in kept.state.glob("cells/*/small/*.json"):
+        seconds = "99.0" if path.stem.endswith("-blank") else "0.5"
+        path.write_text(re.sub(r'"seconds":[\d.]+(?=,"supplied")', f'"seconds":{seconds}', path.read_text()))
+    ran = kept.run("run", "small.toml", "--fresh", "--until", "import", "-j", "1", "--offline")
+    assert [line.partition(":")[0].rpartition("-")[2] for line in ran.err.splitlines()] == ["blank", "good"]
+
+
+def test_a_shard_tells_of_its_own_cells_only(kept: Desk) -> None:
+    """The other cells are `not_run`, though they were measured here before: shards are put both by `merge`."""
+    report = kept.folder / "past.json"
+    shards = [kept.run("run", "small.toml", "--shard", f"{number}/3", "--json") for number in (1, 2, 3)]
+    verdicts = [{name: cell["verdict"] for name, cell in shard.cells("which").items()} for shard in shards]
+    assert verdicts == [
+        {"good": "works", "blank": "not_run"},
+        {"good": "not_run", "blank": "partial"},
+        {"good": "not_run", "blank": "not_run"},
+    ]
+    assert [shard.code for shard in shards] == [0, 1, 0]
+    assert shards[2].err == "shard 3/3: 0 of 2 cells\n"
+    document = json.loads((kept.state / "reports" / "small" / "report.json").read_text())
+    for cell in document["cells"]:
+        cell["seconds"] = 99.0 if cell["id"].endswith("blank") else 1.0
+    report.write_text(json.dumps(document))
+    first = kept.run("run", "small.toml", "--shard", "1/2", "--durations", report, "--fail-on", "not_run", "--json")
+    assert (first.code, first.cells("which")["blank"]["verdict"]) == (0, "partial")
+
+
+def test_only_failed(kept: Desk) -> None:
+    """What was red without being expected to is measured again, and nothing else."""
+    ran = kept.run("run", "small.toml", "--only-failed", "--json")
+    cells = ran.cells("which")
+    assert (cells["blank"]["reused"], cells["good"]["reused"]) == (False, True)
+    assert [line.partition(" ")[0] for line in ran.err.splitlines()] == ["[1/1]"]
+    expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
+    kept.matrix("small", SMALL.read_text() + expect)
+    ran = kept.run("run", "small.toml", "--only-failed")
+    assert (ran.code, ran.err) == (0, "nothing failed: no cell was inconclusive or unexpected when it was last run\n")
+    assert "nothing was measured\n" in ran.out
+
+
+def test_less_is_not_kept_over_more(kept: Desk) -> None:
+    """`lock` after `run` leaves what was measured of the same lock."""
+    kept.run("lock", "small.toml")
+    cells = kept.run("report", "--json").cells("which")
+    assert {name: cell["verdict"] for name, cell in cells.items()} == {"good": "works", "blank": "partial"}
+
+
+def test_what_is_no_number_of_cells(desk: Desk) -> None:
+    """`-j` takes a number or `auto`."""
+    ran = desk.run("run", desk.matrix("small", SMALL.read_text()), "-j", "many")
+    assert (ran.code, ran.err.splitlines()[-1]) == (
+        2,
+        "simmatrix run: error: argument -j/--jobs: 'many' is not a number of cells at a time, nor auto",
+    )
+
+
+# --- with the network, then without ------------------------------------------------------------------------------
+
+
+def test_until_install_then_offline(desk: Desk, serve: Callable[..., str], tmp_path: Path) -> None:
+    """What `--until install` brought from an index is all that `--offline` needs, where no network is."""
+    text = SMALL.read_text().replace('no_index = true, find_links = ["@WHEELS@"]', 'default = "@INDEX@"')
+    assert "@INDEX@" in text
+    matrix = desk.matrix("small", text.replace("@INDEX@", serve(Index(desk.wheels))))
+    own = {"HARNESS_CACHE": str(tmp_path / "own-cache")}
+    first = replace(desk, online=True).run("run", matrix, "--until", "install", "--json", **own)
+    assert [cell["phases"]["install"] for cell in first.document["cells"]] == ["passed", "passed"]
+    assert not list((desk.state / "results").glob("*"))
+    second = desk.run("run", matrix, "--offline", "-k", "*-good", "--json", **own)
+    cell = second.cells("which")["good"]
+    assert (cell["verdict"], cell["phases"]["resolve"], cell["reused"]) == ("works", "passed", False)
