@@ -287,5 +287,5 @@ def unpack(archive: Path, request: str) -> Interpreter | None:
                 (making / folder.name).rename(folder)
             finally:
                 shutil.rmtree(making)
-    interpreters.available.cache_clear()
+    interpreters.look_again()
     return interpreters.obtain(request, offline=True)

@@ -31,6 +31,7 @@ _ASKING = threading.RLock()
 _REQUEST = re.compile(r"(?P<name>[a-z]*)[@-]?(?P<number>\d[\da-z.]*?)(?P<threads>t?)")
 _MANAGED = re.compile(r"(?:cpython|pypy)-\d+\.\d+\.\w+(?:\+\w+)?-linux-\w+-(?:gnu\w*|musl\w*)")
 """How uv names the folders of Pythons that run wherever they are put."""
+_NAMED = re.compile(r"python(\d+\.\d+)[a-z]?")
 _MARK = "simmatrix-facts "
 _ASK = f"""
 import json, platform, sys, sysconfig
@@ -87,15 +88,27 @@ def find(request: str) -> Interpreter | None:
     implementation, version = _parse(request)
     if version is None:
         return None
-    fitting = [one for one in available() if one.implementation == implementation and _fits(version, one.version)]
+    minor = ".".join(map(str, version.release[:2])) if len(version.release) > 1 else None
+    there = (one for one in available(minor) if one.implementation == implementation)
+    fitting = [one for one in there if _fits(version, one.version)]
     return max(fitting, key=lambda one: Version(one.version), default=None)
 
 
 @functools.cache
-def available() -> tuple[Interpreter, ...]:
-    """Every Python from 3.7 on that answers here, each base interpreter once, in the order of discovery."""
-    found = {one.path: one for path in _candidates() if (one := _at(path)) is not None}
+def available(minor: str | None = None) -> tuple[Interpreter, ...]:
+    """Every Python from 3.7 on that answers here, each base interpreter once, in the order of discovery.
+
+    With a minor (`3.11`), those whose names tell another are left out: none of them is started.
+    """
+    asked = (path for path in _candidates() if _may_be(path, minor))
+    found = {one.path: one for path in asked if (one := _at(path)) is not None}
     return tuple(one for one in found.values() if Version(one.version) >= OLDEST)
+
+
+def look_again() -> None:
+    """Forget which Pythons were found: one was added."""
+    available.cache_clear()
+    _candidates.cache_clear()
 
 
 def active_version() -> str | None:
@@ -113,7 +126,7 @@ def obtain(request: str, *, offline: bool = False) -> Interpreter | None:
         return found
     with _ASKING:
         if _install(request):
-            available.cache_clear()
+            look_again()
     return find(request)
 
 
@@ -174,8 +187,19 @@ def _fits(asked: Version, version: str) -> bool:
     return there.release[: len(asked.release)] == asked.release
 
 
-def _candidates() -> Iterator[Path]:
+def _may_be(path: Path, minor: str | None) -> bool:
+    """Whether a name such as `python3.11` allows this minor, and one that can be tried at all."""
+    named = _NAMED.fullmatch(path.name)
+    return named is None or (Version(named[1]) >= OLDEST and minor in {None, named[1]})
+
+
+@functools.cache
+def _candidates() -> tuple[Path, ...]:
     """Real paths of what looks like a Python 3, none of them started yet."""
+    return tuple(_discovered())
+
+
+def _discovered() -> Iterator[Path]:
     from findpython import Finder  # noqa: PLC0415  (not needed by most commands)
     from findpython.providers.uv import UvProvider  # noqa: PLC0415
 

@@ -16,7 +16,7 @@ BASE = Path(sys.base_prefix, "bin", "python{}.{}".format(*sys.version_info)).res
 
 def forget() -> None:
     """As if a new process had started."""
-    for cached in (interpreters.available, interpreters._known, interpreters._install):
+    for cached in (interpreters.available, interpreters._candidates, interpreters._known, interpreters._install):
         cached.cache_clear()
 
 
@@ -111,6 +111,16 @@ class TestFind:
 
 
 class TestDiscovery:
+    def test_a_name_that_tells_another_minor_is_not_started(self, monkeypatch: pytest.MonkeyPatch, fresh: Path) -> None:
+        """Starting each of a dozen Pythons to find one would be the longest part of a short run."""
+        alone(monkeypatch, fresh / "bin")
+        script(fresh / "bin" / "python3.99", f"touch {fresh}/started", "exit 1")
+
+        assert find("3.98") is None
+        assert not (fresh / "started").exists()
+        assert find("3.99") is None
+        assert (fresh / "started").exists()
+
     def test_pyenv_versions_behind_refusing_shims(self, monkeypatch: pytest.MonkeyPatch, fresh: Path) -> None:
         """A shim that refuses does not hide the version behind it, and is never started."""
         other = another()
