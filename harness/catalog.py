@@ -14,7 +14,7 @@ from harness import expansion, index, interpreters, matrixfile, plan, subjects
 from harness.errors import BadInput, CouldNotTell
 from harness.fetched import Fetched
 from harness.matrix import Expansion, Matrix
-from harness.model import IndexSettings, Plan, Question, Subject, Suite
+from harness.model import Cell, IndexSettings, Plan, Question, Subject, Suite
 from harness.schema import suggestion
 from harness.store import Store, now, write_atomic
 
@@ -49,7 +49,7 @@ def load(
     index = _located(plan.index_settings(matrix), path.parent)
     if ask and expanded and matrix.strategy.covering and (renew or not expanded.chosen):
         known = plan.candidates(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks)
-        expanded = _chosen(known, expanded, partial(_asked, ask, index), say)
+        expanded = _chosen(known, expanded, partial(_asked, ask, matrix, path.parent), say)
     planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks)
     if matrix.snapshot and str(matrix.snapshot) > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
@@ -154,9 +154,12 @@ def _chosen(known: plan.Candidates, expanded: Expansion, ask: plan.Ask, say: Cal
     return made
 
 
-def _asked(ask: plan.Ask, places: IndexSettings, questions: Sequence[tuple[str, Question]]) -> list[str | None]:
-    """Ask with the index settings as cells have them."""
-    return ask([(python, replace(question, index=places)) for python, question in questions])
+def _asked(ask: plan.Ask, matrix: Matrix, folder: Path, cells: Sequence[Cell]) -> list[str | None]:
+    """Ask with index settings and subject as the cells of a plan have them."""
+    index = _located(plan.index_settings(matrix), folder)
+    planned = _with_subjects(Plan(matrix=matrix.name, cells=tuple(cells)), partial(_placed, matrix, folder))
+    planned = _with_subjects(planned, subjects.settled)
+    return ask(_with_questions(planned, lambda question: replace(question, index=index)).cells)
 
 
 def _breaks() -> expansion.Breaks:

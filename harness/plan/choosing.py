@@ -8,15 +8,15 @@ from dataclasses import replace
 from packaging.version import Version
 
 from harness.matrix import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
-from harness.model import Question
+from harness.model import Cell
 from harness.plan.choices import Choice, Combination
 from harness.plan.covering import Row, covering
 from harness.plan.strategies import Candidates, weight
 from harness.schema import located
 from harness.vocabulary import ABSENT, Kind
 
-Ask = Callable[[Sequence[tuple[str, Question]]], list[str | None]]
-"""Resolves (Python, question) each; the answers are the lines that say why not, None where there is a lock."""
+Ask = Callable[[Sequence[Cell]], list[str | None]]
+"""Resolves what each cell asks; the answers are the lines that say why not, None where there is a lock."""
 
 
 def choose(candidates: Candidates, ask: Ask, say: Callable[[str], None]) -> Chosen:
@@ -105,14 +105,24 @@ class _Search:
 
     def _answers(self, asked: Sequence[tuple[Combination, Combination]]) -> list[str | None]:
         """Ask for combinations, each with the part of it whose pins are kept."""
-        questions = []
-        for whole, part in asked:
-            question = self.candidates.contents.question(whole)
-            gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_plain(choice)}
-            kept = tuple(text for text in question.requirements if text not in gone)
-            python = next(choice.asked for choice in whole if choice.kind is Kind.PYTHON)
-            questions.append((python, replace(question, requirements=kept)))
-        return self.ask(questions)
+        return self.ask([self._cell(whole, part) for whole, part in asked])
+
+    def _cell(self, whole: Combination, part: Combination) -> Cell:
+        """A cell that is resolved only."""
+        name, contents = self.candidates.matrix.name, self.candidates.contents
+        question = contents.question(whole)
+        gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_plain(choice)}
+        kept = tuple(text for text in question.requirements if text not in gone)
+        return Cell(
+            id=f"{name}/{'-'.join(choice.label for choice in part)}",
+            matrix=name,
+            axes={choice.axis: choice.text for choice in part},
+            python=next(choice.asked for choice in whole if choice.kind is Kind.PYTHON),
+            question=replace(question, requirements=kept),
+            environment={},
+            cases=(),
+            subject=contents.subject(whole),
+        )
 
 
 def _ruling(matrix: Matrix) -> set[str]:

@@ -11,7 +11,7 @@ from harness import expansion, matrixfile, plan
 from harness.errors import BadInput, CouldNotTell
 from harness.expansion import Breaks
 from harness.matrix import Chosen, Expansion, Matrix
-from harness.model import Dropped, Plan, Question
+from harness.model import Cell, Dropped, Plan, Question
 
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 THREE = """
@@ -55,10 +55,10 @@ class Resolver:
         self.rule = rule
         self.asked: list[tuple[str, tuple[str, ...]]] = []
 
-    def __call__(self, questions: Sequence[tuple[str, Question]]) -> list[str | None]:
+    def __call__(self, cells: Sequence[Cell]) -> list[str | None]:
         """Answer each question."""
-        self.asked += [(python, question.requirements) for python, question in questions]
-        return [self.rule(python, question) for python, question in questions]
+        self.asked += [(cell.python, cell.question.requirements) for cell in cells]
+        return [self.rule(cell.python, cell.question) for cell in cells]
 
 
 def chosen(text: str, resolver: Resolver | None = None) -> Expansion:
