@@ -37,7 +37,8 @@ from harness.subjects import Ready
 class Prepared:
     """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
 
-    `claims` are what is to be measured, `environment` is where; `suite` comes after the cases.
+    `claims` are what is to be measured, `environment` is where; `suite` comes after the cases. `site` is there where an
+    environment was all that was wanted.
     """
 
     record: CellRecord
@@ -46,6 +47,7 @@ class Prepared:
     suite: undertest.Suite | None = None
     claims: tuple[str, ...] = ()
     environment: str | None = None
+    site: launch.Site | None = None
 
 
 @dataclass
@@ -221,8 +223,7 @@ class Runner:
             if self.settings.until is Phase.INSTALL:
                 if quick:
                     raise Unknown  # it may be gone: that is looked at in turn
-                self._place(pool, tested)
-                return Prepared(record=record)
+                return Prepared(record=record, site=self._site(record, *self._place(pool, tested)))
             return self._known_cases(record, pool, known, tested, quick=quick)
         except NoEnvironment as failure:
             return Prepared(record=_stopped(record, failure.step))
