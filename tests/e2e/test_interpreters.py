@@ -114,7 +114,7 @@ class TestDiscovery:
     def test_a_name_that_tells_another_minor_is_not_started(self, monkeypatch: pytest.MonkeyPatch, fresh: Path) -> None:
         """Starting each of a dozen Pythons to find one would be the longest part of a short run."""
         alone(monkeypatch, fresh / "bin")
-        script(fresh / "bin" / "python3.99", f"touch {fresh}/started", "exit 1")
+        script(fresh / "bin" / "python3.99", f": > {fresh}/started", "exit 1")
 
         assert find("3.98") is None
         assert not (fresh / "started").exists()
@@ -126,7 +126,7 @@ class TestDiscovery:
         other = another()
         root = fresh / "pyenv"
         alone(monkeypatch, root / "shims")
-        script(root / "shims" / f"python{other.minor}", f"touch {fresh}/started", "exit 127")
+        script(root / "shims" / f"python{other.minor}", f": > {fresh}/started", "exit 127")
         (root / "versions/any/bin").mkdir(parents=True)
         (root / "versions/any/bin/python").symlink_to(other.path)
         monkeypatch.setenv("PYENV_ROOT", str(root))
