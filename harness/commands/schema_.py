@@ -49,12 +49,19 @@ def _manifest() -> type:
     return Manifest
 
 
+def _init() -> type:
+    from harness.commands.init import Started  # noqa: PLC0415
+
+    return Started
+
+
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
     "report": ("`report.json`, and `--json` of run, try, report and show", _report),
     "plan": ("`plan --json`", _plan),
     "lock": ("`lock --json`", _lock),
+    "init": ("`init --json`", _init),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }
 

@@ -47,6 +47,15 @@ class Claim:
     fate: Fate
     why: str = ""
 
+    @property
+    def requirement(self) -> Requirement | None:
+        """What the value asks for if its name is a package's, such as `numpy-version: ">=2.1"`."""
+        specifiers = _specifiers(self.value) if _VERSION.fullmatch(self.value) else None
+        try:
+            return Requirement(f"{_package(self.name)}{specifiers}") if specifiers else None
+        except InvalidRequirement:
+            return None
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Leg:

@@ -15,7 +15,7 @@ FLOORS = {
     1: {
         "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise",
         "notices", "outcomes", "pipelines", "plan", "present", "pytestsays", "reporttypes", "schema", "shards",
-        "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "drafts", "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "garbage", "glprobe",

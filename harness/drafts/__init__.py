@@ -1,0 +1,11 @@
+"""A first matrix for somebody's project: from what it says of itself, or from what its workflow installs.
+
+Everything is read from texts; `templates/matrix.toml.j2` makes a file of a draft.
+"""
+
+from harness.drafts.draft import Draft, of_project, text_of
+from harness.drafts.project import Case, Project, registered
+from harness.drafts.project import read as read_project
+from harness.drafts.workflow import of_legs
+
+__all__ = ["Case", "Draft", "Project", "of_legs", "of_project", "read_project", "registered", "text_of"]

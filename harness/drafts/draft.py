@@ -1,0 +1,103 @@
+"""The draft of a matrix, and its text."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from packaging.requirements import InvalidRequirement, Requirement
+from packaging.utils import canonicalize_name
+
+from harness import schema
+from harness.drafts.project import Case, Project
+from harness.vocabulary import HOST, Rule
+
+MEASURED = (
+    *("gymnasium", "gym", "mujoco", "dm-control", "pybullet", "ale-py", "pettingzoo", "robosuite"),
+    *("gymnasium-robotics", "metaworld", "stable-baselines3"),
+)
+"""Packages whose versions are worth an axis, where a project requires them."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Range:
+    """A package axis: the releases that the project says it works with."""
+
+    package: str
+    range: str
+    rule: Rule
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bundle:
+    """One value of the axis of what legs install differently."""
+
+    label: str
+    requirements: tuple[str, ...] = ()
+    extras: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Draft:
+    """A matrix to be written. `notes` are comments, on what could not be taken over for instance."""
+
+    description: str
+    pythons: tuple[str, ...] = (HOST,)
+    ranges: tuple[Range, ...] = ()
+    versions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    bundles: tuple[Bundle, ...] = ()
+    requirements: tuple[str, ...] = ()
+    extras: tuple[str, ...] = ()
+    excludes: tuple[Mapping[str, str], ...] = ()
+    case: Case | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def baseline(self) -> str | None:
+        """The Python beside which ranges are varied, one at a time: in the middle, where most wheels are."""
+        return self.pythons[(len(self.pythons) - 1) // 2] if self.ranges else None
+
+
+def of_project(project: Project, case: Case | None) -> Draft:
+    """The Pythons and the versions of gymnasium and simulators that a project claims, one varied at a time."""
+    return Draft(
+        description=f"What {project.name} says it works with",
+        pythons=project.pythons or (HOST,),
+        ranges=tuple(_ranges(project)),
+        case=case,
+        notes=()
+        if project.pythons
+        else ("The project does not say which Pythons it is for: this is the one at hand.",),
+    )
+
+
+def _ranges(project: Project) -> Iterator[Range]:
+    required: dict[str, Requirement] = {}
+    for line in project.dependencies:
+        try:
+            requirement = Requirement(line)
+        except InvalidRequirement:
+            continue
+        if not requirement.url:
+            required.setdefault(canonicalize_name(requirement.name), requirement)
+    for name in (name for name in MEASURED if name in required):
+        specifier = required[name].specifier
+        bounded = any(each.operator in {">=", ">", "~=", "=="} for each in specifier)
+        rule = Rule.LATEST_PATCH if bounded else Rule.LATEST_MINOR
+        yield Range(package=name, range=str(specifier) or ">=0", rule=rule)
+
+
+def text_of(draft: Draft, template: str) -> str:
+    """Fill the template (the text of `templates/matrix.toml.j2`)."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
+
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
+    environment.filters |= {
+        "toml": lambda value: json.dumps(value, ensure_ascii=False),
+        "key": schema.key_path,
+        "inline": lambda table: ", ".join(
+            f"{schema.key_path(key)} = {json.dumps(value)}" for key, value in table.items()
+        ),
+    }
+    return environment.from_string(template).render(it=draft)

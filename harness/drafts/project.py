@@ -1,0 +1,138 @@
+"""What a project says of itself in pyproject.toml, or in the literals of an older setup.py."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.utils import canonicalize_name
+
+from harness import schema
+from harness.vocabulary import Api
+
+PYTHONS = tuple(f"3.{minor}" for minor in range(7, 15))
+"""Those that cells can have."""
+
+_CLASSIFIER = re.compile(r"Programming Language :: Python :: (3\.\d+)")
+_ENV_ID = re.compile(r"(?:[\w:-]+/)?[\w:.-]+-v\d+")
+_PLUGINS = "gymnasium.envs"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Project:
+    """A project: its normalised name, the Pythons and dependencies that it claims, whether it is a gymnasium plugin."""
+
+    name: str
+    pythons: tuple[str, ...] = ()
+    dependencies: tuple[str, ...] = ()
+    plugin: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Case:
+    """An environment that a project registers, and how many more there are."""
+
+    env: str
+    api: Api
+    more: int = 0
+
+
+class _Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
+    name: str = ""
+    requires_python: str = ""
+    classifiers: tuple[str, ...] = ()
+    dependencies: tuple[str, ...] = ()
+    entry_points: dict[str, Any] = {}
+
+
+class _Document(msgspec.Struct, frozen=True, kw_only=True):
+    project: _Table = _Table()
+
+
+def read(pyproject: str, setup: str, folder: str) -> Project:
+    """Read a project from the texts of its files, empty where it has none; `folder` names one that names itself not."""
+    table = schema.load_toml(pyproject, _Document, "pyproject.toml").project
+    if not table.name and setup:
+        table = _literals(setup)
+    return Project(
+        name=canonicalize_name(table.name or folder) or "project",
+        pythons=_pythons(table),
+        dependencies=table.dependencies,
+        plugin=_PLUGINS in table.entry_points,
+    )
+
+
+def registered(text: str) -> Iterator[str]:
+    """The environments that a module registers, by the literals of its calls."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and _called(node.func) == "register":
+            named = [keyword.value for keyword in node.keywords if keyword.arg == "id"] or node.args[:1]
+            for value in named:
+                if isinstance(value, ast.Constant) and _ENV_ID.fullmatch(str(value.value)):
+                    yield str(value.value)
+
+
+def _pythons(table: _Table) -> tuple[str, ...]:
+    """Those that its classifiers name, else those that it allows; none where it says nothing."""
+    named = {found[1] for line in table.classifiers if (found := _CLASSIFIER.fullmatch(line.strip()))}
+    if not named and not table.requires_python:
+        return ()
+    with schema.located("pyproject.toml", "project", "requires-python"):
+        try:
+            allowed = SpecifierSet(table.requires_python)
+        except InvalidSpecifier:
+            message = f'"{table.requires_python}" is not a specifier such as ">=3.10"'
+            raise ValueError(message) from None
+    fitting = (python for python in PYTHONS if any(allowed.contains(f"{python}.{patch}") for patch in (0, 99)))
+    return tuple(python for python in fitting if python in named or not named)
+
+
+def _literals(setup: str) -> _Table:
+    """The arguments of `setup()` that stand in setup.py as they are."""
+    try:
+        tree = ast.parse(setup)
+    except (SyntaxError, ValueError):
+        return _Table()
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and _called(node.func) == "setup"]
+    given = {word.arg: value for call in calls for word in call.keywords if (value := _literal(word.value)) is not None}
+    plugins = given.get("entry_points")
+    return _Table(
+        name=_text(given, "name"),
+        requires_python=_text(given, "python_requires"),
+        classifiers=_texts(given, "classifiers"),
+        dependencies=_texts(given, "install_requires"),
+        entry_points=plugins if isinstance(plugins, dict) else {},
+    )
+
+
+def _called(function: ast.expr) -> str | None:
+    """The last part of a function's name."""
+    if isinstance(function, ast.Attribute):
+        return function.attr
+    return function.id if isinstance(function, ast.Name) else None
+
+
+def _literal(node: ast.expr) -> object:
+    try:
+        return ast.literal_eval(node)
+    except (ValueError, TypeError):
+        return None
+
+
+def _text(given: Mapping[str | None, object], key: str) -> str:
+    value = given.get(key)
+    return value if isinstance(value, str) else ""
+
+
+def _texts(given: Mapping[str | None, object], key: str) -> tuple[str, ...]:
+    value = given.get(key)
+    return tuple(map(str, value)) if isinstance(value, Sequence) and not isinstance(value, str) else ()

@@ -1,0 +1,182 @@
+"""The matrix of what the legs of a workflow really install, as far as their text tells."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count, product
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import InvalidVersion, Version
+
+from harness.drafts.draft import MEASURED, Bundle, Draft
+from harness.drafts.project import Case
+from harness.vocabulary import HOST
+from harness.workflows import Claim, Fate, Leg
+
+WELL_KNOWN = frozenset({*MEASURED, "numpy", "scipy", "torch", "jax", "tensorflow"})
+"""What a value is taken to be a version of, where it was handed to something that cannot be seen into."""
+
+TOOLS = frozenset({"pip", "uv", "build", "setuptools", "wheel", "virtualenv", "tox", "nox", "hatch", "poetry", "twine"})
+"""What a workflow installs to install with."""
+
+INSTALL = "install"
+_SIGNS = {"==": "", ">=": "from", ">": "above", "<=": "upto", "<": "below", "~=": "like", "!=": "not", "===": ""}
+_PYTHON = re.compile(r"3\.\d+(?:\.\d+)?")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Installed:
+    """What one leg comes to: package to requirement."""
+
+    python: str
+    packages: Mapping[str, Requirement]
+    extras: tuple[str, ...]
+
+    def pin(self, name: str) -> str | None:
+        """The version that a package is pinned to."""
+        only = list(self.packages[name].specifier) if name in self.packages else []
+        if len(only) != 1 or only[0].operator != "==" or self.packages[name].extras:
+            return None
+        try:
+            return str(Version(only[0].version))
+        except InvalidVersion:
+            return None
+
+
+def of_legs(legs: Sequence[Leg], source: str, case: Case | None) -> Draft | None:
+    """The draft of a matrix with the same combinations, None where no leg can be understood."""
+    notes = [*_notes(legs)]
+    found: list[_Installed] = []
+    for leg in legs:
+        python = _python(leg)
+        if python is None:
+            notes.append(f"Left out: {leg.combination}, whose Python is not a version such as 3.11.")
+        else:
+            found.append(_Installed(python=python, packages=_packages(leg), extras=leg.extras or ()))
+    if not found:
+        return None
+    versions = {name: _distinct(each.pin(name) or "" for each in found) for name in _axes(found)}
+    rest = [_rest(each, versions) for each in found]
+    common = _common(rest)
+    bundles = _distinctly([_bundle(requirements, extras, common) for requirements, extras in rest])
+    values = {
+        "python": _distinct(each.python for each in found),
+        **versions,
+        INSTALL: _distinct(bundle.label for bundle in bundles),
+    }
+    legs_as = [
+        {"python": each.python, **{name: each.pin(name) or "" for name in versions}, INSTALL: bundle.label}
+        for each, bundle in zip(found, bundles, strict=True)
+    ]
+    one = len(values[INSTALL]) == 1
+    if one:
+        common, values = (rest[0][0], rest[0][1]), {name: each for name, each in values.items() if name != INSTALL}
+        legs_as = [{name: value for name, value in leg.items() if name != INSTALL} for leg in legs_as]
+    return Draft(
+        description=f"What {source} really installs",
+        pythons=values["python"],
+        versions=versions,
+        bundles=() if one else tuple({bundle.label: bundle for bundle in bundles}.values()),
+        requirements=common[0],
+        extras=common[1],
+        excludes=tuple(_missing(values, legs_as)),
+        case=case,
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _notes(legs: Iterable[Leg]) -> Iterator[str]:
+    for leg in legs:
+        yield from (f"Not taken over: {unread}." for unread in leg.unread)
+        for claim in leg.claims:
+            if claim.fate is Fate.HANDED_ON and (_known(claim) or claim.name.startswith("python")):
+                yield f"{claim.name} is handed to {claim.why}; it is taken at its word here."
+
+
+def _python(leg: Leg) -> str | None:
+    handed = [c.value for c in leg.claims if c.fate is Fate.HANDED_ON and c.name.lower().startswith("python")]
+    named = leg.python or (handed[0] if handed else HOST)
+    return named if named == HOST or _PYTHON.fullmatch(named) else None
+
+
+def _packages(leg: Leg) -> dict[str, Requirement]:
+    named = [Requirement(text) for text in leg.requirements]
+    named += [made for claim in leg.claims if claim.fate is Fate.HANDED_ON and (made := _known(claim))]
+    found = {canonicalize_name(each.name): each for each in named}
+    return {name: each for name, each in found.items() if name not in TOOLS}
+
+
+def _known(claim: Claim) -> Requirement | None:
+    """The requirement that a value stands for by its name, such as `numpy-version: ">=2.1"`."""
+    return claim.requirement if claim.requirement and canonicalize_name(claim.requirement.name) in WELL_KNOWN else None
+
+
+def _axes(found: Sequence[_Installed]) -> list[str]:
+    """Packages that every leg pins, not all to the same version."""
+    return [
+        name
+        for name in found[0].packages
+        if all(each.pin(name) for each in found) and len({each.pin(name) for each in found}) > 1
+    ]
+
+
+Rest = tuple[tuple[str, ...], tuple[str, ...]]
+"""Requirements that are no axis, and extras of the project."""
+
+
+def _rest(each: _Installed, versions: Mapping[str, object]) -> Rest:
+    return tuple(str(made) for name, made in each.packages.items() if name not in versions), each.extras
+
+
+def _common(rest: Sequence[Rest]) -> Rest:
+    requirements, extras = (set.intersection(*(set(each[side]) for each in rest)) for side in (0, 1))
+    return (
+        tuple(line for line in rest[0][0] if line in requirements),
+        tuple(extra for extra in rest[0][1] if extra in extras),
+    )
+
+
+def _bundle(requirements: Sequence[str], extras: Sequence[str], common: Rest) -> Bundle:
+    own = tuple(line for line in requirements if line not in common[0])
+    added = tuple(extra for extra in extras if extra not in common[1])
+    label = "-".join([*map(_label, own), *added]) or "newest"
+    return Bundle(label=label[:100].strip("-"), requirements=own, extras=added)
+
+
+def _distinctly(bundles: Sequence[Bundle]) -> list[Bundle]:
+    """Bundles of which those that differ have labels that do, too."""
+    known: dict[tuple[tuple[str, ...], tuple[str, ...]], Bundle] = {}
+    for bundle in bundles:
+        taken = {each.label.casefold() for each in known.values()}
+        label = next(name for name in _numbered(bundle.label) if name.casefold() not in taken)
+        known.setdefault((bundle.requirements, bundle.extras), replace(bundle, label=label))
+    return [known[bundle.requirements, bundle.extras] for bundle in bundles]
+
+
+def _numbered(label: str) -> Iterator[str]:
+    yield label
+    yield from (f"{label}.{number}" for number in count(2))
+
+
+def _label(line: str) -> str:
+    """`numpy1.26.4` of `numpy==1.26.4`, `numpy-from1.21-below2` of `numpy<2,>=1.21`."""
+    made = Requirement(line)
+    bounds = sorted(made.specifier, key=lambda each: (each.operator not in {">=", ">"}, str(each)))
+    parts = [f"{_SIGNS[each.operator]}{each.version}" for each in bounds]
+    exact = len(bounds) == 1 and not _SIGNS[bounds[0].operator]
+    name = canonicalize_name(made.name)
+    return re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{name}{parts[0]}" if exact else "-".join([name, *parts]))
+
+
+def _missing(values: Mapping[str, Sequence[str]], legs: Sequence[Mapping[str, str]]) -> Iterator[dict[str, str]]:
+    for combination in product(*values.values()):
+        when = dict(zip(values, combination, strict=True))
+        if when not in legs:
+            yield when
+
+
+def _distinct(values: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(values))
