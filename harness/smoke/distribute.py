@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from xdist.scheduler import LoadGroupScheduling  # type: ignore[import-untyped]
 
-from harness import interpreters, scheduler
+from harness import scheduler
 from harness.errors import HarnessError
 from harness.model import Cell
 from harness.scheduler import Runner
@@ -53,20 +54,16 @@ class ByEnvironment(LoadGroupScheduling):  # type: ignore[misc]  # xdist has no 
 
 
 def by_environment(runner: Runner, cells: Iterable[Cell]) -> dict[str, str]:
-    """Resolve the cells; those that are installed alike, on the same Python, get the same name."""
+    """Lock the cells, as far as `runner` goes; those that are installed alike get the same name."""
 
     def group(cell: Cell) -> str:
-        question = cell.question
         try:
-            interpreter = interpreters.obtain(cell.python, offline=runner.settings.offline)
-            lock, _ = runner.lock(question, interpreter) if interpreter else (None, None)
+            record = runner.measure(replace(cell, cases=()))
         except HarnessError:  # its items meet it again, and tell
             return cell.id
-        if lock is None or interpreter is None:
-            return cell.id
-        return digest(
-            "install", lock.sha256, interpreter.identity, question.build_constraints, question.build_variables
-        )
+        question = cell.question
+        built = (question.build_constraints, question.build_variables)
+        return digest(record.python, record.lock_sha256, built) if record.lock_sha256 else cell.id
 
     known = tuple(cells)
     with ThreadPoolExecutor(max_workers=scheduler.default_jobs()) as pool:

@@ -15,9 +15,10 @@ import pytest
 from harness import machine, verdict
 from harness.commands import reporting
 from harness.errors import HarnessError
-from harness.model import CellRecord
+from harness.model import CellRecord, Phase
 from harness.scheduler import Runner
-from harness.smoke import frozen, items, junit, plugin
+from harness.smoke import frozen, junit, plugin
+from harness.smoke import items as tree
 from harness.smoke.measuring import Measuring, Quiet
 
 FOLDER = Path(__file__).parent
@@ -35,10 +36,11 @@ class Face:
         self.worker = hasattr(config, "workerinput")
         self.facts: dict[str, dict[str, str]] = {}
         self.records: dict[str, CellRecord] = {}
+        self.chosen: tuple[str, ...] = ()
         self.told: list[str] = []
         self.summary: list[str] = []
-        config.stash[items.SESSION] = self
-        for name, meaning in items.MARKERS.items():
+        config.stash[tree.SESSION] = self
+        for name, meaning in tree.MARKERS.items():
             config.addinivalue_line("markers", f"{name}: simmatrix: {meaning}")
 
     # --- the plan ----------------------------------------------------------------------------------------------
@@ -49,6 +51,7 @@ class Face:
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         if self.worker:
             self.frozen = frozen.decode(self.config.workerinput[INPUT])  # type: ignore[attr-defined]
+            self._take_chosen()
             return
         given = self.config.getoption
         asked = {name: bool(given(f"matrix_{name}")) for name in ("fresh", "offline", "verify")}
@@ -56,6 +59,15 @@ class Face:
             self.frozen = frozen.freeze(given("matrix"), self.told.append, **asked)
         except HarnessError as error:
             raise pytest.UsageError(str(error)) from None
+        self._take_chosen()
+
+    def _take_chosen(self) -> None:
+        """Let node ids of the suite be arguments as pytest prints them, though they name no file."""
+        known = {cell.id for cell in self.frozen.cells}
+        self.chosen = tuple(given for given in self.config.args if given.partition("::")[0] in known)
+        if self.chosen:
+            files = [given for given in self.config.args if given not in {*self.chosen, plugin.SUITE}]
+            self.config.args[:] = [*files, str(FOLDER)]
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:
@@ -69,7 +81,7 @@ class Face:
             return None
         from harness.smoke import distribute  # noqa: PLC0415 - xdist may be absent
 
-        runner = Runner(self.frozen.store, self.frozen.settings(), Quiet())
+        runner = Runner(self.frozen.store, self.frozen.settings(Phase.RESOLVE), Quiet())
         return distribute.ByEnvironment(
             config, log, self.frozen.cells, lambda cells: distribute.by_environment(runner, cells)
         )
@@ -83,7 +95,7 @@ class Face:
     @pytest.hookimpl(tryfirst=True)
     def pytest_collect_directory(self, path: Path, parent: pytest.Collector) -> pytest.Collector | None:
         """The folder of this package stands for the matrices."""
-        return items.Suite.from_parent(parent, path=path) if path == FOLDER else None
+        return tree.Suite.from_parent(parent, path=path) if path == FOLDER else None
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """Run a function of the user that asks for our `cell`, or `env`, once for each."""
@@ -97,10 +109,19 @@ class Face:
             cells = self.frozen.cells
             metafunc.parametrize("cell", cells, ids=[cell.id for cell in cells], indirect=True, scope="session")
 
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        """Of the suite only what was named, where node ids were."""
+        if not self.chosen:
+            return
+        left = [item for item in items if isinstance(item, tree.Told) and not _within(item.nodeid, self.chosen)]
+        config.hook.pytest_deselected(items=left)
+        gone = frozenset(left)
+        items[:] = [item for item in items if item not in gone]
+
     @pytest.hookimpl(trylast=True)
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Know what is wanted of each case before the first is run."""
-        self.measuring = Measuring(self.frozen, items.selection(session.items), worker=self.worker)
+        self.measuring = Measuring(self.frozen, tree.selection(session.items), worker=self.worker)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -108,11 +129,11 @@ class Face:
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         """Let the report carry what the controller wants to know."""
         report = yield
-        if call.when == "call" and isinstance(item, items.Told):
+        if call.when == "call" and isinstance(item, tree.Told):
             report.duration = item.seconds
             if report.skipped and isinstance(report.longrepr, tuple):  # not the line of ours that said so
                 report.longrepr = (str(item.reportinfo()[0]), None, report.longrepr[2])  # type: ignore[assignment]
-        if call.when == "call" and isinstance(item, items.CellItem):
+        if call.when == "call" and isinstance(item, tree.CellItem):
             setattr(report, FACTS, {"cell": item.cell.id, **item.facts})
             setattr(report, RECORD, msgspec.json.encode(item.record).decode() if item.record else None)
         return report
@@ -161,6 +182,11 @@ class Face:
         told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
         folders = ", ".join(os.path.relpath(folder) for folder, _ in made)
         self.summary.append(f"simmatrix: {told}; report: {folders}")
+
+
+def _within(nodeid: str, chosen: tuple[str, ...]) -> bool:
+    """Whether a node id is one of these or lies below."""
+    return any(nodeid == place or nodeid.startswith(f"{place}::") for place in chosen)
 
 
 def _ours(metafunc: pytest.Metafunc, name: str) -> bool:

@@ -17,7 +17,7 @@ from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan
 from harness.smoke import judging, junit
 from harness.smoke.frozen import Frozen
 from harness.smoke.judging import Ended, Kind
-from harness.smoke.measuring import STEPS, Measuring, Selection
+from harness.smoke.measuring import STEPS, Measuring, Selection, has_suite
 
 
 class Session(Protocol):
@@ -30,7 +30,10 @@ class Session(Protocol):
 SESSION = pytest.StashKey[Session]()
 VERDICT, EXPECTATIONS = "verdict", "expectations"
 MARKERS = {
-    **{phase.value: f"the phase {phase} of a cell or a case" for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES)},
+    **{
+        phase.value: f"the phase {phase} of a cell or a case"
+        for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES, Phase.SUITE)
+    },
     VERDICT: "a cell as a whole against what is expected of it",
     EXPECTATIONS: "expectations that match no cell",
 }
@@ -137,6 +140,20 @@ class PhaseItem(CellItem):
         return judging.ended(self.cell, self.phase, judging.seen(record), measuring.shown(self.cell, self.case))
 
 
+class SuiteItem(CellItem):
+    """The own suite of the package under test."""
+
+    def measured(self) -> Ended:
+        """How the suite ended."""
+        measuring = self.config.stash[SESSION].measuring
+        assert self.phase
+        record = measuring.suite(self.cell)
+        self.facts = self.told_of(record)
+        imports = (measuring.selection.phases(self.cell, case.id) & {Phase.IMPORT} for case in self.cell.cases)
+        shown = measuring.selection.phases(self.cell).union(*imports)
+        return judging.ended(self.cell, self.phase, judging.suite_seen(record), shown)
+
+
 class VerdictItem(CellItem):
     """The cell as a whole against what was expected of it."""
 
@@ -190,6 +207,8 @@ class CellNode(pytest.Collector):
             yield StepItem.from_parent(self, name=phase.value, cell=self.cell, phase=phase)
         for case in self.cell.cases:
             yield CaseNode.from_parent(self, name=case.id, cell=self.cell, case=case)
+        if has_suite(self.cell):
+            yield SuiteItem.from_parent(self, name=Phase.SUITE.value, cell=self.cell, phase=Phase.SUITE)
         yield VerdictItem.from_parent(self, name=VERDICT, cell=self.cell)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from harness import outcomes, verdict
@@ -14,8 +14,8 @@ POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
     Verdict.UNRESOLVABLE: frozenset({Phase.RESOLVE}),
     Verdict.UNINSTALLABLE: frozenset({Phase.INSTALL}),
     Verdict.IMPORT_FAILS: frozenset({Phase.IMPORT}),
-    Verdict.PARTIAL: frozenset(CASE_PHASES),
-    Verdict.BROKEN: frozenset(CASE_PHASES),
+    Verdict.PARTIAL: frozenset({*CASE_PHASES, Phase.SUITE}),
+    Verdict.BROKEN: frozenset({*CASE_PHASES, Phase.SUITE}),
 }
 """Where a cell fails that is expected to have this verdict; the others fail nowhere."""
 
@@ -70,6 +70,16 @@ def seen(record: CellRecord) -> dict[Phase, Seen]:
     return found
 
 
+def suite_seen(record: CellRecord) -> dict[Phase, Seen]:
+    """The suite of a cell's subject and what stands in its way: that no case could be imported."""
+    found = seen(replace(record, cases=()))
+    suite = verdict.suite_phase(record)
+    imports = [at for case in record.cases if (at := seen(replace(record, cases=(case,))).get(Phase.IMPORT))]
+    if imports:
+        found[Phase.IMPORT] = next((at for at in imports if at.outcome is Outcome.PASSED), imports[0])
+    return found | ({Phase.SUITE: _probed(suite)} if suite else {})
+
+
 def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozenset[Phase]) -> Ended:
     """How the item of a phase ended. `shown` are the phases with items of their own in this session.
 
@@ -116,7 +126,7 @@ def judged(record: CellRecord, today: str) -> Ended:
 
 def needs(phase: Phase) -> tuple[Phase, ...]:
     """The phases of a case that come before this one, the nearest first."""
-    needed = outcomes.NEEDS.get(phase)
+    needed = Phase.IMPORT if phase is Phase.SUITE else outcomes.NEEDS.get(phase)
     return (needed, *needs(needed)) if needed else ()
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from harness import interpreters, outcomes
-from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, PhaseRecord, Step
+from harness import interpreters, launch, outcomes
+from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase
 from harness.scheduler import Runner
 from harness.smoke import judging
 from harness.smoke.frozen import Frozen
@@ -50,7 +50,7 @@ class Selection:
     def wanted(self, cell: Cell, case: Case) -> frozenset[Phase]:
         """The phases of a case to be measured: those asked for, and what they need."""
         if cell.id in self.whole:
-            return frozenset(CASE_PHASES)
+            return frozenset(CASE_PHASES)  # of which only those count that checks were asked of
         asked = self.phases(cell, case.id)
         return asked.union(*(judging.needs(phase) for phase in asked))
 
@@ -65,11 +65,11 @@ class Measuring:
 
     def __init__(self, frozen: Frozen, selection: Selection, *, worker: bool) -> None:
         self.store: Store = frozen.store
-        self._frozen = frozen
         self.selection = selection
         self.credit = 0.0  # seconds measured of phases that have an item of their own
+        self._frozen = frozen
+        self._runner = Runner(self.store, frozen.settings(), Quiet())
         self._takes_locks = worker and frozen.fresh
-        self._runners: dict[Phase, Runner] = {}
         self._records: dict[tuple[str, str], CellRecord] = {}
 
     def steps(self, cell: Cell) -> CellRecord:
@@ -79,71 +79,87 @@ class Measuring:
 
     def case(self, cell: Cell, case: Case) -> CellRecord:
         """Run what is wanted of one case in one go, as `run` does."""
-        wanted = self.selection.wanted(cell, case)
-        checks = tuple(check for check in case.checks if outcomes.phase_of(check) in wanted)
-        return self._measured(cell, case.id, replace(cell, cases=(replace(case, checks=checks),)), Phase.RENDER)
+        return self._measured(cell, case.id, replace(cell, cases=(self._wanted(cell, case),)), Phase.RENDER)
 
-    def environment(self, cell: Cell) -> CellRecord:
-        """Bring the cell as far as an environment that exists."""
-        return self._measured(cell, "environment", replace(cell, cases=()), Phase.INSTALL)
+    def suite(self, cell: Cell) -> CellRecord:
+        """Run the suite of the cell's subject, after the imports that it needs."""
+        cases = tuple(self._wanted(cell, case, {Phase.IMPORT}) for case in cell.cases)
+        return self._measured(cell, Phase.SUITE, replace(cell, cases=cases), Phase.SUITE)
+
+    def environment(self, cell: Cell) -> tuple[CellRecord, launch.Site | None]:
+        """Bring the cell as far as an environment, and say where that is."""
+        ready = self._bound(cell, Phase.INSTALL).prepare(replace(cell, cases=()))
+        return ready.record, ready.site
 
     def whole(self, cell: Cell) -> CellRecord:
         """The record of the cell with all its cases, as `run` keeps it."""
-        return combined(cell, self.steps(cell), [self.case(cell, case) for case in cell.cases])
+        suite = [self.suite(cell)] if has_suite(cell) else []
+        return combined(cell, self.steps(cell), [self.case(cell, case) for case in cell.cases], suite)
 
     def shown(self, cell: Cell, case: Case) -> frozenset[Phase]:
         """The phases whose end is told by an item of their own, so that it need not be told again."""
         steps = self.selection.phases(cell)
         if steps:
             first, here = judging.seen(self.steps(cell)), judging.seen(self.case(cell, case))
-            steps = frozenset(
-                at for at in steps if at in first and at in here and first[at].outcome == here[at].outcome
-            )
+            alike = {at for at in STEPS if at in first and at in here and first[at].outcome is here[at].outcome}
+            steps &= alike
         return self.selection.phases(cell, case.id) | steps
+
+    def _wanted(self, cell: Cell, case: Case, more: Set[Phase] = frozenset()) -> Case:
+        """The case with the checks that this session wants."""
+        wanted = self.selection.wanted(cell, case) | more
+        return replace(case, checks=tuple(check for check in case.checks if outcomes.phase_of(check) in wanted))
 
     def _measured(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
         if (cell.id, name) not in self._records:
-            if until not in self._runners:
-                self._runners[until] = Runner(self.store, self._frozen.settings(until), Quiet())
-            if self._takes_locks:
-                self._take_lock(self._runners[until], cell)
-            record = self._runners[until].measure(part)
+            record = self._bound(cell, until).measure(part)
             self._records[cell.id, name] = record
-            self.credit += sum(
-                at.seconds
-                for at in judging.seen(record).values()
-                if (at.phase in STEPS) is (name == "") and at.phase in self.selection.phases(cell, name)
-            )
+            told = judging.suite_seen(record) if name == Phase.SUITE else judging.seen(record)
+            own = {"": STEPS, Phase.SUITE: {Phase.SUITE}}.get(name, frozenset(CASE_PHASES))
+            place = "" if name == Phase.SUITE else name
+            shown = own & self.selection.phases(cell, place)
+            self.credit += sum(told[at].seconds for at in shown if at in told)
         return self._records[cell.id, name]
+
+    def _bound(self, cell: Cell, until: Phase) -> Runner:
+        """The runner that goes as far as this; they know what the others did."""
+        runner = replace(self._runner, settings=self._frozen.settings(until))
+        if self._takes_locks:
+            self._take_lock(runner, cell)
+        return runner
 
     def _take_lock(self, runner: Runner, cell: Cell) -> None:
         """Let a worker use the lock that the controller has just made, however fresh the rest is to be."""
         interpreter = interpreters.obtain(cell.python, offline=self._frozen.offline)
-        if interpreter:
+        if interpreter and cell.subject is None:  # with a subject another question is asked, which is its own
             kept = Runner(self.store, replace(runner.settings, fresh=False), Quiet())
             answer = kept.lock(cell.question, interpreter)
             runner.resolved.setdefault(question_key(cell.question, interpreter), answer)
 
 
-def combined(cell: Cell, steps: CellRecord, cases: Iterable[CellRecord]) -> CellRecord:
-    """One record of all: the steps of the cell, or of the first case that found them ended otherwise."""
-    known = tuple(cases)
-    other = (one for one in known if (one.install and one.install.outcome) != (steps.install and steps.install.outcome))
+def has_suite(cell: Cell) -> bool:
+    """Whether the cell has a package under test with a suite of its own."""
+    return cell.subject is not None and cell.subject.suite is not None
+
+
+def combined(cell: Cell, steps: CellRecord, cases: Iterable[CellRecord], suite: Iterable[CellRecord]) -> CellRecord:
+    """One record of all: the steps of the cell, or of the first part that found them ended otherwise."""
+    known, last = tuple(cases), tuple(suite)
+    parts = (*known, *last)
+    other = (one for one in parts if (one.install and one.install.outcome) != (steps.install and steps.install.outcome))
     base = next(other, steps)
     found = tuple(chain.from_iterable(one.cases for one in known))
+    tested = next((one.suite for one in last), None)
     probed = [phase for case in found for phase in case.phases if phase.measured]
-    made = [step for step in (steps.resolve, steps.install) if step]
+    probed += [tested] if tested and tested.measured else []
+    made = [step for step in (steps.resolve or base.resolve, base.install) if step]
     return replace(
         base,
         cell=cell,
         resolve=steps.resolve or base.resolve,
-        install=base.install if base is not steps else steps.install,
         cases=found,
+        suite=tested,
         measured=max((phase.measured for phase in probed if phase.measured), default=base.measured),
         reused=bool(made) and all(one.reused for one in made) and all(phase.reused for phase in probed),
-        seconds=_seconds(made, probed),
+        seconds=round(sum(one.seconds for one in made) + sum(phase.seconds for phase in probed), 3),
     )
-
-
-def _seconds(made: Iterable[Step], probed: Iterable[PhaseRecord]) -> float:
-    return round(sum(one.seconds for one in made) + sum(phase.seconds for phase in probed), 3)

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from harness import machine, process
+from harness import launch, process
 from harness.model import Cell, Expectation
 from harness.smoke import judging
 from harness.smoke.items import SESSION
 from harness.smoke.judging import Kind
-from harness.store import cache_folder
 
 TAIL = 4000
 
@@ -37,8 +36,7 @@ class Ran:
 
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class CellUnderTest:
-    """An installed cell. `python` is its interpreter; `variables` are all that a command in it is given,
-    `expect` is what the matrix expects of the cell, if not that it works.
+    """An installed cell. `version` is its Python's, `expect` what the matrix expects of it, if not that it works.
 
     The environment holds what the lock says and nothing else: no pytest, not this package. It is shared and sealed:
     use `run`, which keeps what is written from others.
@@ -47,12 +45,24 @@ class CellUnderTest:
     id: str
     axes: Mapping[str, str]
     version: str
-    python: Path
-    environment: Path
     installed: Mapping[str, str]
-    variables: Mapping[str, str]
-    files: Mapping[str, str]
     expect: Expectation | None
+    site: launch.Site
+
+    @property
+    def python(self) -> Path:
+        """The cell's interpreter."""
+        return self.site.python
+
+    @property
+    def environment(self) -> Path:
+        """The folder of the cell's environment."""
+        return self.site.folder
+
+    @property
+    def variables(self) -> Mapping[str, str]:
+        """All variables that a command in the cell is given, but for HOME, TMPDIR and XDG_*."""
+        return self.site.variables
 
     def __repr__(self) -> str:
         return f"<cell {self.id}>"
@@ -73,28 +83,21 @@ class CellUnderTest:
         return ran
 
     def _run(self, code: str, arguments: tuple[str, ...], limits: process.Limits, scratch: Path) -> Ran:
-        home, script = scratch / "home", scratch / "script.py"
-        (home / "tmp").mkdir(parents=True)
-        for name, content in self.files.items():
-            (home / name).parent.mkdir(parents=True, exist_ok=True)
-            (home / name).write_text(content, encoding="utf-8")
+        launch.furnish(self.site, scratch / "home")
+        folder, sealed = launch.entered(self.site, scratch)
+        script = scratch / "script.py"
         script.write_text(code, encoding="utf-8")
-        sealed = process.OVERLAY in process.sandbox_mode()
-        folder = self.environment if sealed else scratch / "environment"
-        if not sealed:
-            shutil.copytree(self.environment, folder, symlinks=True)
         command = process.Command(
-            argv=(str(folder / self.python.relative_to(self.environment)), "-s", str(script), *arguments),
-            cwd=home,
-            env={**self.variables, "PYTHONPYCACHEPREFIX": str(cache_folder() / "pycache" / self.environment.name)},
+            argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
+            cwd=scratch / "home",
+            env={**self.site.variables, "PYTHONPYCACHEPREFIX": str(self.site.pycache)},
             limits=limits,
             log=scratch / "log.txt",
             profile=process.Profile.CELL,
-            home=home,
-            sealed=(folder,) if sealed else (),
+            home=scratch / "home",
+            sealed=sealed,
         )
         done = process.run(command)
-        output = done.log.read_text(encoding="utf-8", errors="replace")
         if done.killed or done.out_of_memory:
             why = done.killed or f"it needs more than {limits.memory_mb} MB"
             pytest.fail(f"inconclusive: {self.id}: {why}", pytrace=False)
@@ -103,13 +106,13 @@ class CellUnderTest:
             signal=done.signal,
             timed_out=done.timed_out,
             seconds=done.seconds,
-            output=output,
+            output=done.log.read_text(encoding="utf-8", errors="replace"),
         )
 
 
 def tried(config: pytest.Config, cell: Cell) -> CellUnderTest:
     """The cell, installed; one that cannot be ends the test as it would end the item of its install."""
-    record = config.stash[SESSION].measuring.environment(cell)
+    record, site = config.stash[SESSION].measuring.environment(cell)
     found = judging.seen(record)
     for phase in found:
         ended = judging.ended(cell, phase, found, frozenset())
@@ -122,19 +125,12 @@ def tried(config: pytest.Config, cell: Cell) -> CellUnderTest:
                 pytest.xfail(ended.text)
             case Kind.FAILED | Kind.INCONCLUSIVE:
                 pytest.fail(ended.text, pytrace=False)
-    assert record.key
-    folder = cache_folder() / "environments" / record.key
-    given = {**record.supplied, **cell.environment}
-    needs = (*cell.needs, *machine.drawing_needs(given))
-    variables = {**machine.base_environment(needs), **given}
+    assert site
     return CellUnderTest(
         id=cell.id,
         axes=cell.axes,
         version=record.python or "",
-        python=folder / "bin" / "python",
-        environment=folder,
         installed=record.installed or {},
-        variables={name: value for name, value in variables.items() if value != ""},
-        files=cell.files,
         expect=cell.expect,
+        site=site,
     )
