@@ -132,6 +132,11 @@ class Candidates:
         """The values at positions."""
         return tuple(choices[position] for position, choices in zip(row, self.axes.values(), strict=True))
 
+    @cached_property
+    def names(self) -> dict[tuple[str, ...], str]:
+        """The id of each combination, by its values as the file writes them."""
+        return {tuple(choice.asked for choice in each): name for name, each in self.combinations.items()}
+
     def chosen(self, expansion: Expansion | None) -> dict[str, Combination]:
         """The combinations that the strategy chooses; a covering array is taken from the expansion."""
         strategy = self.matrix.strategy
@@ -141,9 +146,7 @@ class Candidates:
             self.check()
             if not strategy.covering:
                 return self.named
-            kept = set(self._covering(expansion).combinations)
-        names = {tuple(choice.asked for choice in each): name for name, each in self.combinations.items()}
-        covering = {names[values] for values in kept}
+            covering = {self.names[values] for values in self._covering(expansion).combinations}
         return {name: each for name, each in self.combinations.items() if name in covering or name in self.named}
 
     def check(self) -> None:
@@ -174,7 +177,12 @@ class Candidates:
     def fits(self, expansion: Expansion) -> bool:
         """Whether the choice was made from the matrix as it is now."""
         chosen = expansion.chosen
-        return isinstance(chosen, Chosen) and expansion.fits(self.matrix) and chosen.made_from == self.made_from
+        if not isinstance(chosen, Chosen) or chosen.made_from != self.made_from or not expansion.fits(self.matrix):
+            return False
+        known = {(name, choice.asked) for name, choices in self.axes.items() for choice in choices}
+        return self.names.keys() >= set(chosen.combinations) and all(
+            known >= set(entry.axes.items()) for entry in chosen.unresolvable
+        )
 
     def left_out(self, chosen: Mapping[str, Combination], expansion: Expansion | None) -> Iterator[Dropped]:
         """What the strategy leaves out, in a few lines however much it is."""

@@ -10,7 +10,7 @@ from packaging.version import Version
 from harness import expansion, matrixfile, plan
 from harness.errors import BadInput, CouldNotTell
 from harness.expansion import Breaks
-from harness.matrix import Chosen, Expansion, Matrix
+from harness.matrix import Chosen, Expansion, Matrix, Unresolvable
 from harness.model import Cell, Dropped, Plan, Question
 
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
@@ -290,6 +290,16 @@ class TestCovering:
             "demo.toml: strategy: the matrix has changed since they were chosen; "
             'run "simmatrix lock demo.toml --upgrade"'
         )
+
+    def test_a_choice_of_what_there_is_not(self) -> None:
+        """A combination or a value that somebody wrote into the expansion is no part of the matrix."""
+        made = chosen(self.TEXT)
+        assert isinstance(made.chosen, Chosen)
+        strange = Unresolvable(axes={"python": "2.7"}, reason="too old")
+        for changes in ({"combinations": (("3.10", "1.0.0", "9.9"),)}, {"unresolvable": (strange,)}):
+            edited = msgspec.structs.replace(made, chosen=msgspec.structs.replace(made.chosen, **changes))
+
+            assert "has changed since they were chosen" in refused(self.TEXT, edited)
 
     @pytest.mark.parametrize(
         "changed",
