@@ -6,7 +6,6 @@ same key are not run again.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -86,10 +85,24 @@ def stored_case(context: Context, case: Case) -> CaseRecord | None:
     return None if missing else _reached(case, known)
 
 
+def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
+    """Equal for two cells exactly when each record of the one, if it may be reused, is one of the other."""
+    asked = [(case.id, case.required, _asked(case), _limits(case)) for case in cases]
+    used = {(case.api, phase) for case in cases for phase in _wanted(case, context.until)}
+    probes = [(api, phase, launch.probe_hash(api, phase)) for api, phase in sorted(used)]
+    how = (context.verify, context.until, context.conditions, _judging())
+    return digest("cell", context.identity, lock, asked, probes, how)
+
+
+def reusable(cases: Iterable[CaseRecord]) -> bool:
+    """Whether no phase came to an end that another run may change; one that was not reached has its reason before."""
+    passing = MEASURED_AGAIN - {Outcome.NOT_REACHED}
+    return not any(phase.outcome in passing for case in cases for phase in case.phases)
+
+
 def claim(context: Context, case: Case) -> str:
     """Equal for two cases, of whatever cells, exactly when their measurement is one and the same."""
-    limits = (case.checks, case.timeouts, case.memory_mb)
-    return digest("case", context.identity, context.verify, _asked(case), limits)
+    return digest("case", context.identity, context.verify, _asked(case), _limits(case))
 
 
 def not_reached(case: Case) -> CaseRecord:
@@ -123,6 +136,10 @@ def _key(context: Context, case: Case, phase: Phase, checks: tuple[str, ...]) ->
     return digest("phase", context.identity, context.verify, _asked(case), limits, phase, probe)
 
 
+def _limits(case: Case) -> tuple[object, ...]:
+    return case.checks, case.timeouts, case.memory_mb
+
+
 def _asked(case: Case) -> tuple[object, ...]:
     return case.env, case.api, case.kwargs, case.imports, case.providers, case.steps, case.seed
 
@@ -130,7 +147,8 @@ def _asked(case: Case) -> tuple[object, ...]:
 @cache
 def _judging() -> str:
     """A hash of what turns a reply into an outcome: results judged in another way are measured again."""
-    return digest(*(inspect.getsource(module) for module in (normalise, outcomes)))
+    files = [Path(str(module.__file__)) for module in (normalise, outcomes)]
+    return digest(*(file.read_text(encoding="utf-8") for file in files))
 
 
 Wanted = Mapping[Phase, tuple[str, ...]]

@@ -371,7 +371,7 @@ class CellRecord:
     """All evidence of one cell on one machine; the verdict is computed from it, never stored alone.
 
     `resolve` and `install` are None when nothing of the cell was run. `suite` is there where the cell's subject has one
-    and the cell came that far.
+    and the cell came that far. `mark` stands for all that the outcomes depend on, where they may be reused as a whole.
     """
 
     cell: Cell
@@ -390,6 +390,7 @@ class CellRecord:
     suite: PhaseRecord | None = None
     findings: tuple[Finding, ...] = ()
     measured: str | None = None
+    mark: str | None = None
     reused: bool = False
     seconds: float = 0.0
 

@@ -38,7 +38,7 @@ class Prepared:
     """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
 
     `claims` are what is to be measured, `environment` is where; `suite` comes after the cases. `site` is there where an
-    environment was all that was wanted.
+    environment was all that was wanted. `told` is whether the record is that of an earlier run.
     """
 
     record: CellRecord
@@ -48,6 +48,7 @@ class Prepared:
     claims: tuple[str, ...] = ()
     environment: str | None = None
     site: launch.Site | None = None
+    told: bool = False
 
 
 @dataclass
@@ -66,6 +67,7 @@ class Runner:
     environments: dict[str, Environment] = field(default_factory=dict)
     measured: dict[str, PhaseRecord] = field(default_factory=dict)
     subjects: dict[str, Ready | Step] = field(default_factory=dict)
+    unchanged: set[str] = field(default_factory=set)
 
     def measure(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases; its results are kept, its record is not."""
@@ -79,15 +81,16 @@ class Runner:
 
     def keep(self, record: CellRecord) -> None:
         """Store the record of a cell, unless it tells less of the same than the one that is there."""
-        if not self._tells_less(record):
+        if record.cell.id not in self.unchanged and not self._tells_less(record):
             self.store.save_cell(record)
 
     def known(self, cell: Cell) -> CellRecord | None:
         """The record of a cell of which everything is known; None where something has to be done."""
         try:
-            return _finished(self._prepared(cell, quick=True).record)
+            ready = self._prepared(cell, quick=True)
         except Unknown:
             return None
+        return ready.record if ready.told else _finished(ready.record)
 
     def prepare(self, cell: Cell) -> Prepared:
         """Resolve and install: mostly waiting, for the network and the disk."""
@@ -107,7 +110,7 @@ class Runner:
         if process.stopped():
             message = f"{record.cell.id}: interrupted"
             raise CouldNotTell(message)
-        return _finished(record)
+        return record if ready.told else _finished(record)
 
     # --- resolving -------------------------------------------------------------------------------------------------
 
@@ -233,12 +236,16 @@ class Runner:
     ) -> Prepared:
         context = self._context(record, pool, tested)
         cases = tuple(_with_modules(case, known) for case in record.cell.cases)
+        record = record if tested else replace(record, mark=cellrun.mark(context, cases, record.lock_sha256))
+        told = self._told(record)
+        if told:
+            return Prepared(record=told, told=True)
         stored = [cellrun.stored_case(context, case) for case in cases]
         found = tuple(one for one in stored if one)
         suite = self._suite(record, pool, tested, quick=quick)
         if len(found) == len(stored):
-            told, ended = suite.known(found) if suite else (True, None)
-            if told:
+            whole, ended = suite.known(found) if suite else (True, None)
+            if whole:
                 return Prepared(record=replace(record, cases=found, suite=ended))
         if quick:
             raise Unknown
@@ -252,6 +259,17 @@ class Runner:
             claims=tuple(sorted(claims | ({suite.key} if suite and suite.key else set()))),
             environment=record.key,
         )
+
+    def _told(self, record: CellRecord) -> CellRecord | None:
+        """The last record of the cell, if all that it depends on is the same."""
+        if self.settings.fresh or self.settings.again or record.mark is None:
+            return None
+        kept = self.store.load_cell(record.machine, record.cell.id)
+        if kept is None or kept.mark != record.mark:
+            return None
+        if kept.cell == record.cell:
+            self.unchanged.add(record.cell.id)
+        return replace(kept, cell=record.cell, reused=True)
 
     def _suite(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> undertest.Suite | None:
         """The subject's own suite, resolved and installed, where the cell has one and is to come that far."""
@@ -331,7 +349,9 @@ class Runner:
 def _finished(record: CellRecord) -> CellRecord:
     """The record with what can be told only at its end."""
     measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
-    return replace(record, measured=measured, seconds=_seconds(record), reused=_reused(record))
+    whole = record.install and record.install.outcome is Outcome.PASSED and cellrun.reusable(record.cases)
+    mark = record.mark if whole else None
+    return replace(record, measured=measured, mark=mark, seconds=_seconds(record), reused=_reused(record))
 
 
 def _stopped(record: CellRecord, step: Step) -> CellRecord:

@@ -1,0 +1,142 @@
+"""Cells that look measured: a matrix of any size, and a store that holds what a run of it would have written."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image
+
+from harness import cellrun, interpreters, machine, outcomes
+from harness.model import (
+    Artifact,
+    Case,
+    Cell,
+    CellRecord,
+    CheckRecord,
+    Interpreter,
+    Lock,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Pin,
+    Question,
+)
+from harness.scheduler import Observer, Runner, Settings
+from harness.scheduler.pool import Pool
+from harness.store import Installed, Store, digest, question_key
+from harness.vocabulary import Api
+
+PER_LOCK = 5
+"""Cells that share a question: they differ in a variable."""
+
+PACKAGES = 25
+"""Packages of a lock, about as many as gymnasium with MuJoCo and rendering needs."""
+
+INSTANT = "2026-11-20T23:59:59Z"
+
+
+def matrix_text(count: int) -> str:
+    """A matrix of `count` cells on this Python: questions by a version, cells of one question by a variable."""
+    versions = ", ".join(f'"1.{number}"' for number in range(-(-count // PER_LOCK)))
+    values = ", ".join(f'"{number}"' for number in range(PER_LOCK))
+    return f"""
+snapshot = {INSTANT[:10]}
+requirements = ["fake-simulator"]
+[axes]
+python = ["host"]
+fake-simulator = [{versions}]
+FAKE_SEED = {{ variable = [{values}] }}
+[[cases]]
+env = "Fake-v0"
+api = "gymnasium"
+[[cases]]
+env = "Fake-v1"
+api = "gymnasium"
+"""
+
+
+def fill(cells: Sequence[Cell], opened: Store, observer: Observer) -> None:
+    """Store locks, installs, results, logs and frames of all cells, as measured and passed."""
+    runner = Runner(opened, Settings(), observer)
+    host = interpreters.find("host")
+    assert host
+    locks: dict[str, Lock] = {}
+    for cell in cells:
+        key = question_key(cell.question, host)
+        if key not in locks:
+            locks[key] = lock(cell.question, host)
+            opened.save_lock(key, locks[key])
+        _measured(cell, runner, locks[key], host)
+
+
+def lock(question: Question, interpreter: Interpreter) -> Lock:
+    """A lock with the packages that were asked for and others beside them."""
+    named = question.requirements[-1].replace(" ", "").partition("==")
+    versions = {named[0]: named[2] or "1.0"} | {f"package-{number}": "1.2.3" for number in range(PACKAGES - 1)}
+    pins = tuple(_pin(name, version) for name, version in sorted(versions.items()))
+    text = "".join(f"{pin.name}=={pin.version} \\\n    --hash=sha256:{pin.hashes[0]}\n" for pin in pins)
+    mark = hashlib.sha256(text.encode()).hexdigest()
+    return Lock(pins=pins, requirements=text, sha256=mark, instant=question.snapshot or INSTANT)
+
+
+def _pin(name: str, version: str) -> Pin:
+    sha256 = hashlib.sha256(f"{name} {version}".encode()).hexdigest()
+    file = f"{name.replace('-', '_')}-{version}-py3-none-any.whl"
+    artifact = Artifact(filename=file, sha256=sha256, source=f"file:///{file}", size=1000, uploaded=INSTANT)
+    return Pin(name=name, version=version, artifact=artifact, hashes=(sha256,))
+
+
+def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) -> None:
+    pool = Pool(runner, cell, lock, interpreter)
+    known = Installed(
+        key=digest("environment", lock.sha256),
+        versions=lock.versions,
+        modules={name: (name.replace("-", "_"),) for name in lock.versions},
+        speaking={api: () for api in Api},
+        seconds=1.0,
+    )
+    runner.store.save_installed(pool.key, known)
+    record = CellRecord(
+        cell=cell,
+        machine=machine.facts().id,
+        python=interpreter.version,
+        key=known.key,
+        supplied=machine.supplied(cell.environment),
+    )
+    context = runner._context(record, pool, None)
+    for case in cell.cases:
+        folder = runner.store.evidence(digest(cell.id, case.id)[:16] + "-1")
+        (folder / "log.txt").write_text("a line\n")
+        (folder / "reply.jsonl").write_text('{"kind": "end"}\n')
+        Image.new("RGB", (48, 32)).save(folder / "frame-first.png")
+        for phase, checks in cellrun._wanted(case, Phase.RENDER).items():
+            key = cellrun._key(context, case, phase, checks)
+            runner.store.save_phase(key, _phase(case, phase, runner.store.relative(folder)))
+
+
+def _phase(case: Case, phase: Phase, evidence: str) -> PhaseRecord:
+    checks = tuple(
+        CheckRecord(check=check, outcome=Outcome.PASSED, seconds=0.1, facts={"trajectory": ["0" * 16] * 20})
+        for check in case.checks
+        if outcomes.phase_of(check) is phase
+    )
+    return PhaseRecord(
+        phase=phase,
+        outcome=Outcome.PASSED,
+        seconds=0.1 * len(checks),
+        checks=checks,
+        frames=(f"{evidence}/frame-first.png",) if phase is Phase.RENDER else (),
+        evidence=evidence,
+        measured=INSTANT,
+        peak_mb=100,
+    )
+
+
+def write_matrix(folder: Path, count: int) -> Path:
+    """The matrix of so many cells, as a file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"cells{count}.toml"
+    path.write_text(matrix_text(count))
+    return path
