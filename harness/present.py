@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 TEMPLATE = "report.md.j2"
 
+LISTED = 60
+"""Cells of which every one is listed on a terminal; of more, those that work as expected are counted."""
+
 PIPED_WIDTH = 100
 """Columns where the output is no terminal."""
 
@@ -152,16 +155,25 @@ def _square_text(square: Sequence[Square]) -> Text:
 
 
 def _list(sheet: Sheet) -> RenderableType:
-    """Every cell: its verdict, its name, what was installed, and the line that says why."""
+    """The cells: verdict, name, what was installed, and the line that says why; of very many the green are counted."""
     from rich.table import Table  # noqa: PLC0415 - start-up
 
     table = Table.grid(padding=(0, 2), expand=True)
     table.add_column(no_wrap=True)
     table.add_column(ratio=1, overflow="fold")
     table.add_column(justify="right", no_wrap=True)
-    for row in sheet.rows:
+    rows = sheet.rows if len(sheet.rows) <= LISTED else [row for row in sheet.rows if not _plain(row)]
+    for row in rows:
         table.add_row(_verdict(row), _details(sheet, row), _measured(row))
+    if len(rows) < len(sheet.rows):
+        more = number(len(sheet.rows) - len(rows), "more cell")
+        table.add_row("", _styled((f"{more} of which there is nothing to say; the Markdown report lists them", GREY)))
     return table
+
+
+def _plain(row: Row) -> bool:
+    """Whether there is nothing to say of a cell: it works, as expected, or was not run."""
+    return row.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and row.as_expected is not False and not row.why
 
 
 def _verdict(row: Row) -> Text:

@@ -23,7 +23,7 @@ class Progress:
 
     def __init__(self, total: int, jobs: int, describe: Callable[[CellRecord], str]) -> None:
         self.total, self.jobs, self.describe = total, jobs, describe
-        self.done_count = self.known_count = 0
+        self.known_count = self.worked_count = 0
         self._running: dict[str, str] = {}
         self._began = monotonic()
         self._lock = threading.Lock()
@@ -49,6 +49,8 @@ class Progress:
     def started(self, cell: Cell) -> None:
         """A cell is being worked on."""
         with self._lock:
+            if self.known_count and not self.worked_count and not self._running:
+                self.say(f"{self.known_count} of {number(self.total, 'cell')} measured before")
             self._running[cell.id] = "start"
 
     def step(self, cell: Cell, text: str) -> None:
@@ -57,12 +59,16 @@ class Progress:
             self._running[cell.id] = text
 
     def done(self, record: CellRecord) -> None:
-        """A cell is finished."""
+        """A cell is finished; one that was known before any work began is counted only."""
         with self._lock:
-            self.known_count += self._running.pop(record.cell.id, None) is None
-            self.done_count += 1
-            line = f"[{self.done_count}/{self.total}] {record.cell.id}: {self.describe(record)}"
-            self.say(line if self._live or self.done_count == self.total else f"{line} ({self._summary()})")
+            begun = self._running.pop(record.cell.id, None) is not None
+            if record.reused and not begun:
+                self.known_count += 1
+                return
+            self.worked_count += 1
+            done = self.known_count + self.worked_count
+            line = f"[{done}/{self.total}] {record.cell.id}: {self.describe(record)}"
+            self.say(line if self._live or done == self.total else f"{line} ({self._summary()})")
 
     def say(self, text: str) -> None:
         """Something to tell the user once."""
@@ -73,11 +79,11 @@ class Progress:
 
     def _summary(self) -> str:
         running = sum(step != WAITING for step in self._running.values())
-        left = self.total - self.done_count - running
-        spent, worked = monotonic() - self._began, self.done_count - self.known_count
-        if not worked:
+        left = self.total - self.known_count - self.worked_count - running
+        spent = monotonic() - self._began
+        if not self.worked_count:
             return f"{running} running, {left} left"
-        to_go = spent / worked * (running + left)
+        to_go = spent / self.worked_count * (running + left)
         return f"{running} running, {left} left, about {to_go:.0f} s to go"
 
     def _board(self) -> Table:
@@ -85,7 +91,7 @@ class Progress:
 
         board = Table.grid(padding=(0, 2))
         with self._lock:
-            board.add_row(f"{self.done_count} of {self.total} done", self._summary())
+            board.add_row(f"{self.known_count + self.worked_count} of {self.total} done", self._summary())
             active = {name: step for name, step in self._running.items() if step != WAITING}
             for name, step in sorted(active.items()):
                 board.add_row(f"  {step}", name)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness import document, launch, machine, outcomes, present, store, tables, verdict
+from harness.commands import standing
 from harness.errors import HarnessError
 from harness.filelocks import exclusive
 from harness.model import Cell, CellRecord, Plan, Verdict
@@ -70,9 +71,14 @@ def publish(
             others = [] if wanted.alone else [cell for cell in plan.cells if cell.id not in measured]
             before = {cell.id: kept(opened, here.id, cell) for cell in others}
             known = [found for cell in plan.cells if (found := measured.get(cell.id) or before.get(cell.id))]
-            locate = _Files(opened, folder).place(known)
-            report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, probes(plan))
-            write(report, folder, wanted.pivot)
+            used, note = probes(plan), opened.folder / "reports" / f"{plan.matrix}.note"
+            made_of = standing.mark(plan, known, here, folder, (used, wanted.pivot))
+            report = standing.read(note, made_of, folder)
+            if report is None:
+                locate = _Files(opened, folder).place(known)
+                report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, used)
+                write(report, folder, wanted.pivot)
+                standing.keep(note, made_of, folder)
         made.append((folder, report))
     return made
 
@@ -121,8 +127,7 @@ def _sweep(folder: Path, named: frozenset[str]) -> None:
 
 def page(report: Report) -> str:
     """The report as Markdown."""
-    template = Path(present.__file__).parent / "templates" / present.TEMPLATE
-    return present.markdown(report, template.read_text(encoding="utf-8"))
+    return present.markdown(report, standing.template().read_text(encoding="utf-8"))
 
 
 def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:

@@ -1,0 +1,68 @@
+"""Whether a report stands as it would be made again: then it is read, and nothing of it is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from harness import document, present, reporttypes, store, tables, verdict
+from harness.errors import HarnessError
+from harness.machine import Machine
+from harness.model import CellRecord, Plan
+from harness.reporttypes import Document
+
+FILES = ("report.json", "report.md")
+
+
+class _Note(msgspec.Struct, frozen=True):
+    """What a report was made of, and its files as they were left: size and time of change (nanoseconds)."""
+
+    mark: str
+    files: tuple[tuple[int, int], ...]
+
+
+def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path, asked: object) -> str:
+    """Equal for two reports into one folder, made on one day, exactly when they say the same."""
+    told = [
+        (one.cell.id, one.mark, one.measured, one.seconds, one.reused) if one.mark else (one.cell.id, one)
+        for one in records
+    ]
+    return store.digest(plan, told, here.id, here.facts, str(folder.absolute()), asked, store.now()[:10], _ourselves())
+
+
+def read(note: Path, made_of: str, folder: Path) -> Document | None:
+    """The report in a folder, if it was made of the same and nobody touched it since."""
+    try:
+        noted = msgspec.json.decode(note.read_bytes(), type=_Note)
+        if noted == _Note(made_of, _files(folder)):
+            path = folder / FILES[0]
+            return document.read(path.read_bytes(), str(path))
+    except (OSError, msgspec.MsgspecError, HarnessError):
+        pass
+    return None
+
+
+def keep(note: Path, made_of: str, folder: Path) -> None:
+    """Note what the report in a folder was made of."""
+    store.write_atomic(note, msgspec.json.encode(_Note(made_of, _files(folder))))
+
+
+def _files(folder: Path) -> tuple[tuple[int, int], ...]:
+    found = [(folder / name).stat() for name in FILES]
+    return tuple((one.st_size, one.st_mtime_ns) for one in found)
+
+
+@cache
+def _ourselves() -> tuple[tuple[int, int], ...]:
+    """Another version of what makes reports makes another report."""
+    modules = (document, present, reporttypes, tables, verdict)
+    files = [*(Path(str(module.__file__)) for module in modules), template()]
+    return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)
+
+
+def template() -> Path:
+    """The template of `report.md`."""
+    return Path(present.__file__).parent / "templates" / present.TEMPLATE
