@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
@@ -67,6 +67,8 @@ class Runner:
     environments: dict[str, Environment] = field(default_factory=dict)
     measured: dict[str, PhaseRecord] = field(default_factory=dict)
     subjects: dict[str, Ready | Step] = field(default_factory=dict)
+    places: Mapping[str, str] = field(default_factory=uvcli.places)
+    pythons: dict[str, Interpreter] = field(default_factory=dict)
     unchanged: set[str] = field(default_factory=set)
 
     def measure(self, cell: Cell) -> CellRecord:
@@ -195,9 +197,13 @@ class Runner:
         """The Python of a cell, or why there is none."""
         if self.settings.fetched:
             return self.settings.fetched.interpreter(cell)
-        found = interpreters.obtain(cell.python, offline=quick or self.settings.offline)
-        if found is None and quick:
-            raise Unknown  # it may be there to be downloaded
+        found = self.pythons.get(cell.python)
+        if found is None:
+            found = interpreters.obtain(cell.python, offline=quick or self.settings.offline)
+            if found is None and quick:
+                raise Unknown  # it may be there to be downloaded
+            if found:
+                self.pythons[cell.python] = found
         return found or interpreters.hint(cell.python)
 
     def _installed(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> Prepared:
@@ -325,7 +331,7 @@ class Runner:
             identity=(record.key, *self._identity(record), *on_top),
             undrawable=machine.undrawable({**record.supplied, **cell.environment}),
             conditions=machine.conditions(),
-            places=uvcli.places(),
+            places=self.places,
             until=self.settings.until,
             fresh=self.settings.fresh,
             again=self.settings.again,
