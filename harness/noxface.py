@@ -148,7 +148,7 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
 
 
 def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str]) -> None:
-    """Fail where a cell is not as expected or could not be told, skip where this machine can run none."""
+    """Fail where a cell is not as expected or could not be told, skip where nothing can be said of any."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON)
     fail_on = {*parser.parse_known_args(session.posargs)[0].fail_on}
@@ -160,7 +160,7 @@ def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str
         session.error(f"out of date: {outdated[0]}")
     if unsure := [entry for entry in entries if entry.verdict in {Verdict.INCONCLUSIVE, *fail_on}]:
         session.error(_told(unsure))
-    if all(entry.verdict is Verdict.UNAVAILABLE for entry in entries):
+    if all(entry.verdict in {Verdict.UNAVAILABLE, Verdict.NOT_RUN} for entry in entries):
         session.skip(_told(entries))
     verdicts = Counter(word(entry.verdict) for entry in entries)
     session.log(f"nothing unexpected: {', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())}")

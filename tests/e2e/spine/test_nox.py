@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[3]
 NOXFILE = 'from harness import noxface\n\nnoxface.cells("small.toml")\n'
 PLAIN = 'requirements = ["fake-plain"]\ncases = [{ imports = ["fake_plain"] }]\n'
 AWAY = PLAIN + 'index = { default = "http://127.0.0.1:9/simple" }\n[axes]\npython = ["host", "3.99"]\n'
+ONLY_IMPORTED = PLAIN + 'index = { no_index = true, find_links = ["@WHEELS@"] }\n[axes]\npython = ["host"]\n'
 NEVER_EXPANDED = PLAIN + '[axes]\npython = ["host"]\nmujoco = { range = ">=3" }\n'
 BIG = PLAIN + f'[axes]\nmode = {{ variable = {[str(n) for n in range(60)]} }}\npython = ["3.9", "3.10"]\n'
 
@@ -71,12 +72,13 @@ def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:
 def test_a_session_ends_as_its_cell(nox_desk: Desk) -> None:
     """It passes, fails with the decisive line, is skipped where this machine cannot run it, or could not tell."""
     nox_desk.matrix("away", AWAY)
+    nox_desk.matrix("only", ONLY_IMPORTED)
     python = minor(nox_desk)
 
     ran = nox_desk.run(
-        *("-t", "small", "away", "mistyped", "--report", "report.json", "--", "--offline"),
+        *("-t", "small", "away", "only", "mistyped", "--report", "report.json", "--", "--offline"),
         module="nox",
-        HARNESS_MATRICES="away.toml,mistyped",
+        HARNESS_MATRICES="away.toml,only.toml,mistyped",
     )
 
     ended = results(nox_desk.folder / "report.json")
@@ -91,6 +93,9 @@ def test_a_session_ends_as_its_cell(nox_desk: Desk) -> None:
     missing = ended["cell(away/py3.99)"]
     assert missing[0] == "skipped"
     assert str(missing[1]).startswith("unavailable: python 3.99 is not on this machine")
+    imported = ended[f"cell(only/py{python})"]
+    assert imported[0] == "skipped"
+    assert str(imported[1]).startswith("not run: ")
     assert ended["cell(mistyped)"][0] == "aborted"
     assert "harness run small.toml -k small/" in ran.err
 
