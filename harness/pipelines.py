@@ -21,6 +21,9 @@ from harness.reporttypes import number
 
 ACTIONS = "actions.toml"
 
+OLDEST = (3, 11)
+"""The Python that the harness needs, as `requires-python` has it."""
+
 TYPICAL = 60.0
 """Seconds of a cell where none was ever recorded: most of it are downloads and the install."""
 
@@ -38,8 +41,15 @@ TEMPLATES = {Provider.GITHUB: "github.yml.j2", Provider.GITLAB: "gitlab.yml.j2",
 MOST_SHARDS = {Provider.GITHUB: 256, Provider.GITLAB: 200, Provider.SLURM: 1001}
 """Jobs that a matrix of GitHub, a `parallel` of GitLab, an array of Slurm (by its default `MaxArraySize`) may have."""
 
-RUNNERS = {Provider.GITHUB: "ubuntu-24.04", Provider.GITLAB: "python:3.11-bookworm", Provider.SLURM: "-"}
+RUNNERS = {Provider.GITHUB: "ubuntu-24.04", Provider.GITLAB: "python:{python}-bookworm", Provider.SLURM: "-"}
 """A machine or an image by name, not `latest`: results belong to a class of machine."""
+
+FOREIGN: Mapping[Provider, tuple[str, ...]] = {
+    Provider.GITHUB: (),
+    Provider.GITLAB: ("branch",),
+    Provider.SLURM: ("branch", "install", "python", "runner"),
+}
+"""Options of `ci` that mean nothing to a platform."""
 
 LIBRARIES = ("libegl1", "libgl1-mesa-dri", "libosmesa6")
 """Packages of Debian and Ubuntu that rendering without a screen needs."""
@@ -170,6 +180,14 @@ def plain(text: str, what: str) -> str:
     if _PLAIN.fullmatch(text):
         return text
     message = f"{what} {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here"
+    raise BadInput(message)
+
+
+def python(text: str) -> str:
+    """The version of a Python that this can be installed into."""
+    if re.fullmatch(r"3\.\d+(\.\d+)?", text) and int(text.split(".")[1]) >= OLDEST[1]:
+        return text
+    message = f"--python {text}: simmatrix runs on Python {'.'.join(map(str, OLDEST))} or newer; cells on any"
     raise BadInput(message)
 
 

@@ -113,6 +113,9 @@ def _shards(args: argparse.Namespace, plan: Plan) -> int:
 def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
     """The whole file, the same bytes for the same matrix, options and version."""
     provider = args.provider
+    for option in _given(args, pipelines.FOREIGN[provider]):
+        message = f"{option}: means nothing to {provider}; leave it out"
+        raise BadInput(message)
     path = _in_repository(args.matrix) if args.matrix.endswith(".toml") else None
     matrix = pipelines.plain(path or args.matrix, "MATRIX")
     pipeline = Pipeline(
@@ -124,9 +127,9 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
         measuring=shlex.join(["-j", "auto", *_given(args, MEASURING)]),
         state=_state(path),
         install=pipelines.words(args.install or f"simmatrix=={version('simmatrix')}", "--install"),
-        python=pipelines.plain(args.python, "--python"),
+        python=pipelines.python(args.python),
         branch=pipelines.plain(args.branch, "--branch"),
-        runner=pipelines.plain(args.runner or pipelines.RUNNERS[provider], "--runner"),
+        runner=pipelines.plain(args.runner or pipelines.RUNNERS[provider].format(python=args.python), "--runner"),
         limit=args.limit,
         fail_on=",".join(args.fail_on),
     )

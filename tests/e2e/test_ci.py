@@ -90,7 +90,7 @@ class TestLinters:
         wrong: tuple[str, str],
     ) -> None:
         """The platform's linter, at its strictest, finds nothing; in the same file spoilt it finds something."""
-        text = made(capsys, "--provider", provider, "--install", "simmatrix @ ./checkout")
+        text = made(capsys, "--provider", provider, "--fail-on", "unexpected")
         file = repository / f"made.{'sh' if provider == 'slurm' else 'yml'}"
         file.write_text(text)
 
@@ -232,6 +232,12 @@ class TestBadInput:
         """The platform's limit is told."""
         assert self.refused(capsys, "matrices/mine.toml", "--shards", "257") == (
             "simmatrix: --shards 257: github runs at most 256 jobs of one kind\n"
+        )
+
+    def test_option_of_another_platform(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """What would be passed over is refused."""
+        assert self.refused(capsys, "matrices/mine.toml", "--provider", "slurm", "--install", ".") == (
+            "simmatrix: --install: means nothing to slurm; leave it out\n"
         )
 
     def test_nothing_to_compare_with(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -237,6 +238,22 @@ def test_texts_that_a_platform_would_read(text: str) -> None:
     with pytest.raises(BadInput) as caught:
         pipelines.plain(text, "MATRIX")
     assert str(caught.value) == f"MATRIX {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here"
+
+
+@pytest.mark.parametrize("text", ["3.10", "2.7", "3", "pypy3.11", "3.11; id", ""])
+def test_pythons_that_are_too_old(text: str) -> None:
+    """The harness itself needs a newer one than cells do."""
+    with pytest.raises(BadInput) as caught:
+        pipelines.python(text)
+    assert str(caught.value) == f"--python {text}: simmatrix runs on Python 3.11 or newer; cells on any"
+
+
+def test_oldest_python() -> None:
+    """It is the one that the project declares."""
+    declared = tomllib.loads((Path(harness.__file__).parents[1] / "pyproject.toml").read_text())["project"]
+
+    assert declared["requires-python"] == f">={'.'.join(map(str, pipelines.OLDEST))}"
+    assert pipelines.python("3.11") == "3.11"
 
 
 @pytest.mark.parametrize(
