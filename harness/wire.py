@@ -26,6 +26,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import islice
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -71,11 +72,11 @@ def closure(api: str, checks: Iterable[str], read: Callable[[str], str]) -> tupl
     return tuple(sorted(found))
 
 
-def _relative_imports(source: str) -> Iterator[str]:
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.ImportFrom) and node.level == 1:
-            modules = [node.module] if node.module else [alias.name for alias in node.names]
-            yield from (f"{module}.py" for module in modules)
+@cache  # most files are loaded by every phase
+def _relative_imports(source: str) -> tuple[str, ...]:
+    found = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom) and node.level == 1]
+    modules = (name for node in found for name in ([node.module] if node.module else [one.name for one in node.names]))
+    return tuple(f"{module}.py" for module in modules)
 
 
 # --- the records -----------------------------------------------------------------------------------------------

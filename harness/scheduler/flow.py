@@ -42,7 +42,7 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
     sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
     here = machine.facts()
     store.save_machine(here.id, here.facts)
-    flow = _Flow(Runner(store, settings, observer))
+    flow = Flow(Runner(store, settings, observer))
     left = [cell for cell in cells if not flow.told(cell)]
     if left:
         flow.run(left, Past(store, here.id, left))
@@ -66,7 +66,7 @@ class _Probing:
     claim: Claim
 
 
-class _Flow:
+class Flow:
     """The cells on their way, seen and changed by one thread only."""
 
     def __init__(self, runner: Runner) -> None:
@@ -124,7 +124,7 @@ class _Flow:
         return [self.runner.prepare(cell) for cell in cells]
 
     def _arrived(self, prepared: Prepared) -> None:
-        if prepared.context is None:
+        if not prepared.claims:
             self._keep(self.runner.probe(prepared))
             return
         cell = prepared.record.cell
