@@ -20,7 +20,7 @@ from packaging.version import Version
 
 from harness import index, locks, machine, normalise, process, sdists, uv, uvcli
 from harness.errors import BadInput, CouldNotTell
-from harness.filelocks import exclusive
+from harness.filelocks import exclusive, use
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
 from harness.outcomes import MACHINE_TROUBLE
 from harness.store import cache_folder, digest, open_store, write_atomic
@@ -190,6 +190,7 @@ def _memory(request: str) -> Path:
 
 def kept(key: str) -> Built | None:
     """The wheel of a build, if it is in the store."""
+    use(cache_folder() / "wheels" / key)
     wheel = next((cache_folder() / "wheels" / key).glob("*.whl"), None)
     if wheel is None:
         return None

@@ -24,7 +24,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness import builds, downloads, locks, process, sdists, uvcli, uvsays
-from harness.filelocks import exclusive
+from harness.filelocks import exclusive, use
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest, open_store, write_atomic
 
@@ -110,7 +110,8 @@ def on_top(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environ
 
 
 def _provided(path: Path, make: Callable[[], _Stamp | Step]) -> Environment | Step:
-    """The environment that stands there, or is made now."""
+    """The environment that stands there, or is made now; it stays as long as this process."""
+    use(path)
     stamp, reused = _usable(path), True
     if stamp is None:
         with exclusive(path.with_name(f"{path.name}.lock")):

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import logging
+import os
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
@@ -53,6 +57,51 @@ def claim(paths: list[Path], *, wait: bool) -> Claim | None:
             return None
         held.append(lock)
     return Claim(held)
+
+
+_marks: dict[Path, int] = {}
+_marking = threading.Lock()
+
+
+def use(folder: Path) -> None:
+    """Mark a folder as used now, and by this process to its end: until then `unused` is not given it.
+
+    The mark is a lock on one byte of a file that all neighbours share, and goes with the process however that ends.
+    """
+    with suppress(OSError), _marking:  # without such locks a folder is safe while it is young
+        marks = folder.parent / "in-use"
+        if marks not in _marks:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            _marks[marks] = os.open(marks, os.O_RDONLY | os.O_CREAT, 0o666)
+        fcntl.lockf(_marks[marks], fcntl.LOCK_SH, 1, _byte(folder))
+    with suppress(OSError):
+        os.utime(folder)
+
+
+@contextmanager
+def unused(folder: Path) -> Iterator[bool | None]:
+    """Keep others from using a folder within the block: False where somebody does, None where nobody can tell.
+
+    Not for a process that uses folders itself: its marks would go.
+    """
+    try:
+        descriptor = os.open(folder.parent / "in-use", os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError:
+        yield None
+        return
+    free: bool | None = True
+    try:
+        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _byte(folder))
+    except OSError as error:
+        free = None if error.errno in NO_FLOCK else False
+    try:
+        yield free
+    finally:
+        os.close(descriptor)
+
+
+def _byte(folder: Path) -> int:
+    return int(sha256(folder.name.encode()).hexdigest()[:15], 16)
 
 
 def _acquired(path: Path, *, wait: bool) -> BaseFileLock | None:

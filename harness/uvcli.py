@@ -16,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from harness import indexsettings, normalise, process
+from harness.filelocks import use
 from harness.model import IndexSettings, Interpreter
 from harness.store import cache_folder, state_folder, write_atomic
 
@@ -69,6 +70,7 @@ def scratch() -> Iterator[Path]:
 
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
     """Resolve for an interpreter; uv logs to its output when it looks into an sdist, or cannot read a file."""
+    use(call.cache)
     asked = indexsettings.combined(call.index)
     no_index = ("--no-index",) if asked.no_index else ()
     options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
@@ -88,8 +90,19 @@ def install(call: Call, python: Path, pylock: Path, link_mode: str) -> Said:
 
     No index is asked for packages; uv is still told of them, since their logins are for the files too.
     """
+    use(call.cache)
     options = ("--no-deps", "--no-build", "--preview-features", "pylock", "--link-mode", link_mode)
     return _run(call, ("pip", "install", "--python", str(python), "-r", str(pylock), *options))
+
+
+def tidy(what: str) -> bool:
+    """Let uv `prune` its cache of what nothing leads to, or `clean` it whole; False where another uv is at work."""
+    with scratch() as folder:
+        impatient = {"UV_LOCK_TIMEOUT": "10"}
+        call = Call(
+            index=IndexSettings(), folder=folder, log=folder / "uv.log", cache=shared_cache(), variables=impatient
+        )
+        return _run(call, ("cache", what)).ok
 
 
 def keep_log(said: Said, log: Path) -> str:

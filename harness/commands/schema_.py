@@ -55,12 +55,19 @@ def _init() -> type:
     return Started
 
 
+def _collected() -> type:
+    from harness.commands.gc import Collected  # noqa: PLC0415
+
+    return Collected
+
+
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
-    "report": ("`report.json`, and `--json` of run, try, report and show", _report),
+    "report": ("`report.json`, and `--json` of run, try, report, show and merge", _report),
     "plan": ("`plan --json`", _plan),
     "lock": ("`lock --json`", _lock),
+    "gc": ("`gc --json`", _collected),
     "init": ("`init --json`", _init),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }

@@ -1,0 +1,196 @@
+"""`simmatrix gc`: remove what is old or too much from cache and state; all of it can be made again."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import time
+
+import msgspec
+from rich.filesize import decimal
+
+from harness import garbage, store, uvcli
+from harness.commands.run import tell
+from harness.garbage import DAY, Disk, Item, Kind
+from harness.reporttypes import number
+
+HELP = (
+    "Remove waste from cache and state; with a limit also what was not used for long, or most long ago."
+    " Nothing that is in use goes, and all that goes is made again when it is needed."
+)
+
+UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
+SIZE = re.compile(r"(\d+(?:\.\d+)?) ?([kmgt]i?)?b?", re.IGNORECASE)
+EXAMPLE = 30.0
+"""Days of the limit that is suggested where none is given."""
+
+
+class Removed(msgspec.Struct, frozen=True, kw_only=True):
+    """What went of one kind: how many, and the bytes on disk that this freed."""
+
+    kind: Kind
+    number: int
+    bytes: int
+
+
+class Collected(msgspec.Struct, frozen=True, kw_only=True):
+    """The document of `gc --json`. Sizes are bytes on disk of cache and state, each file counted once."""
+
+    schema: int = 1
+    dry_run: bool
+    removed: tuple[Removed, ...]
+    freed: int
+    in_use: int
+    size_before: int
+    size_after: int
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `gc`."""
+    parser.add_argument("--older-than", metavar="DAYS", type=_days, help="also what was not used for so many days")
+    parser.add_argument(
+        "--max-size", metavar="SIZE", type=_size, help="until cache and state are no larger: 20GB, 500MB"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="say what would go, and remove nothing")
+    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Remove it and say what went."""
+    places = garbage.Places(cache=store.cache_folder(), state=_state())
+    before = time() - args.older_than * DAY if args.older_than is not None else None
+    size_before = _total(places)
+    basket = _Basket(dry=args.dry_run, cache=places.cache)
+    size = _pruned(places, basket, size_before)
+    items, disk = _known(places)
+    basket.take(garbage.chosen(items, disk, size, before=before, most=args.max_size), disk)
+    if Kind.RECORD in basket.numbers and not args.dry_run:  # what only they named is waste now
+        items, disk = _known(places)
+        basket.take([item for item in items if item.waste], disk)
+    made = Collected(
+        dry_run=args.dry_run,
+        removed=tuple(
+            Removed(kind=kind, number=count, bytes=basket.freed[kind]) for kind, count in basket.numbers.items()
+        ),
+        freed=sum(basket.freed.values()),
+        in_use=basket.in_use,
+        size_before=size_before,
+        size_after=_total(places) if not args.dry_run else size_before - sum(basket.freed.values()),
+    )
+    if args.json:
+        sys.stdout.buffer.write(msgspec.json.encode(made) + b"\n")
+    else:
+        _print(made)
+    if args.older_than is None and args.max_size is None:
+        _suggest(places)
+    elif args.max_size is not None and made.size_after > args.max_size:
+        tell(f"{decimal(made.size_after)} are left: the rest is in use, too young, or cannot be made again")
+    return 0
+
+
+@dataclass(slots=True)
+class _Basket:
+    """Takes items, and counts what of them really went."""
+
+    dry: bool
+    cache: Path
+    numbers: dict[Kind, int] = field(default_factory=dict)
+    freed: dict[Kind, int] = field(default_factory=dict)
+    in_use: int = 0
+
+    def take(self, items: Iterable[Item], disk: Disk) -> None:
+        """Remove these, those in use apart."""
+        left = Disk(sizes=disk.sizes)
+        for item in items:
+            if self.dry or garbage.remove(item, self.cache):
+                self.count(item.kind, left.without(item.inodes))
+            else:
+                self.in_use += 1
+
+    def count(self, kind: Kind, freed: int) -> None:
+        self.numbers[kind] = self.numbers.get(kind, 0) + 1
+        self.freed[kind] = self.freed.get(kind, 0) + freed
+
+
+def _pruned(places: garbage.Places, basket: _Basket, size: int) -> int:
+    """Let uv remove what it will not look at again; the size then. What environments share with it frees nothing."""
+    folder = places.cache / "uv"
+    if basket.dry or not folder.is_dir():
+        return size
+    used = folder.stat().st_mtime
+    uvcli.tidy("prune")
+    os.utime(folder, (used, used))
+    left = _total(places)
+    if left < size:
+        basket.count(Kind.UV, size - left)
+    return left
+
+
+def _state() -> Path:
+    """The state folder, which is not made for this."""
+    return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
+
+
+def _known(places: garbage.Places) -> tuple[list[Item], Disk]:
+    disk = Disk()
+    return garbage.find(places, disk), disk
+
+
+def _total(places: garbage.Places) -> int:
+    return _size_of([places.cache, places.state])
+
+
+def _size_of(folders: Sequence[Path]) -> int:
+    disk = Disk()
+    return disk.size(inode for folder in folders for inode in disk.walk(folder)[0])
+
+
+# --- what is said ----------------------------------------------------------------------------------------------
+
+
+def _print(made: Collected) -> None:
+    for one in made.removed:
+        print(f"{one.kind:<34} {one.number:>6}  {decimal(one.bytes):>9}")
+    verb = "would be freed" if made.dry_run else "freed"
+    used = f"; {number(made.in_use, 'thing')} in use stayed" if made.in_use else ""
+    print(f"{decimal(made.freed)} {verb}, {decimal(made.size_after)} left in cache and state{used}")
+
+
+def _suggest(places: garbage.Places) -> None:
+    """What a limit would free."""
+    items, disk = _known(places)
+    old = garbage.chosen(items, disk, 0, before=time() - EXAMPLE * DAY, most=None)
+    every = Disk(sizes=disk.sizes)
+    some = Disk(sizes=disk.sizes)
+    could = sum(every.without(item.inodes) for item in items)
+    would = sum(some.without(item.inodes) for item in old)
+    if could:
+        tell(
+            f"`--older-than {EXAMPLE:g}` would free {decimal(would)}, `--older-than 0` {decimal(could)};"
+            " `--max-size 20GB` removes what was used least recently"
+        )
+
+
+def _days(text: str) -> float:
+    try:
+        days = float(text)
+    except ValueError:
+        days = math.nan
+    if not 0 <= days < math.inf:
+        message = f"{text!r} is not a number of days"
+        raise argparse.ArgumentTypeError(message)
+    return days
+
+
+def _size(text: str) -> int:
+    found = SIZE.fullmatch(text.strip())
+    if not found:
+        message = f"{text!r} is not a size such as 20GB or 500MB"
+        raise argparse.ArgumentTypeError(message)
+    return int(float(found[1]) * UNITS[(found[2] or "").lower()])

@@ -1,0 +1,300 @@
+"""What cache and state hold that can be made again: what of it is waste, how old it is, what its removal frees.
+
+Waste is what nothing will ever ask for: folders of processes that were killed, environments without a stamp, compiled
+bytecode without its environment, evidence that no record names. The rest goes by age or size. The record of a cell, the
+evidence and the lock that it names, the interpreters and the repositories are never touched.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+from array import array
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from stat import S_ISDIR
+from time import time
+
+from harness import filelocks, uvcli
+
+DAY = 86400.0
+"""Seconds before which nothing of the state, and no scratch folder, is taken for waste: it may be being written."""
+
+BLOCK = 512
+"""Bytes of a block as the system counts them."""
+
+EVIDENCE = re.compile(rb"evidence/([A-Za-z0-9._~-]+)")
+CONTENT = re.compile(rb"\b[0-9a-f]{32,64}\b")
+
+
+class Kind(StrEnum):
+    """What can be removed, as people read it."""
+
+    ENVIRONMENT = "environments"
+    WHEEL = "built wheels"
+    METADATA = "metadata of sdists"
+    UV = "downloads (uv's cache)"
+    COMPILED = "compiled bytecode"
+    SCRATCH = "left behind by killed processes"
+    EVIDENCE = "logs and frames"
+    RECORD = "results that no cell has"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Item:
+    """Something that goes as a whole. `used` is when it was of use last (seconds since 1970).
+
+    `inodes` has an entry for each name of each file, so that what several items share is counted once.
+    """
+
+    kind: Kind
+    paths: tuple[Path, ...]
+    used: float
+    waste: bool
+    inodes: array[int] = field(repr=False)
+
+
+@dataclass(slots=True)
+class Disk:
+    """Every file seen: its size (bytes on disk) and how many names it has; and how many of them are gone."""
+
+    sizes: dict[int, tuple[int, int]] = field(default_factory=dict)
+    gone: dict[int, int] = field(default_factory=dict)
+
+    def walk(self, path: Path) -> tuple[array[int], float]:
+        """The inodes of a file or of all in a folder, one for each name, and when a folder of it changed last."""
+        found, newest = array("Q"), 0.0
+        waiting = [str(path)]
+        while waiting:
+            at = waiting.pop()
+            with suppress(OSError):  # it may be going just now
+                status = Path(at).lstat()
+                found.append(self._seen(status))
+                newest = max(newest, status.st_mtime)
+                if S_ISDIR(status.st_mode):
+                    with os.scandir(at) as entries:
+                        for entry in entries:
+                            known = _number(status.st_dev, entry.inode())
+                            if entry.is_dir(follow_symlinks=False):
+                                waiting.append(entry.path)
+                            elif known in self.sizes:
+                                found.append(known)
+                            else:
+                                found.append(self._seen(entry.stat(follow_symlinks=False)))
+        return found, newest
+
+    def _seen(self, status: os.stat_result) -> int:
+        inode = _number(status.st_dev, status.st_ino)
+        self.sizes[inode] = (status.st_blocks * BLOCK, 1 if S_ISDIR(status.st_mode) else status.st_nlink)
+        return inode
+
+    def without(self, inodes: Iterable[int]) -> int:
+        """Take these names away; the bytes that this frees: of files that have no name left."""
+        freed = 0
+        for inode in inodes:
+            size, names = self.sizes[inode]
+            self.gone[inode] = self.gone.get(inode, 0) + 1
+            freed += size if self.gone[inode] == names else 0
+        return freed
+
+    def size(self, inodes: Iterable[int]) -> int:
+        """The bytes of these files, each counted once."""
+        return sum(self.sizes[inode][0] for inode in set(inodes))
+
+
+def _number(device: int, inode: int) -> int:
+    """One number for both, of 64 bits."""
+    return (inode + (device << 40)) & 0xFFFF_FFFF_FFFF_FFFF
+
+
+# --- what there is ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Places:
+    """Where to look; `state` and `temporary` need not exist."""
+
+    cache: Path
+    state: Path
+    temporary: Path = field(default_factory=lambda: Path(tempfile.gettempdir()))
+
+
+def find(places: Places, disk: Disk, now: float | None = None) -> list[Item]:
+    """Everything that could go, the least recently used first."""
+    instant = time() if now is None else now
+    items = [*_environments(places.cache, disk), *_cached(places.cache, disk), *_scratch(places, disk, instant)]
+    if places.state.is_dir():
+        items += _state(places, disk, instant)
+    return sorted(items, key=lambda item: (item.used, item.paths))
+
+
+def _item(kind: Kind, disk: Disk, *paths: Path, used: float | None = None, waste: bool = False) -> Item:
+    inodes, newest = array("Q"), 0.0
+    for path in paths:
+        found, changed = disk.walk(path)
+        inodes.extend(found)
+        newest = max(newest, changed)
+    return Item(kind=kind, paths=paths, used=newest if used is None else used, waste=waste, inodes=inodes)
+
+
+def _environments(cache: Path, disk: Disk) -> Iterator[Item]:
+    """Each with its compiled bytecode; and bytecode that is left of one that is gone."""
+    for path in _folders(cache / "environments"):
+        compiled = [place for place in [cache / "pycache" / path.name] if place.is_dir()]
+        used, whole = path.stat().st_mtime, (path / "stamp.json").is_file()
+        yield _item(Kind.ENVIRONMENT, disk, path, *compiled, used=used, waste=not whole)
+    for path in _folders(cache / "pycache"):
+        if not (cache / "environments" / path.name).is_dir():
+            yield _item(Kind.COMPILED, disk, path, waste=True)
+
+
+def _cached(cache: Path, disk: Disk) -> Iterator[Item]:
+    for kind, name in ((Kind.WHEEL, "wheels"), (Kind.METADATA, "uv-builds")):
+        for path in _folders(cache / name):
+            if path.name != "requests":
+                yield _item(kind, disk, path, used=path.stat().st_mtime)
+    if (cache / "uv").is_dir():
+        yield _item(Kind.UV, disk, cache / "uv", used=(cache / "uv").stat().st_mtime)
+
+
+def _scratch(places: Places, disk: Disk, now: float) -> Iterator[Item]:
+    """Folders of this user that are a day old and that no living process speaks of."""
+    candidates = [*_folders(places.cache / "tmp"), *_folders(places.temporary, "simmatrix-*")]
+    old = [path for path in candidates if now - path.stat().st_mtime > DAY and path.stat().st_uid == os.getuid()]
+    told = _told() if old else b""
+    for path in old:
+        if os.fsencode(path.name) not in told:
+            yield _item(Kind.SCRATCH, disk, path, waste=True)
+
+
+def _told() -> bytes:
+    """What the command lines, variables and working folders of all processes say, as far as this user may read it."""
+    said = []
+    for process in Path("/proc").glob("[0-9]*"):
+        for name in ("cmdline", "environ"):
+            with suppress(OSError):
+                said.append((process / name).read_bytes())
+        with suppress(OSError):
+            said.append(os.fsencode((process / "cwd").readlink()))
+    return b"\n".join(said)
+
+
+def _folders(parent: Path, pattern: str = "*") -> list[Path]:
+    if not parent.is_dir():
+        return []
+    return [path for path in sorted(parent.glob(pattern)) if path.is_dir() and not path.is_symlink()]
+
+
+# --- the state -------------------------------------------------------------------------------------------------
+
+
+def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
+    """Records that no cell's record leads to, each with its evidence; and evidence that nothing names."""
+    cells = set().union(*(_names(path) for path in (places.state / "cells").glob("**/*.json")))
+    kept = set(cells)
+    for kind in ("results", "steps", "locks", "installed"):
+        for path in sorted((places.state / kind).glob("*/*.json")):
+            names = _names(path) | _own(path)
+            if not names & cells and now - path.stat().st_mtime > DAY:
+                yield _item(Kind.RECORD, disk, path, used=path.stat().st_mtime)
+            kept |= names
+    kept |= {f"build-{path.stem}" for path in (places.cache / "wheels" / "requests").glob("*.txt")}
+    starts = {name[:16] for name in kept}
+    for path in sorted((places.state / "locks").glob("*.txt")):
+        if path.stem not in starts and now - path.stat().st_mtime > DAY:
+            yield _item(Kind.RECORD, disk, path, waste=True)
+    for path in _folders(places.state / "evidence"):
+        if path.name not in kept:
+            found = _item(Kind.EVIDENCE, disk, path, waste=True)
+            if now - found.used > DAY:
+                yield found
+
+
+def _names(record: Path) -> set[str]:
+    """Evidence that a record names, and the keys and hashes in it, by which records know each other."""
+    content = record.read_bytes()
+    keys = {found.decode() for found in CONTENT.findall(content)}
+    return {found.decode() for found in EVIDENCE.findall(content)} | keys | {f"install-{key}" for key in keys}
+
+
+def _own(record: Path) -> set[str]:
+    """Evidence that a record has by its own key: what uv wrote of a question."""
+    return {f"lock-{record.parent.name}{record.stem}"[: len("lock-") + 16]}
+
+
+# --- choosing and removing -------------------------------------------------------------------------------------
+
+
+def chosen(items: Iterable[Item], disk: Disk, size: int, *, before: float | None, most: int | None) -> list[Item]:
+    """Waste; what was not of use since `before`; then the least recently used until no more than `most` bytes are left.
+
+    `size` is that of everything now, in bytes.
+    """
+    found: list[Item] = []
+    others: list[Item] = []
+    for item in items:
+        goes = item.waste or (before is not None and item.used < before)
+        (found if goes else others).append(item)
+    left = size - sum(disk.without(item.inodes) for item in found)
+    for item in others:
+        if most is None or left <= most:
+            break
+        left -= disk.without(item.inodes)
+        found.append(item)
+    return found
+
+
+def remove(item: Item, cache: Path) -> bool:
+    """Remove it, unless somebody uses it."""
+    match item.kind:
+        case Kind.ENVIRONMENT:
+            return _removed_environment(item, cache)
+        case Kind.WHEEL | Kind.METADATA:
+            return _removed_unused(item, cache)
+        case Kind.UV:
+            with filelocks.unused(item.paths[0]) as free:
+                return _free(item, free) and uvcli.tidy("clean")
+        case _:
+            for path in item.paths:
+                _gone(path)
+            return True
+
+
+def _removed_environment(item: Item, cache: Path) -> bool:
+    path = item.paths[0]
+    claim = filelocks.claim([path.with_name(f"{path.name}.lock")], wait=False)
+    if claim is None:
+        return False
+    try:
+        return _removed_unused(item, cache)
+    finally:
+        claim.release()
+
+
+def _removed_unused(item: Item, cache: Path) -> bool:
+    """Take it away in one step, so that nobody finds half of it, and remove it then."""
+    with filelocks.unused(item.paths[0]) as free:
+        if not _free(item, free):
+            return False
+        with uvcli.scratch() as aside:
+            for number, path in enumerate(item.paths):
+                with suppress(FileNotFoundError):
+                    path.rename(aside / str(number))
+    return True
+
+
+def _free(item: Item, free: bool | None) -> bool:
+    """Where nobody can tell whether it is in use, what is young is taken to be."""
+    return time() - item.used > DAY if free is None else free
+
+
+def _gone(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

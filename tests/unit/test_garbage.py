@@ -1,0 +1,184 @@
+"""What may go and what stays, over real folders; nothing here starts a process."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from harness import garbage
+from harness.garbage import DAY, Disk, Item, Kind, Places
+
+NOW = 1_800_000_000.0
+
+
+@pytest.fixture
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Places:
+    """An empty cache, state and folder for what is temporary."""
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
+    for name in ("cache", "state", "temporary"):
+        (tmp_path / name).mkdir()
+    return Places(cache=tmp_path / "cache", state=tmp_path / "state", temporary=tmp_path / "temporary")
+
+
+def put(path: Path, text: str = "x" * 5000, days: float = 10) -> Path:
+    """A file, and the folder that it lies in, so many days old."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    for each in (path, path.parent):
+        os.utime(each, (NOW - days * DAY, NOW - days * DAY))
+    return path
+
+
+def environment(places: Places, key: str, days: float, *, whole: bool = True) -> Path:
+    """An environment that was used so many days ago."""
+    folder = places.cache / "environments" / key
+    put(folder / "lib.py", days=days)
+    if whole:
+        put(folder / "stamp.json", "{}", days=days)
+    return folder
+
+
+def found(places: Places) -> dict[str, Item]:
+    """What could go, by the name of its first folder or file."""
+    return {item.paths[0].name: item for item in garbage.find(places, Disk(), NOW)}
+
+
+def waste(places: Places) -> set[str]:
+    """The names of what is waste."""
+    return {name for name, item in found(places).items() if item.waste}
+
+
+class TestCache:
+    def test_an_environment_goes_with_its_bytecode(self, places: Places) -> None:
+        """Both are one thing, as old as the last use; without a stamp it is waste, and so is bytecode left behind."""
+        environment(places, "used", 3)
+        environment(places, "unfinished", 3, whole=False)
+        put(places.cache / "pycache/used/a.pyc", days=50)
+        put(places.cache / "pycache/removed/a.pyc")
+
+        known = found(places)
+
+        assert known["used"].paths == (places.cache / "environments/used", places.cache / "pycache/used")
+        assert known["used"].used == NOW - 3 * DAY
+        assert waste(places) == {"unfinished", "removed"}
+
+    def test_what_else_is_cached(self, places: Places) -> None:
+        """Built wheels, metadata and downloads go by age; interpreters, and what requests led to, never."""
+        put(places.cache / "wheels/key/a.whl")
+        put(places.cache / "wheels/requests/asked.txt", "key")
+        put(places.cache / "uv-builds/asked/wheels/x")
+        put(places.cache / "uv/archive-v0/x/a.py")
+        put(places.cache / "pythons/cpython-3.8/bin/python3.8")
+        put(places.cache / "machine.json")
+
+        assert {name: item.kind for name, item in found(places).items()} == {
+            "key": Kind.WHEEL,
+            "asked": Kind.METADATA,
+            "uv": Kind.UV,
+        }
+        assert waste(places) == set()
+
+
+class TestScratch:
+    def test_old_folders_that_nobody_speaks_of(self, places: Places) -> None:
+        """A day after a process was killed; what is younger, a file, a link, or another program's, stays."""
+        for name in ("simmatrix-kzqwxold", "tmp-kzqwx-another"):
+            put(places.temporary / name / "log.txt")
+        put(places.temporary / "simmatrix-kzqwxnew" / "log.txt", days=0.9)
+        put(places.temporary / "simmatrix-kzqwxfile")
+        (places.temporary / "simmatrix-kzqwxlink").symlink_to(places.state)
+        put(places.cache / "tmp/tmpkzqwxold/uv.log")
+
+        assert waste(places) == {"simmatrix-kzqwxold", "tmpkzqwxold"}
+
+    def test_a_living_process_keeps_its_folder(self, places: Places, monkeypatch: pytest.MonkeyPatch) -> None:
+        """One whose working folder lies inside is this test's own."""
+        put(places.temporary / "simmatrix-kzqwxmine" / "log.txt")
+        monkeypatch.chdir(places.temporary / "simmatrix-kzqwxmine")
+
+        assert waste(places) == set()
+
+
+class TestState:
+    @pytest.fixture
+    def state(self, places: Places) -> Path:
+        """A cell with its result, lock and install; a result, a lock and logs of no cell."""
+        lock, key = "a" * 64, "b" * 32
+        cell = {"lock": f"locks/{lock[:16]}.txt", "lock_sha256": lock, "key": key, "cases": ["evidence/probe-1/x.png"]}
+        state = places.state
+        put(state / "cells/linux/m/cell.json", json.dumps(cell))
+        put(state / "results/11/mine.json", json.dumps({"evidence": "evidence/probe-1"}))
+        put(state / "results/11/other.json", json.dumps({"evidence": "evidence/probe-2"}))
+        put(state / "locks/cc" / f"{'c' * 30}.json", json.dumps({"sha256": lock}))
+        put(state / "locks/dd" / f"{'d' * 30}.json", json.dumps({"sha256": "e" * 64}))
+        put(state / "installed/11/one.json", json.dumps({"key": key}))
+        for name in (lock[:16], "e" * 16, "f" * 16):
+            put(state / f"locks/{name}.txt")
+        for name in ("probe-1", "probe-2", "probe-3", f"install-{key}", f"lock-{'c' * 16}", f"lock-{'f' * 16}"):
+            put(state / "evidence" / name / "log.txt")
+        put(places.cache / "wheels/requests/kept.txt")
+        put(state / "evidence/build-kept/hook.log")
+        put(state / "evidence/build-gone/hook.log")
+        return state
+
+    def test_what_no_record_names_is_waste(self, places: Places, state: Path) -> None:
+        """Logs of cells, results, locks, installs and builds that are known stay."""
+        assert waste(places) == {"probe-3", f"lock-{'f' * 16}", "build-gone", f"{'f' * 16}.txt"}
+
+    def test_records_that_no_cell_leads_to_go_by_age(self, places: Places, state: Path) -> None:
+        """A result or lock that some cell shows never goes."""
+        records = {name for name, item in found(places).items() if item.kind is Kind.RECORD and not item.waste}
+
+        assert records == {"other.json", f"{'d' * 30}.json"}
+
+    def test_nothing_young_is_touched(self, places: Places, state: Path) -> None:
+        """It may belong to a cell whose record is still to come."""
+        for path in state.rglob("*"):
+            os.utime(path, (NOW - 0.9 * DAY, NOW - 0.9 * DAY))
+
+        assert found(places) == {}
+
+    def test_no_state(self, tmp_path: Path, places: Places) -> None:
+        """Where nothing was run there is nothing to look at, and no folder is made."""
+        assert garbage.find(Places(cache=places.cache, state=tmp_path / "none"), Disk(), NOW) is not None
+        assert not (tmp_path / "none").exists()
+
+
+class TestSizes:
+    def test_shared_files_count_once(self, places: Places) -> None:
+        """A file with several names is freed with the last of them."""
+        first, second = (environment(places, key, days) for key, days in (("first", 9), ("second", 3)))
+        (second / "shared.bin").write_bytes(b"x" * 1_000_000)
+        (first / "shared.bin").hardlink_to(second / "shared.bin")
+        disk = Disk()
+        one, two = garbage.find(places, disk, NOW)
+
+        alone = disk.without(one.inodes)
+
+        assert alone < 100_000
+        assert disk.without(two.inodes) > 1_000_000
+        assert disk.size([*one.inodes, *two.inodes]) < 1_100_000
+
+    def test_oldest_first_until_it_fits(self, places: Places) -> None:
+        """By size: waste, then what was used least recently, and no more than needed."""
+        for key, days in (("c", 1), ("a", 9), ("b", 5)):
+            folder = environment(places, key, days)
+            (folder / "data.bin").write_bytes(b"x" * 1_000_000)
+            os.utime(folder, (NOW - days * DAY, NOW - days * DAY))
+        environment(places, "unfinished", 0, whole=False)
+        disk = Disk()
+        items = garbage.find(places, disk, NOW)
+        size = disk.size(inode for item in items for inode in item.inodes)
+
+        def names(**limits: float | int | None) -> list[str]:
+            asked = {"before": None, "most": None} | limits
+            chosen = garbage.chosen(items, Disk(sizes=disk.sizes), size, before=asked["before"], most=asked["most"])  # type: ignore[arg-type]
+            return [item.paths[0].name for item in chosen]
+
+        assert names() == ["unfinished"]
+        assert names(most=2_500_000) == ["unfinished", "a"]
+        assert names(most=1_500_000) == ["unfinished", "a", "b"]
+        assert names(most=0) == ["unfinished", "a", "b", "c"]
+        assert names(before=NOW - 4 * DAY) == ["a", "b", "unfinished"]
+        assert names(before=NOW - 4 * DAY, most=0) == ["a", "b", "unfinished", "c"]
