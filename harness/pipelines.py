@@ -6,7 +6,8 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from enum import StrEnum
@@ -18,6 +19,7 @@ from harness import schema
 from harness.errors import BadInput
 from harness.model import Plan
 from harness.reporttypes import number
+from harness.tables import in_order
 
 ACTIONS = "actions.toml"
 
@@ -148,7 +150,7 @@ def shard_outputs(count: int) -> str:
 
 def plan_page(plan: Plan, count: int) -> str:
     """What will be run, as Markdown."""
-    values = {axis: dict.fromkeys(cell.axes[axis] for cell in plan.cells if axis in cell.axes) for axis in plan.axes}
+    values = {axis: in_order(cell.axes[axis] for cell in plan.cells if axis in cell.axes) for axis in plan.axes}
     lines = [
         f"## {plan.matrix}: {number(len(plan.cells), 'cell')} in {number(count, 'shard')}",
         "",
@@ -156,18 +158,13 @@ def plan_page(plan: Plan, count: int) -> str:
         "| --- | --- |",
         *(f"| {axis} | {', '.join(found)} |" for axis, found in values.items()),
         "",
-        *_left_out(plan),
         *(f"Out of date: {sentence}.\n" for sentence in plan.stale),
     ]
+    if plan.dropped:
+        lines += [f"<details><summary>{number(len(plan.dropped), 'combination')} left out</summary>", ""]
+        lines += [f"- {count}: {reason}" for reason, count in Counter(gone.reason for gone in plan.dropped).items()]
+        lines += ["", "</details>", ""]
     return "\n".join(lines)
-
-
-def _left_out(plan: Plan) -> Iterable[str]:
-    reasons: dict[str, int] = {}
-    for gone in plan.dropped:
-        reasons[gone.reason] = reasons.get(gone.reason, 0) + 1
-    for reason, count in reasons.items():
-        yield f"{number(count, 'combination')} left out: {reason}.\n"
 
 
 # --- texts that go into a workflow -------------------------------------------------------------------------------

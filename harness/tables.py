@@ -165,7 +165,7 @@ def _default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str,
 
 def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[str]) -> Pivot:
     down, across = axes
-    rows, columns = (_in_order(cell.axes.get(axis, NOTHING) for cell in cells) for axis in axes)
+    rows, columns = (in_order(cell.axes.get(axis, NOTHING) for cell in cells) for axis in axes)
     met: dict[tuple[str, str], list[CellEntry]] = {}
     for cell in cells:
         met.setdefault((cell.axes.get(down, NOTHING), cell.axes.get(across, NOTHING)), []).append(cell)
@@ -173,7 +173,7 @@ def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence
     return Pivot(down=down, across=across, rows=rows, columns=columns, squares=squares)
 
 
-def _in_order(values: Iterable[str]) -> tuple[str, ...]:
+def in_order(values: Iterable[str]) -> tuple[str, ...]:
     """Versions by age, after what is none (`absent`) in the order it comes."""
     distinct = dict.fromkeys(values)
     return tuple(sorted(distinct, key=lambda value: (_parsed(value) is not None, _parsed(value) or Version("0"))))

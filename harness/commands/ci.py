@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from harness import catalog, pipelines, store
+from harness import catalog, notices, pipelines, store
 from harness.commands import choosing, reporting
 from harness.commands.run import selected, tell
 from harness.errors import BadInput
@@ -72,7 +72,7 @@ def main(args: argparse.Namespace) -> int:
     count = _shards(args, plan)
     match args.emit:
         case "summary":
-            text = pipelines.plan_page(plan, count)
+            text = notices.summary(pipelines.plan_page(plan, count))
         case "shards":
             text = pipelines.shard_outputs(count)
         case _:
