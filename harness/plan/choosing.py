@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from packaging.version import Version
@@ -48,10 +48,12 @@ class _Search:
         self.ask = ask
         self.resolved: set[Row] = set()
         self.found: dict[tuple[Choice, ...], str] = {}
-        self.ruling = _ruling(candidates.matrix)
-        self.free = (
-            [] if _any_absent(candidates.matrix) else [name for name in candidates.axes if name not in self.ruling]
-        )
+        ruling = _ruling(candidates.matrix)
+        apart = {name: choices for name, choices in candidates.axes.items() if name not in ruling}
+        self.weightless = {name for name, choices in apart.items() if all(map(_is_weightless, choices))}
+        self.free = [name for name, choices in apart.items() if all(map(_is_pin, choices))]
+        if any(choice.text == ABSENT for choices in candidates.axes.values() for choice in choices):
+            self.free = []  # without a pin, what is installed may bring what is to be absent
 
     def run(self, say: Callable[[str], None]) -> list[Row]:
         """Choose, ask, and choose again until all that is chosen resolves; the rows in order, without the named."""
@@ -74,7 +76,7 @@ class _Search:
 
     def _try(self, rows: Sequence[Row]) -> None:
         whole = [self.candidates.combination(row) for row in rows]
-        parts = {row: self._with_weight(each) for row, each in zip(rows, whole, strict=True)}
+        parts = {row: self._without(each, self.weightless) for row, each in zip(rows, whole, strict=True)}
         failed: dict[Row, str] = {}
         for row, reason in zip(rows, self._answers([(each, each) for each in whole]), strict=True):
             if reason is None:
@@ -85,17 +87,12 @@ class _Search:
             self._set_aside(axis, failed, parts)
         self.found.update({parts[row]: reason for row, reason in failed.items()})
 
-    def _with_weight(self, combination: Combination) -> Combination:
-        """Its values without those that add nothing to what is resolved, such as environment variables."""
-        return tuple(choice for choice in combination if choice.axis in self.ruling or not _is_weightless(choice))
+    def _without(self, part: Combination, axes: Collection[str]) -> Combination:
+        return tuple(choice for choice in part if choice.axis not in axes)
 
     def _set_aside(self, axis: str, failed: dict[Row, str], parts: dict[Row, Combination]) -> None:
         """Where it fails without the pin of this axis, too, the pin has no part in it."""
-        smaller = {
-            row: without
-            for row in failed
-            if (without := tuple(c for c in parts[row] if c.axis != axis or not _is_plain(c))) != parts[row]
-        }
+        smaller = {row: self._without(parts[row], {axis}) for row in failed}
         distinct = {part: row for row, part in smaller.items()}
         asked = [(self.candidates.combination(row), part) for part, row in distinct.items()]
         answers = dict(zip(distinct, self._answers(asked), strict=True))
@@ -111,7 +108,7 @@ class _Search:
         """A cell that is resolved only."""
         name, contents = self.candidates.matrix.name, self.candidates.contents
         question = contents.question(whole)
-        gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_plain(choice)}
+        gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_pin(choice)}
         kept = tuple(text for text in question.requirements if text not in gone)
         return Cell(
             id=f"{name}/{'-'.join(choice.label for choice in part)}",
@@ -132,16 +129,12 @@ def _ruling(matrix: Matrix) -> set[str]:
     return {name for rule in rules for name in rule.when}
 
 
-def _any_absent(matrix: Matrix) -> bool:
-    """Whether some package may not be there: without a pin, what is installed may bring it."""
-    return any(value.text == ABSENT for axis in matrix.axes.values() for value in axis.values)
-
-
-def _is_plain(choice: Choice) -> bool:
+def _is_pin(choice: Choice) -> bool:
     """Whether a value is a pin alone: what fails without it fails with any. A pin of a pre-release also lets it in."""
-    is_pin = choice.kind is Kind.PACKAGE and choice.changes is NO_CHANGES
-    return is_pin and not Version(choice.text).is_prerelease
+    is_version = choice.kind is Kind.PACKAGE and choice.text != ABSENT and choice.changes is NO_CHANGES
+    return is_version and not Version(choice.text).is_prerelease
 
 
 def _is_weightless(choice: Choice) -> bool:
-    return choice.kind is Kind.VARIABLE or (choice.kind is Kind.BUNDLE and weight(choice.changes) == weight(NO_CHANGES))
+    """Whether a value adds nothing to what is resolved, as environment variables do."""
+    return choice.kind is Kind.VARIABLE or (choice.kind is Kind.BUNDLE and not weight(choice.changes))

@@ -16,7 +16,7 @@ import msgspec
 from packaging.version import Version
 
 from harness.expansion import Breaks, boundaries
-from harness.matrix import NO_CHANGES, Changes, Chosen, Expansion, Matrix, MatrixTable
+from harness.matrix import NO_CHANGES, Chosen, Expansion, Matrix, MatrixTable
 from harness.model import Dropped
 from harness.plan.choices import Choice, Combination
 from harness.plan.contents import Contents
@@ -115,12 +115,12 @@ class Candidates:
         """A hash of all that decides which combinations a covering array has, but for the index."""
         said: dict[str, Any] = {
             "axes": {
-                name: [(choice.asked, choice.changes is NO_CHANGES or weight(choice.changes)) for choice in choices]
+                name: [(choice.asked, weight(choice.changes, NO_CHANGES)) for choice in choices]
                 for name, choices in self.axes.items()
             },
             "combinations": [self.row(each) for each in self.combinations.values()],
             "named": [self.row(each) for each in self.named.values()],
-            "matrix": {name: getattr(self.matrix, name) for name in _fields(MatrixTable)},
+            "matrix": weight(self.matrix, MatrixTable(axes={})),
         }
         return hashlib.sha256(msgspec.json.encode(said, enc_hook=_plain, order="deterministic")).hexdigest()
 
@@ -231,13 +231,13 @@ def _has(combination: Combination, values: Mapping[str, str]) -> bool:
     return all(values.get(choice.axis, choice.asked) == choice.asked for choice in combination)
 
 
-def _fields(table: type[msgspec.Struct]) -> list[str]:
-    return [name for name in table.__struct_fields__ if name not in WITHOUT_WEIGHT]
+def weight(table: msgspec.Struct, empty: msgspec.Struct = NO_CHANGES) -> dict[str, Any]:
+    """The part of a table that has a say in what resolves: keys that differ from those of an empty one.
 
-
-def weight(changes: Changes) -> dict[str, Any]:
-    """The part of what a value adds that has a say in what resolves."""
-    return {name: getattr(changes, name) for name in _fields(Changes)}
+    A key that a later version of the harness knows, and the file does not have, changes nothing.
+    """
+    names = [name for name in type(empty).__struct_fields__ if name not in WITHOUT_WEIGHT]
+    return {name: getattr(table, name) for name in names if getattr(table, name) != getattr(empty, name)}
 
 
 def _plain(value: Any) -> Any:

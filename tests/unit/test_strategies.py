@@ -397,6 +397,43 @@ class TestResolving:
         assert {tuple(each.axes) for each in made.chosen.unresolvable} == {("python", "gymnasium")}
         assert len(pairs(text, made)) == 21
 
+    @pytest.mark.parametrize(
+        "gymnasium",
+        [
+            pytest.param('["0.29.1", "1.0.0rc1"]', id="a-pre-release-is-let-in-by-its-pin"),
+            pytest.param('["0.29.1", "absent"]', id="without-a-pin-it-may-be-brought-in"),
+            pytest.param('["0.29.1", { version = "1.0.0", overrides = ["numpy<2"] }]', id="an-override-may-mend-it"),
+        ],
+    )
+    def test_an_axis_whose_values_do_more_than_pin_is_not_set_aside(self, gymnasium: str) -> None:
+        """What fails with one of its values, and without it, need not fail with another."""
+        text = f'strategy = "pairwise"\n[axes]\npython = ["3.12"]\ngymnasium = {gymnasium}\n'
+        text += f'mujoco = ["2.3.7", "3.0.0"]\n{CASE}'
+        made = chosen(
+            text, Resolver(lambda _, question: "no" if "gymnasium==0.29.1" in question.requirements else None)
+        )
+
+        assert isinstance(made.chosen, Chosen)
+        assert {entry.axes.get("gymnasium") for entry in made.chosen.unresolvable} == {"0.29.1"}
+        assert len(labels(text, made)) == 2
+
+    def test_what_adds_nothing_is_set_aside_without_a_question(self) -> None:
+        """Environment variables and bundles without requirements have no part in a failure, so it is told once."""
+        text = 'strategy = "pairwise"\n' + THREE + 'GL = { variable = ["egl", ""] }\nbox = { a = {}, b = {} }\n' + CASE
+        made = chosen(text, Resolver(no_old_mujoco))
+
+        assert isinstance(made.chosen, Chosen)
+        assert [entry.axes for entry in made.chosen.unresolvable] == [{"python": "3.12", "mujoco": "2.3.7"}]
+
+    def test_a_bundle_of_which_one_value_mends_it_is_not_set_aside(self) -> None:
+        """A value that adds nothing stands beside one that adds an override: they fail each by itself."""
+        text = 'strategy = "pairwise"\n' + THREE + 'api = { plain = {}, mended = { overrides = ["numpy<2"] } }\n' + CASE
+        made = chosen(text, Resolver(lambda _, question: None if question.overrides else "numpy"))
+
+        assert isinstance(made.chosen, Chosen)
+        assert {entry.axes["api"] for entry in made.chosen.unresolvable} == {"plain"}
+        assert {label.rpartition("-")[2] for label in labels(text, made)} == {"mended"}
+
     def test_a_baseline_that_does_not_resolve_stays_a_cell(self) -> None:
         """What is asked for by name is measured, and its failure is a result; pairs are covered by what resolves."""
         text = 'strategy = ["pairwise", { baseline = { python = "3.12", mujoco = "2.3.7" } }]\n' + THREE + CASE
