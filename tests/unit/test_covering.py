@@ -58,6 +58,15 @@ def test_as_few_rows_as_the_two_largest_axes_need() -> None:
     assert covering(every, 2) == covering(every, 2)
 
 
+def test_few_rows_where_little_is_allowed() -> None:
+    """Rows are built towards what is allowed, so that none is needed for one pair alone: not 200, but some 30."""
+    chance = random.Random(3)
+    allowed = [row for row in product(range(4), repeat=6) if chance.random() < 0.05]
+
+    assert len(allowed) > 150
+    assert len(covering(allowed, 2)) < 40
+
+
 def test_three_ways_take_more_than_two_and_less_than_all() -> None:
     """The more axes are taken together, the more rows."""
     every = list(product(range(3), repeat=5))
