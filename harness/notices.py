@@ -14,6 +14,9 @@ SHOWN = 10
 SUMMARY = 1024 * 1024
 """Bytes that a step may add to a job's summary; GitHub drops a longer one as a whole."""
 
+NAMED = 20
+"""Cells that one annotation names; the report names them all."""
+
 CUT = "\n\nThis page is cut off here, at the platform's limit; the whole one is in the uploaded report.\n"
 
 
@@ -47,14 +50,15 @@ def reasons(made: Document, fail_on: Collection[str]) -> Iterator[Annotation]:
 
 
 def _alike(cells: Iterable[CellEntry], *, several: bool) -> Iterator[Annotation]:
-    """One annotation per reason; it names every cell that has it."""
+    """One annotation per reason, with the cells that have it."""
     groups: dict[tuple[str, str], list[str]] = {}
     for cell in sorted(cells, key=lambda cell: SEVERITY.index(cell.verdict)):
         place = f"{cell.id} on {cell.machine}" if several and cell.machine else cell.id
         groups.setdefault((_told(cell), cell.decisive or ""), []).append(place)
     for (told, decisive), places in groups.items():
         more = f" and {number(len(places) - 1, 'more cell')}" if len(places) > 1 else ""
-        also = "\n".join(["", "also:", *places[1:]]) if more else ""
+        named = places[1:NAMED] + [f"and {number(len(places) - NAMED, 'more cell')}"] * (len(places) > NAMED)
+        also = "\n".join(["", "also:", *named]) if more else ""
         yield Annotation(title=places[0] + more, message=(f"{told}: {decisive}" if decisive else told) + also)
 
 

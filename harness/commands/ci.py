@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "matrix", metavar="MATRIX", help="a matrix file of this repository, or the name of a built-in one"
     )
-    parser.add_argument("--provider", choices=[*Provider], type=Provider, default=Provider.GITHUB, help="[github]")
+    parser.add_argument("--provider", choices=[one.value for one in Provider], default="github", help="[github]")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write it to a file instead of stdout")
     parser.add_argument("--check", type=Path, metavar="FILE", help="compare with a file; exit 1 when it is out of date")
     parser.add_argument("--shards", type=_count, metavar="N", help="jobs to spread the cells over [by --minutes]")
@@ -112,7 +112,7 @@ def _shards(args: argparse.Namespace, plan: Plan) -> int:
 
 def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
     """The whole file, the same bytes for the same matrix, options and version."""
-    provider = args.provider
+    provider = Provider(args.provider)
     for option in _given(args, pipelines.FOREIGN[provider]):
         message = f"{option}: means nothing to {provider}; leave it out"
         raise BadInput(message)

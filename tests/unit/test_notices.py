@@ -53,6 +53,14 @@ def test_cells_with_one_reason_share_an_annotation() -> None:
     )
 
 
+def test_an_annotation_stays_readable() -> None:
+    """Of a great many cells with one reason some are named, and the others counted."""
+    (line,) = notices.github(reds(100, "gone"), ("unexpected",)).splitlines()
+
+    assert line.startswith("::error title=quick/0 and 99 more cells::")
+    assert line.endswith("quick/18%0Aquick/19%0Aand 80 more cells")
+
+
 def test_properties_are_escaped() -> None:
     """A colon or a comma in a title does not end it."""
     cell = msgspec.structs.replace(reds(1).cells[0], id="quick/a:b,c%d")
