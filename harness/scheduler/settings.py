@@ -53,5 +53,6 @@ class Observer(Protocol):
 
 
 def default_jobs() -> int:
-    """One cell per core that this process may use."""
-    return len(os.sched_getaffinity(0))
+    """One cell per core that this process may use; not every Slurm holds a task to the cores that it was given."""
+    cores, given = len(os.sched_getaffinity(0)), os.environ.get("SLURM_CPUS_PER_TASK", "")
+    return max(1, min(cores, int(given))) if given.isdigit() else cores

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from harness import memory
+from harness import memory, scheduler
 from harness.memory import Reading
 from harness.scheduler.room import Room
 
@@ -89,3 +90,11 @@ def test_without_auto_memory_is_nobodys_business() -> None:
     """Whoever names a number of cells gets it."""
     assert Room(2, None).admits(10**6, [10**6])
     assert not Room(1, None).admits(1, [1])
+
+
+@pytest.mark.parametrize(("given", "jobs"), [("1", 1), ("4096", None), ("0", 1), ("", None), ("many", None)])
+def test_a_task_of_slurm_has_part_of_the_cores(monkeypatch: pytest.MonkeyPatch, given: str, jobs: int | None) -> None:
+    """Where the cluster does not hold a task to its cores it holds itself, and never takes more than there are."""
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", given)
+
+    assert scheduler.default_jobs() == (jobs or len(os.sched_getaffinity(0)))
