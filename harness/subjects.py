@@ -83,9 +83,7 @@ def settled(subject: Subject, *, offline: bool = False) -> Subject:
         state = checkouts.of_repository(subject.source, offline=offline)
     elif path.suffix == WHEEL and path.is_file():
         if subject.suite or subject.groups:
-            message = (
-                f"subject: {path.name} is a wheel, which brings neither tests nor dependency groups; name a folder"
-            )
+            message = f"subject: {path.name} is a wheel, which has neither tests nor dependency groups; name a folder"
             raise BadInput(message)
         state = checkouts.State(mark=_sha256(path))
     elif any((path / name).is_file() for name in project.FILES):

@@ -366,7 +366,8 @@ def _stopped(record: CellRecord, step: Step) -> CellRecord:
     if step.outcome is Outcome.UNAVAILABLE:
         return replace(record, unavailable=step.decisive, cases=cases)
     if step.phase is Phase.INSTALL:
-        resolve = record.resolve if record.lock else Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
+        passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=step.reused)
+        resolve = record.resolve if record.lock else passed
         return replace(record, resolve=resolve, install=step, cases=cases)
     return replace(record, resolve=step, cases=cases)
 

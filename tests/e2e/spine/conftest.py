@@ -18,8 +18,8 @@ from harness import index, interpreters, uv
 from harness.errors import CouldNotTell
 from harness.model import Lock, Question
 
-REAL, AS_OF = "gymnasium==1.2.3", "2026-01-01T00:00:00Z"
-"""What the fakes need of the real index, with all that it needs itself."""
+REAL, AS_OF = ("gymnasium==1.2.3", "pytest==9.0.2"), "2026-01-01T00:00:00Z"
+"""What the fakes and their suites need of the real index, with all that it needs itself."""
 
 
 @pytest.fixture(scope="session")
@@ -47,13 +47,13 @@ def wheels(together: Path, pytestconfig: pytest.Config) -> Path:
 def _downloaded(kept: Path, together: Path) -> Iterable[Path]:
     host = interpreters.find("host")
     assert host
-    folder = kept / f"{REAL}-{AS_OF[:10]}-{host.minor}"
+    folder = kept / f"{'-'.join(REAL)}-{AS_OF[:10]}-{host.minor}"
     if not folder.exists():
         making = kept / "making"
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("HARNESS_CACHE", str(together / "downloads"))
             lock = uv.resolve(
-                Question(requirements=(REAL,), only_binary=(":all:",), snapshot=AS_OF), host, together / "log"
+                Question(requirements=REAL, only_binary=(":all:",), snapshot=AS_OF), host, together / "log"
             )
             try:
                 for pin in lock.pins if isinstance(lock, Lock) else ():
