@@ -95,6 +95,26 @@ def test_slurm(desk: Desk, tmp_path: Path) -> None:
     assert "--dependency=afterany:77 " in second
 
 
+def test_slurm_without_all_that_is_needed(desk: Desk, tmp_path: Path) -> None:
+    """Nothing is submitted for a matrix of which not all could be fetched."""
+    desk.matrix("small", FEW.replace('"fake-healthy"', '"fake-healthy @ http://127.0.0.1:9/none-1.0-py3-none-any.whl"'))
+    assert desk.run("ci", "small.toml", "--provider", "slurm", "--out", "slurm.sh").code == 0
+
+    ran = subprocess.run(
+        ("bash", "slurm.sh"),
+        cwd=tmp_path,
+        env=with_slurm(desk, gone=tmp_path / "none") | {"UV_HTTP_RETRIES": "0"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert (ran.returncode, (tmp_path / "sbatch.log").exists()) == (3, False), ran.stdout + ran.stderr
+    assert ran.stderr.splitlines()[-1] == (
+        "nothing was submitted: not all was fetched; once more goes on from there, INCOMPLETE=1 does without"
+    )
+
+
 def test_slurm_usage(desk: Desk, tmp_path: Path) -> None:
     """A word that the script does not know is refused before anything is fetched."""
     desk.matrix("small", SMALL.read_text())
