@@ -13,7 +13,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import combinations
+from itertools import combinations, permutations
 from typing import Any
 
 from harness.errors import BadInput
@@ -151,7 +151,41 @@ def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pat
             return [selector]
     if {cell.id for cell in cells if _globbed(pattern, cell)} == ids:
         return [f"cells = {_string(pattern)}"]
-    return labels
+    return list(_parts(matrix, cells, group))
+
+
+def _parts(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell]) -> Iterator[str]:
+    """Conditions that each hold for some of these cells and no others, largest first; cells left over by label."""
+    left = {cell.id: cell for cell in group}
+    inside = [
+        (when, held)
+        for when in _inside(matrix, cells, set(left))
+        if (held := _held(when, cells, matrix)) <= left.keys()
+    ]
+    while inside:
+        when, held = max(inside, key=lambda one: (len(one[1] & left.keys()), -len(one[0])))
+        if len(held & left.keys()) < 2:
+            break
+        yield _written(when)
+        left = {name: cell for name, cell in left.items() if name not in held}
+    yield from (f"cells = {_string(cell.label)}" for cell in left.values())
+
+
+def _inside(matrix: Matrix, cells: Sequence[Cell], ids: set[str]) -> Iterator[When]:
+    """For each two axes the values of one that go with the same values of the other, all of their cells being these."""
+    for down, across in permutations(matrix.axes, 2):
+        squares: dict[str, dict[str, bool]] = {}
+        for cell in cells:
+            row = squares.setdefault(cell.axes[down], {})
+            row[cell.axes[across]] = row.get(cell.axes[across], True) and cell.id in ids
+        alike: dict[tuple[str, ...], list[str]] = {}
+        for value, row in squares.items():
+            fitting = tuple(other for other, fits in row.items() if fits)
+            if fitting:
+                alike.setdefault(() if len(fitting) == len(row) else fitting, []).append(value)
+        for others, values in alike.items():
+            only = {down: tuple(values)} if len(values) < len(squares) or not others else {}
+            yield {**only, **({across: others} if others else {})}
 
 
 def _boxes(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], count: int) -> str | None:
@@ -159,9 +193,17 @@ def _boxes(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], count: 
     ids = {cell.id for cell in group}
     for axes in combinations(matrix.axes, count):
         when: When = {axis: tuple(dict.fromkeys(cell.axes[axis] for cell in group)) for axis in axes}
-        if {cell.id for cell in cells if _holds(when, cell, matrix)} == ids:
-            return "when = { " + ", ".join(f"{_key(axis)} = {_values(when[axis])}" for axis in axes) + " }"
+        if _held(when, cells, matrix) == ids:
+            return _written(when)
     return None
+
+
+def _held(when: When, cells: Iterable[Cell], matrix: Matrix) -> set[str]:
+    return {cell.id for cell in cells if _holds(when, cell, matrix)}
+
+
+def _written(when: When) -> str:
+    return "when = { " + ", ".join(f"{_key(axis)} = {_values(values)}" for axis, values in when.items()) + " }"
 
 
 def _key(name: str) -> str:
