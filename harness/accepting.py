@@ -18,6 +18,7 @@ from typing import Any
 
 from harness.errors import BadInput
 from harness.matrix import ExpectTable, Matrix
+from harness.merging import natural
 from harness.model import Cell, Phase, Verdict
 from harness.reporttypes import UNTOLD, CellEntry, word
 from harness.verdict import Judgement, expected
@@ -211,7 +212,7 @@ def _key(name: str) -> str:
 
 
 def _values(values: str | tuple[str, ...]) -> str:
-    texts = [_string(value) for value in alternatives(values)]
+    texts = [_string(value) for value in sorted(alternatives(values), key=natural)]
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
 
 

@@ -92,10 +92,10 @@ def _ordered(orders: set[tuple[str, ...]]) -> list[str]:
     """The order of the plan; where reports list other cells, all of them by their names."""
     if len(orders) == 1:
         return list(next(iter(orders)))
-    return sorted({name for order in orders for name in order}, key=_natural)
+    return sorted({name for order in orders for name in order}, key=natural)
 
 
-def _natural(name: str) -> tuple[list[str | int], str]:
+def natural(name: str) -> tuple[list[str | int], str]:
     """Numbers by their size: 3.9 before 3.11."""
     return [int(part) if part.isdigit() else part for part in re.split(r"([0-9]+)", name)], name
 
@@ -132,7 +132,7 @@ def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: s
     """What the matrix itself says, and what the cells say as they are now, not as a shard saw them."""
     said = {text for made in documents for text in made.stale if text.partition(" ")[0] not in planned}
     of_cells = {outdated(cell.id, cell.verdict, cell.expectation, today) for cell in cells if cell.expectation}
-    return tuple(sorted(said | {text for text in of_cells if text}, key=_natural))
+    return tuple(sorted(said | {text for text in of_cells if text}, key=natural))
 
 
 # --- whether they belong together ------------------------------------------------------------------------------
