@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
+from stat import S_ISLNK
 from time import monotonic
 
 import msgspec
@@ -123,8 +124,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         sealed=sealed,
     )
     completed, overran = _watch(command, replies / "reply.jsonl", allowed)
-    if not sealed:
-        completed = replace(completed, written=tuple(islice(_differences(site, folder), MOST_WRITTEN)))
+    completed = watched(site, folder, completed)
     return ProbeRun(
         reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
         completed=completed,
@@ -181,6 +181,13 @@ def entered(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
     return target, ()
 
 
+def watched(site: Site, folder: Path, completed: process.Completed) -> process.Completed:
+    """How a run ended, with what it wrote into a copy of its environment, where it had one."""
+    if folder == site.folder:
+        return completed
+    return replace(completed, written=tuple(islice(_differences(site, folder), MOST_WRITTEN)))
+
+
 def _differences(site: Site, copy: Path) -> Iterator[str]:
     """Files of the copy that are new, changed or gone; compiled bytecode is no change."""
     before = {name: mark for folder in site.folders for name, mark in _files(folder).items()}
@@ -191,7 +198,8 @@ def _differences(site: Site, copy: Path) -> Iterator[str]:
 def _files(folder: Path) -> dict[str, tuple[int, int]]:
     found = ((path.relative_to(folder), path.lstat()) for path in folder.rglob("*") if not path.is_dir())
     passed_over = {"__pycache__", LEADS_ON}
-    return {str(name): (at.st_size, at.st_mtime_ns) for name, at in found if not passed_over & {*name.parts}}
+    plain = ((name, at) for name, at in found if not passed_over & {*name.parts})
+    return {str(name): (at.st_size, 0 if S_ISLNK(at.st_mode) else at.st_mtime_ns) for name, at in plain}
 
 
 def _watch(command: process.Command, file: Path, limits: Mapping[str, float]) -> tuple[process.Completed, float | None]:

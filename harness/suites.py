@@ -165,7 +165,8 @@ def _run(bench: Bench, seconds: float) -> _Ran:
         site, places = bench.site, {**bench.places, str(source): "$SUBJECT", str(scratch): "$SCRATCH"}
         launch.furnish(site, scratch / "home")
         folder, sealed = launch.entered(site, scratch)
-        completed = process.run(_command(bench, seconds, scratch, source, folder, sealed))
+        ran = process.run(_command(bench, seconds, scratch, source, folder, sealed))
+        completed = launch.watched(site, folder, ran)
         places |= {str(one): "$ENV" for one in (*site.folders, folder)}
 
         def clean(text: str) -> str:
