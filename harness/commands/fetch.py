@@ -16,9 +16,10 @@ from harness import catalog, fetched, fetching, scheduler, store, verdict
 from harness.commands import progress
 from harness.commands.choosing import JOBS, jobs
 from harness.commands.run import selected, tell
+from harness.errors import BadInput
 from harness.fetched import FetchedCell, FetchedMatrix, Manifest
 from harness.filelocks import exclusive
-from harness.model import CellRecord, Phase, Plan
+from harness.model import Cell, CellRecord, Phase, Plan
 from harness.reporttypes import number
 
 HELP = (
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Fetch; exit 3 when something could not be had, 0 when all is there, be it the reason why a cell has no lock."""
     planned = catalog.load(args.matrix, tell)
-    selected(planned.cells, args.k)
+    _check_no_subject(args.matrix, selected(planned.cells, args.k))
     opened = store.open_store()
     folder = store.writable(args.to).absolute()
     with exclusive(folder / ".fetch.lock"):
@@ -59,6 +60,13 @@ def main(args: argparse.Namespace) -> int:
     else:
         _summary(found, folder, bringing.brought)
     return 0 if all(cell.complete for cell in found) else 3
+
+
+def _check_no_subject(name: str, cells: Sequence[Cell]) -> None:
+    """Refuse what would be fetched by halves."""
+    if any(cell.subject for cell in cells):
+        message = f"{name}: fetch does not bring a package under test; build its wheel and name that as a requirement"
+        raise BadInput(message)
 
 
 def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
