@@ -94,7 +94,7 @@ def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) 
         key=digest("environment", lock.sha256),
         versions=lock.versions,
         modules={name: (name.replace("-", "_"),) for name in lock.versions},
-        speaking={api: () for api in Api},
+        speaking=dict.fromkeys(Api, ()),
         seconds=1.0,
     )
     runner.store.save_installed(pool.key, known)

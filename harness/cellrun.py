@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 from harness import frames, launch, normalise, outcomes
 from harness.model import (
@@ -31,6 +32,9 @@ from harness.verdict import worst
 DEFAULT_SECONDS = 120.0
 MEASURED_AGAIN = frozenset({Outcome.INFRA, Outcome.UNAVAILABLE, Outcome.TIMED_OUT, Outcome.NOT_REACHED})
 """Outcomes that another run may change: never reused."""
+
+Wanted = Mapping[Phase, tuple[str, ...]]
+"""The checks of each phase."""
 
 RUNS_TO_CONFIRM = 3
 LOOP, REPEAT, ACROSS = "single.loop", "single.repeat", "single.repeat.process"
@@ -119,11 +123,16 @@ def _record(case: Case, phases: Iterable[PhaseRecord]) -> CaseRecord:
     return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=tuple(phases))
 
 
-def _wanted(case: Case, until: Phase) -> dict[Phase, tuple[str, ...]]:
+def _wanted(case: Case, until: Phase) -> Wanted:
+    return _by_phase(case.checks, until)
+
+
+@cache
+def _by_phase(checks: tuple[str, ...], until: Phase) -> Wanted:
     order = list(Phase)
     phases = [phase for phase in CASE_PHASES if order.index(phase) <= order.index(until)]
-    checks = {phase: tuple(check for check in case.checks if outcomes.phase_of(check) is phase) for phase in phases}
-    return {phase: names for phase, names in checks.items() if names}
+    found = {phase: tuple(check for check in checks if outcomes.phase_of(check) is phase) for phase in phases}
+    return MappingProxyType({phase: names for phase, names in found.items() if names})
 
 
 def _absent(phase: Phase, asked: bool) -> PhaseRecord:
@@ -149,10 +158,6 @@ def _judging() -> str:
     """A hash of what turns a reply into an outcome: results judged in another way are measured again."""
     files = [Path(str(module.__file__)) for module in (normalise, outcomes)]
     return digest(*(file.read_text(encoding="utf-8") for file in files))
-
-
-Wanted = Mapping[Phase, tuple[str, ...]]
-"""The checks of each phase."""
 
 
 def _stored(context: Context, case: Case, wanted: Wanted) -> tuple[dict[Phase, PhaseRecord], Wanted]:

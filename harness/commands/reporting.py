@@ -75,7 +75,7 @@ def publish(
             made_of = standing.mark(plan, known, here, folder, (used, wanted.pivot))
             report = standing.read(note, made_of, folder)
             if report is None:
-                locate = _Files(opened, folder).place(known)
+                locate = place(known, opened, folder)
                 report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, used)
                 write(report, folder, wanted.pivot)
                 standing.keep(note, made_of, folder)
@@ -97,6 +97,11 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
             print(f"report: {os.path.relpath(folder)}")
     whole = document.combined([report for _, report in made])
     return document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
+
+
+def place(records: Iterable[CellRecord], opened: Store, folder: Path) -> document.Locate:
+    """Copy what the records name into a report's folder and return how to name it from the report."""
+    return _Files(opened, folder).place(records)
 
 
 def probes(plan: Plan) -> dict[str, str]:

@@ -1,0 +1,217 @@
+"""How cost grows with size: `python benchmarks/growth.py` runs fake cells, 10 to 10,000, and writes `growth.md`.
+
+The cells are planned, looked up, scheduled, stored and reported by the harness itself; only what they would have
+measured is made up. Whole commands are timed from outside, stages in a process of their own; medians of several runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import fakecells
+
+from harness import catalog, machine, store
+from harness.commands import progress, reporting
+from harness.model import Cell, CellRecord
+from harness.scheduler import Prepared, Runner, Settings
+from harness.scheduler.flow import Flow
+from harness.scheduler.past import Past
+
+HERE = Path(__file__).parent
+SIZES = (10, 100, 500, 1_000, 3_000, 10_000)
+STAGES = {
+    "plan": "plan",
+    "look up": "locks, installs and records, everything known",
+    "schedule": "nothing known: two stages, claims, slots; the probes themselves take no time",
+    "store": "records of cells written",
+    "report": "report.json, report.md and the table on the terminal",
+}
+COPY = "copy"
+"""Logs and frames put beside the report: six files of a cell, a matter of the disk."""
+
+
+def main() -> None:
+    """Measure every size and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    parser.add_argument("--stages", type=Path, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.stages:
+        print(json.dumps(stages(args.stages)))
+        return
+    rows = {}
+    for size in args.sizes:
+        with tempfile.TemporaryDirectory() as folder:
+            rows[size] = measured(Path(folder), size, args.runs)
+        print(size, rows[size], file=sys.stderr)
+    text = render(rows, args.runs)
+    (HERE / "growth.md").write_text(text)
+    print(text)
+
+
+# --- one size --------------------------------------------------------------------------------------------------
+
+
+def measured(folder: Path, size: int, runs: int) -> dict[str, float]:
+    """Seconds of each stage and of whole commands, and peaks of memory (MB)."""
+    matrix = fakecells.write_matrix(folder, size)
+    shared = {**os.environ, "HARNESS_CACHE": str(folder / "cache")}
+    staged = []
+    for number in range(runs):
+        env = {**shared, "HARNESS_STATE": str(folder / f"state{number}")}
+        staged.append(json.loads(called([sys.executable, __file__, "--stages", str(matrix)], env, folder)[2]))
+    run = [sys.executable, "-m", "harness", "run", str(matrix)]
+    called(run, env, folder)
+    again = [called(run, env, folder) for _ in range(runs)]
+    return {
+        **{stage: statistics.median(one[stage] for one in staged) for stage in (*STAGES, COPY)},
+        "stages_mb": max(one["mb"] for one in staged),
+        "again": statistics.median(spent for spent, _, _ in again),
+        "again_mb": max(peak for _, peak, _ in again),
+    }
+
+
+def called(command: Sequence[str], env: Mapping[str, str], cwd: Path) -> tuple[float, float, str]:
+    """Seconds, peak memory (MB) and output of a command that has to succeed."""
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        start = time.perf_counter()
+        process = subprocess.Popen(command, env=env, cwd=cwd, stdout=out, stderr=err)
+        _, status, usage = os.wait4(process.pid, 0)
+        spent = time.perf_counter() - start
+        out.seek(0)
+        err.seek(0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            sys.exit(f"{' '.join(command)} ended with {process.returncode}:\n{err.read()}")
+        return spent, usage.ru_maxrss / 1024, out.read()
+
+
+def stages(matrix: Path) -> dict[str, float]:
+    """Each stage of a run by itself, in this process."""
+    opened = store.open_store()
+    here = machine.facts()
+    timed: dict[str, float] = {}
+
+    @contextlib.contextmanager
+    def timing(stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        timed[stage] = time.perf_counter() - start
+
+    with timing("plan"):
+        plan = catalog.dated(catalog.load(str(matrix), print), opened)
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        board = progress.Progress(len(plan.cells), 2, reporting.headline)
+        fakecells.fill(plan.cells, opened, board)
+        first = Runner(opened, Settings(), board)
+        known = [record for cell in plan.cells if (record := first.known(cell))]
+        with timing("store"):
+            for record in known:
+                first.keep(record)
+        again = Runner(opened, Settings(), board)
+        with timing("look up"):
+            known = [record for cell in plan.cells if (record := again.known(cell))]
+        assert len(known) == len(again.unchanged) == len(plan.cells)
+        with timing("schedule"):
+            runner = Made(opened, Settings(jobs=2), board)
+            runner.records = {record.cell.id: record for record in known}
+            flow = Flow(runner)
+            flow.run(plan.cells, Past(opened, here.id, plan.cells))
+        with timing(COPY):
+            reporting.place(known, opened, opened.folder / "reports" / plan.matrix)
+        with timing("report"):
+            wanted = reporting.Wanted(out=None, pivot=None, json=False, fail_on=())
+            reporting.finish([plan], known, opened, wanted)
+    return {**timed, "mb": peak_mb()}
+
+
+def peak_mb() -> float:
+    """The most memory that this process held."""
+    import resource  # noqa: PLC0415 - of the child only
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+class Made(Runner):
+    """A runner whose cells are installed and probed in no time; what is around that is the real thing."""
+
+    records: Mapping[str, CellRecord]
+
+    def prepare(self, cell: Cell) -> Prepared:
+        """Ready to be probed."""
+        record = self.records[cell.id]
+        return Prepared(record=record, cases=cell.cases, claims=(store.digest(cell.id),), environment=record.key)
+
+    def probe(self, ready: Prepared) -> CellRecord:
+        """Probed."""
+        return replace(ready.record, reused=False)
+
+    def keep(self, record: CellRecord) -> None:
+        """Storing is a stage of its own."""
+
+
+# --- the table -------------------------------------------------------------------------------------------------
+
+
+def render(rows: Mapping[int, Mapping[str, float]], runs: int) -> str:
+    """The table, with what is needed to repeat it."""
+    heads = ["cells", *STAGES, "together", COPY, "peak", "nothing changed", "peak"]
+    lines = []
+    for size, row in rows.items():
+        spent = [row[stage] for stage in STAGES]
+        told = [*(f"{one:.2f} s" for one in (*spent, sum(spent), row[COPY])), f"{row['stages_mb']:.0f} MB"]
+        lines.append(" | ".join([f"{size:,}", *told, f"{row['again']:.2f} s", f"{row['again_mb']:.0f} MB"]))
+    return "\n".join(
+        [
+            "# How cost grows with the number of cells",
+            "",
+            f"Made by `python benchmarks/growth.py --runs {runs}` on {datetime.now(UTC):%Y-%m-%d}: Python "
+            f"{platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores, load "
+            f"{os.getloadavg()[2]:.1f} from others; medians of {runs} runs. {fakecells.PER_LOCK} cells share a lock; "
+            "every cell has two cases, four phases each, a log and a frame.",
+            "",
+            f"| {' | '.join(heads)} |",
+            f"|{' ---: |' * len(heads)}",
+            *(f"| {line} |" for line in lines),
+            "",
+            *(f"- *{stage}*: {meaning}" for stage, meaning in STAGES.items() if stage != meaning),
+            "- *copy*: logs and frames put beside the report, six files of a cell: a matter of the disk",
+            "- *nothing changed*: the whole command `simmatrix run MATRIX`, process start included, the third time",
+            "",
+            *verdicts(rows),
+            "",
+        ]
+    )
+
+
+def verdicts(rows: Mapping[int, Mapping[str, float]]) -> Iterator[str]:
+    """The targets, and what was reached."""
+    sizes = sorted(rows)
+    if 500 in rows:
+        yield f"Target: 500 cells, nothing changed, under 1 s. Reached: {rows[500]['again']:.2f} s."
+    if sizes[-1] == 10_000:
+        last = rows[10_000]
+        together = sum(last[stage] for stage in STAGES)
+        yield f"Target: 10,000 cells under 10 s and 500 MB. Reached: {together:.1f} s and {last['stages_mb']:.0f} MB."
+    if len(sizes) > 1:
+        before, last = (sum(rows[size][stage] for stage in STAGES) / size for size in sizes[-2:])
+        yield f"Linear: {1000 * before:.2f} ms a cell at {sizes[-2]:,}, {1000 * last:.2f} ms at {sizes[-1]:,}."
+
+
+if __name__ == "__main__":
+    main()
