@@ -72,7 +72,8 @@ def use(folder: Path) -> None:
         marks = folder.parent / "in-use"
         if marks not in _marks:
             folder.parent.mkdir(parents=True, exist_ok=True)
-            _marks[marks] = os.open(marks, os.O_RDONLY | os.O_CREAT, 0o666)
+            made = 0 if marks.exists() else os.O_CREAT  # which a shared folder may refuse though the file is there
+            _marks[marks] = os.open(marks, os.O_RDONLY | made, 0o666)
         fcntl.lockf(_marks[marks], fcntl.LOCK_SH, 1, _byte(folder))
     with suppress(OSError):
         os.utime(folder)
