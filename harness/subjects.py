@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from email.message import Message
 from email.parser import HeaderParser
 from pathlib import Path
@@ -39,7 +39,10 @@ TESTS = frozenset({"test", "tests"})
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ready:
-    """The subject's wheel for one interpreter, and what its metadata say; `groups` is the table of its pyproject."""
+    """The subject's wheel for one interpreter, and what its metadata say; `groups` is the table of its pyproject.
+
+    `asked` remembers what came of them for cells before.
+    """
 
     path: Path
     tested: Tested
@@ -47,6 +50,7 @@ class Ready:
     extras: tuple[str, ...]
     modules: tuple[str, ...]
     groups: Mapping[str, Any]
+    asked: dict[object, tuple[str, ...]] = field(default_factory=dict, compare=False)
 
     @property
     def wheel(self) -> environments.Wheel:
@@ -239,24 +243,33 @@ def completed(asked: Question, subject: Subject, known: Ready, interpreter: Inte
     )
 
 
-def wanted(known: Ready, interpreter: Interpreter, extras: Iterable[str], groups: Iterable[str]) -> tuple[str, ...]:
+def wanted(known: Ready, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]) -> tuple[str, ...]:
     """The requirements of the subject with some of its extras and groups, as they stand for an interpreter."""
-    for what, names, valid in (("extra", extras, known.extras), ("dependency group", groups, _group_names(known))):
-        unknown = next((one for one in names if one not in valid), None)
-        if unknown:
-            message = f'{known.tested.name} has no {what} "{unknown}"{schema.suggestion(unknown, valid)}'
-            raise BadInput(message)
-    chosen = list(dict.fromkeys(extras))
-    grouped = _grouped(known, groups)
+    key = (interpreter, extras, groups)
+    if key not in known.asked:
+        for what, names, valid in (("extra", extras, known.extras), ("dependency group", groups, _group_names(known))):
+            unknown = next((one for one in names if one not in valid), None)
+            if unknown:
+                message = f'{known.tested.name} has no {what} "{unknown}"{schema.suggestion(unknown, valid)}'
+                raise BadInput(message)
+        known.asked[key] = tuple(_expanded(known, interpreter, extras, groups))
+    return known.asked[key]
+
+
+def _expanded(
+    known: Ready, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]
+) -> dict[str, None]:
+    """The lines that hold, until no further extra of the package itself comes with them."""
+    lines = (*known.requires, *_grouped(known, groups))
     environment = locks.marker_environment(interpreter)
+    chosen = list(dict.fromkeys(extras))
     found: dict[str, None] = {}
-    done = 0
-    while True:
-        for line in (*known.requires, *grouped):
-            found |= dict.fromkeys(_holding(line, known.tested.name, environment, chosen))
-        if done == len(chosen):
-            return tuple(found)
+    done = -1
+    while done != len(chosen):
         done = len(chosen)
+        for line in lines:
+            found |= dict.fromkeys(_holding(line, known.tested.name, environment, chosen))
+    return found
 
 
 def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[str]) -> Iterator[str]:
