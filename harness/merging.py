@@ -163,6 +163,8 @@ def _said(made: Document) -> Iterator[tuple[tuple[str, str], Any]]:
         yield from (((name, cell.id), getattr(cell, name)) for name in ASKED)
         if cell.requirements:
             yield ("requirements", cell.id), cell.requirements
+        if cell.subject:
+            yield ("state of the subject", cell.id), (cell.subject.commit, cell.subject.changed)
         if cell.cases:
             yield ("cases", cell.id), [(case.case, case.env, case.api) for case in cell.cases]
     yield from ((("axes", name), matrix) for name, matrix in made.matrices.items())

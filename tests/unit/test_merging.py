@@ -12,7 +12,7 @@ from specimens import GENERATED, HERE, MACHINES, case, quick, record
 
 from harness import document, merging
 from harness.errors import BadInput
-from harness.model import CellRecord, Dropped, Expectation, Outcome, Phase, PhaseRecord, Plan, Verdict
+from harness.model import CellRecord, Dropped, Expectation, Outcome, Phase, PhaseRecord, Plan, Subject, Verdict
 from harness.reporttypes import CellEntry, Document
 
 OTHER = "linux-aarch64"
@@ -197,6 +197,15 @@ class TestBelongTogether:
             of(one, two)
 
         assert str(caught.value) == message
+
+    def test_another_commit_of_the_subject_is_refused(self) -> None:
+        """Shards of two commits of the package under test are no one answer."""
+        cells = [replace(PLAN.cells[0], subject=Subject(source=".", commit=commit)) for commit in ("aaaa", "bbbb")]
+        one, other = (shard(record(of=cell), plan=replace(PLAN, cells=(cell,))) for cell in cells)
+
+        with pytest.raises(BadInput, match=r"the state of the subject of \S+ differ;"):
+            of(one, other)
+        assert of(one, one).cells[0].subject == one.cells[0].subject
 
     def test_other_probes_are_refused(self) -> None:
         """What was measured in two ways is not one table."""
