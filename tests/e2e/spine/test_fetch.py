@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import shutil
 import zipfile
@@ -146,7 +147,7 @@ def test_what_was_fetched_runs_without_network(
 def test_a_folder_tells_what_it_is_not(
     machines: tuple[Desk, Desk], serve: Callable[[Any], str], tmp_path: Path
 ) -> None:
-    """An interrupted fetch, another matrix, a cell that was left out: each has its sentence."""
+    """An interrupted fetch, another matrix, a cell left out, another Python, another machine: each has its sentence."""
     online, node = machines
     index = Index(online.wheels)
     matrix = online.matrix("small", MATRIX.replace("@INDEX@", serve(index)))
@@ -183,6 +184,24 @@ def test_a_folder_tells_what_it_is_not(
     assert left_out.cells("which")["wheels"]["verdict"] == "unavailable"
     assert left_out.cells("which")["wheels"]["decisive"] == (
         "was not fetched; `simmatrix fetch small --to fetched` brings it"
+    )
+
+    manifest = folder / "manifest.json"
+    text = manifest.read_text()
+    (version,) = {cell["python"] for cell in json.loads(text)["cells"]}
+    manifest.write_text(text.replace(f'"python": "{version}"', '"python": "3.99.1"'))
+    other_python = node.run("run", "small", "--fetched", folder, "--json", "-k", "*-unresolvable")
+    manifest.write_text(text.replace(os.uname().machine, "vax"))
+    other_machine = node.run("run", "small", "--fetched", folder)
+    manifest.write_text(text)
+
+    assert other_python.cells("which")["unresolvable"]["decisive"] == (
+        f"its lock is for cpython 3.99.1, and there is {version}; "
+        "install 3.99.1 here, or fetch on a machine with the Python that is here"
+    )
+    assert (other_machine.code, other_machine.err) == (
+        2,
+        f"simmatrix: {folder}: was fetched for vax, and this machine is {os.uname().machine}; fetch on its like\n",
     )
 
     grown = online.run("fetch", changed, "--to", folder, "-k", "*-more")
