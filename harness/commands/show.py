@@ -13,7 +13,7 @@ from harness import catalog, document, plan, store
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
-from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, Document, word
+from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, Document, SubjectEntry, word
 from harness.schema import suggestion
 from harness.store import Store
 
@@ -118,6 +118,8 @@ def _facts(cell: CellEntry) -> Iterator[str]:
     told = {
         "axes": ", ".join(f"{name} {value}" for name, value in cell.axes.items()),
         "asked for": ", ".join(cell.requirements),
+        "subject": _subject(cell.subject) if cell.subject else None,
+        "tests": ", ".join(f"{count} {how}" for how, count in cell.suite.tests.items()) if cell.suite else None,
         "python": cell.python or f"{cell.requested_python} (not there)",
         "variables": " ".join([*(f"{name}={value}" for name, value in cell.environment.items()), *supplied]),
         "machine": cell.machine,
@@ -126,6 +128,15 @@ def _facts(cell: CellEntry) -> Iterator[str]:
         "key": cell.key,
     }
     yield from (f"{name:<10} {value}" for name, value in told.items() if value)
+
+
+def _subject(subject: SubjectEntry) -> str:
+    """The package under test: what was measured, and where its source stood."""
+    extras = f"[{','.join(subject.extras)}]" if subject.extras else ""
+    groups = f" with {', '.join(subject.groups)}" if subject.groups else ""
+    commit = f" at {subject.commit[:12]}" if subject.commit else ""
+    changed = ", with changes that are not committed" if subject.changed else ""
+    return f"{subject.name or 'not built'}{extras} {subject.version or ''}".rstrip() + groups + commit + changed
 
 
 def _case(case: CaseEntry) -> Iterator[str]:
@@ -161,6 +172,8 @@ def _next(cell: Cell, entry: CellEntry) -> Iterator[str]:
     yield "next"
     if entry.lock and entry.verdict is Verdict.WORKS:
         yield f"  uv pip sync --require-hashes {shlex.quote(entry.lock)}"
+        if cell.subject:
+            yield f"  uv pip install --no-deps {shlex.quote(cell.subject.source)}"
     yield f"  {_again(cell)}"
 
 
