@@ -95,7 +95,8 @@ class Face:
     @pytest.hookimpl(tryfirst=True)
     def pytest_collect_directory(self, path: Path, parent: pytest.Collector) -> pytest.Collector | None:
         """The folder of this package stands for the matrices."""
-        return tree.Suite.from_parent(parent, path=path) if path == FOLDER else None
+        ours = path.name == FOLDER.name and path.samefile(FOLDER)
+        return tree.Suite.from_parent(parent, path=path) if ours else None
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """Run a function of the user that asks for our `cell`, or `env`, once for each."""
@@ -159,10 +160,11 @@ class Face:
             return
         if self.records:
             self._report()
-        xml = session.config.getoption("xmlpath", None)
-        if xml and self.facts and Path(xml).is_file():
+        asked = session.config.getoption("xmlpath", None)
+        xml = Path(os.path.expandvars(asked)).expanduser() if asked else None  # as pytest reads it
+        if xml and self.facts and xml.is_file():
             axes = {cell.id: {f"axis.{name}": value for name, value in cell.axes.items()} for cell in self.frozen.cells}
-            junit.regroup(Path(xml), {cell: {**known, **self.facts.get(cell, {})} for cell, known in axes.items()})
+            junit.regroup(xml, {cell: {**known, **self.facts.get(cell, {})} for cell, known in axes.items()})
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Name the verdicts and the reports."""
@@ -176,8 +178,7 @@ class Face:
             store.save_cell(record)
         out = self.config.getoption("matrix_out")
         wanted = reporting.Wanted(out=Path(out) if out else None, pivot=None, json=False, fail_on=())
-        plans = [plan for plan in self.frozen.plans if any(cell.id in self.records for cell in plan.cells)]
-        made = reporting.publish(plans, self.records, store, wanted)
+        made = reporting.publish(self.frozen.plans, self.records, store, wanted)
         counts = Counter(verdict.judge(record).verdict for record in self.records.values())
         told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
         folders = ", ".join(os.path.relpath(folder) for folder, _ in made)

@@ -14,6 +14,8 @@ from harness.smoke.frozen import Frozen
 from harness.store import Store, question_key
 
 STEPS = frozenset({Phase.RESOLVE, Phase.INSTALL})
+ITSELF, SUITE = "", "::suite"
+"""What stands in for a case: the cell itself, and its subject's suite; no case is called so."""
 
 
 class Quiet:
@@ -43,7 +45,7 @@ class Selection:
     shown: Mapping[tuple[str, str], frozenset[Phase]]
     whole: frozenset[str]
 
-    def phases(self, cell: Cell, case: str = "") -> frozenset[Phase]:
+    def phases(self, cell: Cell, case: str = ITSELF) -> frozenset[Phase]:
         """The phases of a case, or of the cell itself, that have an item of their own."""
         return self.shown.get((cell.id, case), frozenset())
 
@@ -75,7 +77,7 @@ class Measuring:
     def steps(self, cell: Cell) -> CellRecord:
         """Resolve and, unless nothing but that is wanted, install."""
         until = Phase.RESOLVE if self.selection.resolved_only(cell) else Phase.RENDER
-        return self._measured(cell, "", replace(cell, cases=()), until)
+        return self._measured(cell, ITSELF, replace(cell, cases=()), until)
 
     def case(self, cell: Cell, case: Case) -> CellRecord:
         """Run what is wanted of one case in one go, as `run` does."""
@@ -84,7 +86,7 @@ class Measuring:
     def suite(self, cell: Cell) -> CellRecord:
         """Run the suite of the cell's subject, after the imports that it needs."""
         cases = tuple(self._wanted(cell, case, {Phase.IMPORT}) for case in cell.cases)
-        return self._measured(cell, Phase.SUITE, replace(cell, cases=cases), Phase.SUITE)
+        return self._measured(cell, SUITE, replace(cell, cases=cases), Phase.SUITE)
 
     def environment(self, cell: Cell) -> tuple[CellRecord, launch.Site | None]:
         """Bring the cell as far as an environment, and say where that is."""
@@ -114,12 +116,15 @@ class Measuring:
         if (cell.id, name) not in self._records:
             record = self._bound(cell, until).measure(part)
             self._records[cell.id, name] = record
-            told = judging.suite_seen(record) if name == Phase.SUITE else judging.seen(record)
-            own = {"": STEPS, Phase.SUITE: {Phase.SUITE}}.get(name, frozenset(CASE_PHASES))
-            place = "" if name == Phase.SUITE else name
-            shown = own & self.selection.phases(cell, place)
-            self.credit += sum(told[at].seconds for at in shown if at in told)
+            self.credit += self._shown_seconds(cell, name, record)
         return self._records[cell.id, name]
+
+    def _shown_seconds(self, cell: Cell, name: str, record: CellRecord) -> float:
+        """The seconds of what an item of its own stands for."""
+        told = judging.suite_seen(record) if name == SUITE else judging.seen(record)
+        own = {ITSELF: STEPS, SUITE: {Phase.SUITE}}.get(name, frozenset(CASE_PHASES))
+        shown = own & self.selection.phases(cell, ITSELF if name == SUITE else name)
+        return sum(told[at].seconds for at in shown if at in told)
 
     def _bound(self, cell: Cell, until: Phase) -> Runner:
         """The runner that goes as far as this; they know what the others did."""

@@ -118,6 +118,18 @@ def test_a_phase_asked_for_alone_runs_what_it_needs(workers: tuple[str, ...], de
     assert not [text for text in measured if '"phase":"vector"' in text]
 
 
+def test_node_ids_are_arguments_as_they_are_printed(kept: Desk) -> None:
+    """Of an item, a case or a cell, though they name no file; one that there is not is pytest's usage error."""
+    asked = ("--matrix", "small.toml", "-v")
+    ran = kept.run(*asked, f"{BLANK}::{FRAME}::single", f"{GOOD}::{HEALTHY}", module="pytest")
+    chosen = [f"{GOOD}::{HEALTHY}::{phase}" for phase in PHASES] + [f"{BLANK}::{FRAME}::single"]
+    assert re.findall(r"(?m)^(\S+::\S+) PASSED", ran.out) == chosen
+    spread = kept.run(*asked, f"{BLANK}::{FRAME}::single", "-n", "1", module="pytest")
+    assert (spread.code, "1 passed" in spread.out) == (0, True)
+    ran = kept.run(*asked, f"small/{PREFIX}-bad::verdict", module="pytest")
+    assert (ran.code, ran.err) == (4, f"ERROR: file or directory not found: small/{PREFIX}-bad::verdict\n\n")
+
+
 def test_markers_choose_phases(kept: Desk) -> None:
     """`-m render` are the items of that phase; what nobody asked for is not judged."""
     ran = smoke(kept, "-m", "single or render", "--strict-markers")
@@ -205,7 +217,7 @@ MINE = """
 import pytest
 
 def test_version(cell):
-    ran = cell.run("import sys, fake_healthy; print(*sys.version_info[:3], sep='.')")
+    ran = cell.run("import sys; print(*sys.version_info[:3], sep='.')")
     assert ran.output.strip() == cell.version == cell.axes["python"]
     assert (cell.python.is_file(), cell.installed["fake-healthy"]) == (True, "1.0")
 
@@ -229,8 +241,12 @@ import pytest
 def env():
     return "my own"
 
-def test_env(env):
-    assert env == "my own"
+@pytest.fixture
+def cell():
+    return "mine, too"
+
+def test_env(env, cell):
+    assert (env, cell) == ("my own", "mine, too")
 """
 
 
