@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urldefrag, urlsplit
 
 from harness import process, uvcli
 from harness.errors import BadInput, CouldNotTell
-from harness.filelocks import exclusive
+from harness.filelocks import exclusive, use
 from harness.store import cache_folder, digest
 
 REPOSITORY = "git+"
@@ -109,6 +109,7 @@ def of_folder(folder: Path) -> State:
 def of_repository(source: str, *, offline: bool = False) -> State:
     """The state that a reference of a repository stands for now. Raises CouldNotTell, or BadInput if there is none."""
     wanted = Repository.parse(source)
+    use(wanted.mirror)
     commit = _commit(wanted) if offline or _is_commit(wanted.reference) else None
     if commit is None and offline:
         message = f"subject: {wanted.reference} of the repository was never fetched; run without --offline"

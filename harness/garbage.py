@@ -2,7 +2,7 @@
 
 Waste is what nothing will ever ask for: folders of processes that were killed, environments without a stamp, compiled
 bytecode without its environment, evidence that no record names. The rest goes by age or size. The record of a cell, the
-evidence and the lock that it names, the interpreters and the repositories are never touched.
+evidence and the lock that it names, and the interpreters are never touched.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class Kind(StrEnum):
     ENVIRONMENT = "environments"
     WHEEL = "built wheels"
     METADATA = "metadata of sdists"
+    REPOSITORY = "repositories"
     UV = "downloads (uv's cache)"
     COMPILED = "compiled bytecode"
     SCRATCH = "left behind by killed processes"
@@ -144,20 +145,20 @@ def _item(kind: Kind, disk: Disk, *paths: Path, used: float | None = None, waste
 
 def _environments(cache: Path, disk: Disk) -> Iterator[Item]:
     """Each with its compiled bytecode; and bytecode that is left of one that is gone."""
-    for path in _folders(cache / "environments"):
+    for path, status in _folders(cache / "environments"):
         compiled = [place for place in [cache / "pycache" / path.name] if place.is_dir()]
-        used, whole = path.stat().st_mtime, (path / "stamp.json").is_file()
-        yield _item(Kind.ENVIRONMENT, disk, path, *compiled, used=used, waste=not whole)
-    for path in _folders(cache / "pycache"):
+        whole = (path / "stamp.json").is_file()
+        yield _item(Kind.ENVIRONMENT, disk, path, *compiled, used=status.st_mtime, waste=not whole)
+    for path, _ in _folders(cache / "pycache"):
         if not (cache / "environments" / path.name).is_dir():
             yield _item(Kind.COMPILED, disk, path, waste=True)
 
 
 def _cached(cache: Path, disk: Disk) -> Iterator[Item]:
-    for kind, name in ((Kind.WHEEL, "wheels"), (Kind.METADATA, "uv-builds")):
-        for path in _folders(cache / name):
+    for kind, name in ((Kind.WHEEL, "wheels"), (Kind.METADATA, "uv-builds"), (Kind.REPOSITORY, "repositories")):
+        for path, status in _folders(cache / name):
             if path.name != "requests":
-                yield _item(kind, disk, path, used=path.stat().st_mtime)
+                yield _item(kind, disk, path, used=status.st_mtime)
     if (cache / "uv").is_dir():
         yield _item(Kind.UV, disk, cache / "uv", used=(cache / "uv").stat().st_mtime)
 
@@ -165,7 +166,7 @@ def _cached(cache: Path, disk: Disk) -> Iterator[Item]:
 def _scratch(places: Places, disk: Disk, now: float) -> Iterator[Item]:
     """Folders of this user that are a day old and that no living process speaks of."""
     candidates = [*_folders(places.cache / "tmp"), *_folders(places.temporary, "simmatrix-*")]
-    old = [path for path in candidates if now - path.stat().st_mtime > DAY and path.stat().st_uid == os.getuid()]
+    old = [path for path, status in candidates if now - status.st_mtime > DAY and status.st_uid == os.getuid()]
     told = _told() if old else b""
     for path in old:
         if os.fsencode(path.name) not in told:
@@ -184,10 +185,12 @@ def _told() -> bytes:
     return b"\n".join(said)
 
 
-def _folders(parent: Path, pattern: str = "*") -> list[Path]:
-    if not parent.is_dir():
-        return []
-    return [path for path in sorted(parent.glob(pattern)) if path.is_dir() and not path.is_symlink()]
+def _folders(parent: Path, pattern: str = "*") -> Iterator[tuple[Path, os.stat_result]]:
+    for path in sorted(parent.glob(pattern) if parent.is_dir() else ()):
+        with suppress(OSError):  # it may have gone just now
+            status = path.lstat()
+            if S_ISDIR(status.st_mode):
+                yield path, status
 
 
 # --- the state -------------------------------------------------------------------------------------------------
@@ -208,7 +211,7 @@ def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
     for path in sorted((places.state / "locks").glob("*.txt")):
         if path.stem not in starts and now - path.stat().st_mtime > DAY:
             yield _item(Kind.RECORD, disk, path, waste=True)
-    for path in _folders(places.state / "evidence"):
+    for path, _ in _folders(places.state / "evidence"):
         if path.name not in kept:
             found = _item(Kind.EVIDENCE, disk, path, waste=True)
             if now - found.used > DAY:
@@ -254,7 +257,7 @@ def remove(item: Item, cache: Path) -> bool:
     match item.kind:
         case Kind.ENVIRONMENT:
             return _removed_environment(item, cache)
-        case Kind.WHEEL | Kind.METADATA:
+        case Kind.WHEEL | Kind.METADATA | Kind.REPOSITORY:
             return _removed_unused(item, cache)
         case Kind.UV:
             with filelocks.unused(item.paths[0]) as free:

@@ -64,10 +64,12 @@ class TestCache:
         assert waste(places) == {"unfinished", "removed"}
 
     def test_what_else_is_cached(self, places: Places) -> None:
-        """Built wheels, metadata and downloads go by age; interpreters, and what requests led to, never."""
+        """Wheels, metadata, repositories and downloads go by age; interpreters, and what requests led to, never."""
         put(places.cache / "wheels/key/a.whl")
         put(places.cache / "wheels/requests/asked.txt", "key")
         put(places.cache / "uv-builds/asked/wheels/x")
+        put(places.cache / "repositories/mirror/HEAD")
+        put(places.cache / "repositories/mirror.lock")
         put(places.cache / "uv/archive-v0/x/a.py")
         put(places.cache / "pythons/cpython-3.8/bin/python3.8")
         put(places.cache / "machine.json")
@@ -75,6 +77,7 @@ class TestCache:
         assert {name: item.kind for name, item in found(places).items()} == {
             "key": Kind.WHEEL,
             "asked": Kind.METADATA,
+            "mirror": Kind.REPOSITORY,
             "uv": Kind.UV,
         }
         assert waste(places) == set()
