@@ -11,17 +11,17 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import document, inputs, interpreters, machine, plan, scheduler, store, verdict
+from harness import checkouts, document, inputs, interpreters, machine, plan, scheduler, store, subjects, verdict
 from harness.commands import progress, reporting
 from harness.commands.run import VERIFYING, tell
 from harness.errors import BadInput
 from harness.inputfiles import Inputs
-from harness.model import CaseRecord, CellRecord, Outcome, Phase, Plan, Question, Verdict
+from harness.model import CaseRecord, Cell, CellRecord, Outcome, Phase, Plan, Subject, Verdict
 from harness.reporttypes import UNTOLD, word
 from harness.schema import located
 from harness.store import Store
 from harness.verdict import Judgement
-from harness.vocabulary import HOST, Api, version_text
+from harness.vocabulary import HOST, Api, PackageName, version_text
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
 REUSED_FOR_HOURS = 24.0
@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="requirements.txt, pyproject.toml, pylock.toml or environment.yml",
     )
+    parser.add_argument("--subject", metavar="PATH", help="put this project, wheel or git+ADDRESS@REFERENCE on top")
     parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml")
     parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a group of the pyproject.toml")
     parser.add_argument("--python", metavar="V", help="version, `host` or path [the active environment's, or newest]")
@@ -68,13 +69,15 @@ RESOLVER_OPTIONS = {
 
 def main(args: argparse.Namespace) -> int:
     """Try it; 0 only for `works`, 1 where it does not, 3 where it cannot be told here."""
-    given = inputs.read(args.files, extras=args.extra, groups=args.group)
+    tested = _subject(args) if args.subject else None
+    of_files = ([], []) if tested else (args.extra, args.group)
+    given = inputs.read(args.files, extras=of_files[0], groups=of_files[1])
     for line in (*given.not_modelled, *given.notes):
         tell(f"note: {line}")
     opened = store.open_store()
     settings = scheduler.Settings(fresh=args.fresh, offline=args.offline, verify=args.verify)
     with progress.Progress(1, 1, reporting.headline) as board:
-        planned = _plan(args, given, opened, scheduler.Runner(opened, settings, board))
+        planned = _plan(args, given, tested, opened, scheduler.Runner(opened, settings, board))
         (record,) = scheduler.run(planned.cells, opened, settings, board)
     judged = verdict.judge(record)
     if args.json:
@@ -91,7 +94,18 @@ def main(args: argparse.Namespace) -> int:
 # --- what is asked for -----------------------------------------------------------------------------------------
 
 
-def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: scheduler.Runner) -> Plan:
+def _subject(args: argparse.Namespace) -> Subject:
+    """The package under test, whose extras and groups are those asked for."""
+    remote = args.subject.startswith(checkouts.REPOSITORY)
+    source = args.subject if remote else str(Path(args.subject).resolve())
+    with located("--extra, --group"):
+        extras, groups = (tuple(map(PackageName.canonical, names)) for names in (args.extra, args.group))
+    return subjects.settled(Subject(source=source, extras=extras, groups=groups), offline=args.offline)
+
+
+def _plan(
+    args: argparse.Namespace, given: Inputs, tested: Subject | None, opened: Store, runner: scheduler.Runner
+) -> Plan:
     """The one-cell plan, its Python chosen and its instant set; what is wrong is said before anything is kept."""
     asked = plan.Asked(
         requirements=(*args.requirements, *given.requirements),
@@ -106,6 +120,7 @@ def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: schedu
         only_binary=(*args.only_binary, *given.only_binary),
         torch_backend=args.torch_backend,
         as_of=args.as_of,
+        subject=tested,
     )
     plan.single(asked)
     if args.as_of is None:
@@ -114,19 +129,20 @@ def _plan(args: argparse.Namespace, given: Inputs, opened: Store, runner: schedu
     question = replace(plan.single(asked).cells[0].question, index=given.index)
     if given.prerelease:
         question = replace(question, prerelease=given.prerelease)
-    python = _asked_python(args.python) if args.python else _python(question, given, runner)
-    asked = replace(asked, python=_version(python), api=args.api or _api(asked, question, python, runner))
+    cell = replace(plan.single(asked).cells[0], question=question)
+    python = _asked_python(args.python) if args.python else _python(cell, given, runner)
+    asked = replace(asked, python=_version(python), api=args.api or _api(asked, cell, python, runner))
     planned = plan.single(asked)
     (cell,) = planned.cells
     return replace(planned, cells=(replace(cell, python=python, question=question),))
 
 
-def _api(asked: plan.Asked, question: Question, python: str, runner: scheduler.Runner) -> str | None:
+def _api(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
     """The API that environments speak where no requirement is one: that which the others bring with them."""
     if not asked.envs or plan.named_api(asked):
         return None
     interpreter = interpreters.obtain(python, offline=runner.settings.offline)
-    lock = runner.lock(question, interpreter)[0] if interpreter else None
+    lock = runner.lock_of(cell, interpreter)[0] if interpreter else None
     brought = [api for api in (Api.GYMNASIUM, Api.GYM) if lock and api in lock.versions]
     if lock and not brought:
         message = f"--env {asked.envs[0]}: nothing that is asked for brings {' or '.join(Api)}; name one of them, too"
@@ -160,16 +176,17 @@ def _version(python: str) -> str:
     return found.version if found else python
 
 
-def _python(question: Question, given: Inputs, runner: scheduler.Runner) -> str:
+def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
     """The active environment's Python if it can be had, else the newest that the requirements allow."""
-    allowed = SpecifierSet(given.python or "")
+    about = subjects.about(cell.subject) if cell.subject else None
+    allowed = SpecifierSet(given.python or "") & SpecifierSet(about.python if about else "")
     active = interpreters.active_version()
     if active and allowed.contains(active, prereleases=True) and interpreters.find(active):
         return active
     minors = {found.minor: found for found in interpreters.available() if allowed.contains(found.version)}
     newest = sorted(minors.values(), key=lambda found: Version(found.version), reverse=True)
     for found in newest:
-        lock, step = runner.lock(question, found)
+        lock, step = runner.lock_of(cell, found)
         if lock or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE:
             return found.minor
     if newest:

@@ -22,7 +22,7 @@ T = TypeVar("T")
 Rules = tuple[tuple[str, Condition], ...]
 CasesWhen = tuple[tuple[Case, "Condition | _InBaseline"], ...]
 
-IMPORTED = Case(id="import", env=None, api="", checks=(IMPORT_CHECK,), packages=(SELF,))
+IMPORTED = Case(id="import-subject", env=None, api="", checks=(IMPORT_CHECK,), packages=(SELF,))
 """What is tried of a subject where the matrix has no case: its modules are imported."""
 
 

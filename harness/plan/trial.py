@@ -6,17 +6,20 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import PurePath
 
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.errors import BadInput
-from harness.model import Case, Cell, Phase, Plan, Question
+from harness.model import Case, Cell, Phase, Plan, Question, Subject
+from harness.plan.contents import IMPORTED
 from harness.schema import located, suggestion
 from harness.vocabulary import (
     CHECKS,
     IMPORT_CHECK,
     LONGEST_LABEL,
+    SELF,
     Api,
     Instant,
     ModuleName,
@@ -55,6 +58,7 @@ class Asked:
     only_binary: tuple[str, ...] = ()
     as_of: str | None = None
     torch_backend: str = "cpu"
+    subject: Subject | None = None
 
 
 def single(asked: Asked) -> Plan:
@@ -65,19 +69,20 @@ def single(asked: Asked) -> Plan:
             check_variable(name)
     axes = {"python": asked.python, **_pins(question.requirements)}
     cell = Cell(
-        id=f"{NAME}/{_label(asked.python, question.requirements)}",
+        id=f"{NAME}/{_label(asked.python, question.requirements, asked.subject)}",
         matrix=NAME,
         axes=axes,
         python=asked.python,
         question=question,
         environment=asked.environment,
         cases=cases_for(asked),
+        subject=asked.subject,
     )
     return Plan(matrix=NAME, cells=(cell,), axes=tuple(axes))
 
 
 def _question(asked: Asked) -> Question:
-    if not asked.requirements:
+    if not asked.requirements and asked.subject is None:
         message = "try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'"
         raise BadInput(message)
     return Question(
@@ -106,10 +111,11 @@ def _pins(requirements: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _label(python: str, requirements: Iterable[str]) -> str:
+def _label(python: str, requirements: Iterable[str], subject: Subject | None) -> str:
     pins = _pins(requirements)
     names = dict.fromkeys(required_name(text) for text in requirements)
-    parts = [f"py{python}", *(name + pins.get(name, "") for name in names)]
+    own = [PurePath(subject.source).name, *subject.extras, *subject.groups] if subject else []
+    parts = [f"py{python}", *own, *(name + pins.get(name, "") for name in names)]
     label = re.sub(r"[^A-Za-z0-9._+-]+", "-", "-".join(parts))
     if len(label) <= LONGEST_LABEL:
         return label
@@ -133,8 +139,8 @@ def cases_for(asked: Asked) -> tuple[Case, ...]:
         return (_import_case(imports=imports),)
     asked_for = dict.fromkeys(map(required_name, asked.requirements))
     if not envs:
-        return tuple(_import_case(packages=(name,)) for name in asked_for)
-    packages = tuple(name for name in asked_for if name not in set(Api))
+        return tuple(_import_case(packages=(name,)) for name in asked_for) + ((IMPORTED,) if asked.subject else ())
+    packages = tuple(name for name in asked_for if name not in set(Api)) + ((SELF,) if asked.subject else ())
     cases: dict[str, Case] = {}
     for env, checks in envs.items():
         with located("--env"):

@@ -116,6 +116,11 @@ class Runner:
 
     # --- resolving -------------------------------------------------------------------------------------------------
 
+    def lock_of(self, cell: Cell, interpreter: Interpreter) -> tuple[Lock | None, Step]:
+        """The lock of a cell, for which its subject, if it has one, is built; or the step that failed."""
+        asked, tested = self._asked(cell, interpreter, quick=False)
+        return (None, tested) if isinstance(tested, Step) else self.lock(asked.question, interpreter)
+
     def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
         """The lock of a question and how it came: kept from before, or resolved now, once for all that ask it.
 

@@ -94,7 +94,7 @@ def test_without_cases_its_modules_are_imported() -> None:
     (given,) = cells('subject = "."\n' + AXES + '[[cases]]\nenv = "Own-v0"\napi = "gymnasium"\n').values()
 
     assert [(one.id, one.env, one.checks, one.packages) for one in bare.cases] == [
-        ("import", None, ("import.modules",), (SELF,))
+        ("import-subject", None, ("import.modules",), (SELF,))
     ]
     assert [one.packages for one in given.cases] == [(SELF,)]
 
