@@ -96,6 +96,7 @@ def text_of(draft: Draft, template: str) -> str:
     environment.filters |= {
         "toml": lambda value: json.dumps(value, ensure_ascii=False),
         "key": schema.key_path,
+        "comment": lambda note: "".join(sign for sign in " ".join(note.split()) if sign.isprintable()),
         "inline": lambda table: ", ".join(
             f"{schema.key_path(key)} = {json.dumps(value)}" for key, value in table.items()
         ),

@@ -50,9 +50,9 @@ def of_legs(legs: Sequence[Leg], source: str, case: Case | None) -> Draft | None
     """The draft of a matrix with the same combinations, None where no leg can be understood."""
     notes = [*_notes(legs)]
     found: list[_Installed] = []
-    for leg in legs:
-        python = _python(leg)
-        if python is None:
+    pythons = [_python(leg) for leg in legs]
+    for leg, python in zip(legs, pythons, strict=True):
+        if python is None or (python == HOST and {*pythons} != {HOST}):
             notes.append(f"Left out: {leg.combination}, whose Python is not a version such as 3.11.")
         else:
             found.append(_Installed(python=python, packages=_packages(leg), extras=leg.extras or ()))
@@ -172,10 +172,11 @@ def _label(line: str) -> str:
 
 
 def _missing(values: Mapping[str, Sequence[str]], legs: Sequence[Mapping[str, str]]) -> Iterator[dict[str, str]]:
+    """Combinations that no leg is, named by the axes that have a choice."""
     for combination in product(*values.values()):
-        when = dict(zip(values, combination, strict=True))
-        if when not in legs:
-            yield when
+        named = dict(zip(values, combination, strict=True))
+        if named not in legs:
+            yield {name: value for name, value in named.items() if len(values[name]) > 1}
 
 
 def _distinct(values: Iterable[str]) -> tuple[str, ...]:

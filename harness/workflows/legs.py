@@ -78,11 +78,8 @@ def leg(job: Mapping[str, Any], combination: Combination) -> Leg:
     around = [job.get(key) for key in ("runs-on", "container", "services", "env", "defaults", "with")]
     followed.hand_on(around, "the job's own settings")
     environment = followed.variables(job.get("env"), {})
-    for step in job.get("steps") or ():
-        if (
-            isinstance(step, dict)
-            and expressions.holds(step.get("if", True), followed.contexts(environment)) is not False
-        ):
+    for step in _steps(job):
+        if expressions.holds(step.get("if", True), followed.contexts(environment)) is not False:
             followed.step(step, followed.variables(step.get("env"), environment))
     return Leg(
         combination=combination,
@@ -222,6 +219,11 @@ class _Followed:
         return f"installs {found}" if found.specifier or found.url else ""
 
 
+def _steps(job: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    steps = job.get("steps")
+    return [step for step in steps if isinstance(step, dict)] if isinstance(steps, list) else []
+
+
 def _package(name: str) -> str:
     """The package that an axis such as `gymnasium-version` speaks of."""
     return canonicalize_name(re.sub(r"[-_.]?(?:version|ver)s?$", "", name, flags=re.IGNORECASE) or name)
@@ -236,7 +238,7 @@ def _specifiers(value: str) -> SpecifierSet | None:
 
 
 def _why_never(name: str, job: Mapping[str, Any]) -> str:
-    steps = [step for step in job.get("steps") or () if isinstance(step, dict)]
+    steps = _steps(job)
     using = [
         step for step in steps if name in _used([value for key, value in step.items() if key not in {"if", "name"}])
     ]
@@ -249,7 +251,7 @@ def _why_never(name: str, job: Mapping[str, Any]) -> str:
 
 def _mentioned(job: Mapping[str, Any]) -> frozenset[str]:
     """Names that conditions and names of steps and of the job use."""
-    steps = [step for step in job.get("steps") or () if isinstance(step, dict)]
+    steps = _steps(job)
     conditions = (text_of(step.get("if")) for step in steps)
     inside = {name for condition in conditions for name in expressions.names_in(condition, "matrix")}
     return _used([job.get("name"), job.get("continue-on-error"), *(step.get("name") for step in steps)]) | inside

@@ -191,6 +191,20 @@ def test_what_is_handed_on_is_taken_at_its_word_and_told() -> None:
     assert "numpy-version is handed to `docker build --build-arg ...`; it is taken at its word here." in draft.notes
 
 
+def test_whatever_a_matrix_lists_makes_a_file_that_plans() -> None:
+    """Lines and control characters stay inside comments; a Python that is not set up counts only where none is."""
+    odd = drafted(
+        '{ python: ["3.11", "x\\ny = 1 \\u0007"], n: [1, 2] }', "{ run: pip install numpy==1.26.$N, env: { N: 4 } }"
+    )
+    unset = drafted('{ np: ["1.26.4", "2.2.6"] }', '{ run: "pip install numpy==${{ matrix.np }}" }', python="")
+
+    assert odd
+    assert labels(planned(odd)) == ["py3.11"]
+    assert "# Left out: python x y = 1 , n 1, whose Python is not a version" in drafts.text_of(odd, TEMPLATE)
+    assert unset is not None
+    assert labels(planned(unset)) == ["py3.11.7-numpy1.26.4", "py3.11.7-numpy2.2.6"]
+
+
 def test_legs_of_no_release_of_python_are_left_out() -> None:
     """PyPy and development versions are told; nothing is left of a workflow with no other."""
     some = drafted('{ python: ["3.11", "pypy-3.10"] }', "{ run: pip install . }")

@@ -206,6 +206,14 @@ def test_jobs_without_a_matrix_are_left_out() -> None:
     assert [found.name for found in read(text, "ci.yml")] == ["a"]
 
 
+@pytest.mark.parametrize("steps", ["3", "text", "[null, [1], text, { run: 3, env: x, with: [] }, { if: [] }]", "null"])
+def test_steps_of_any_shape_are_read(steps: str) -> None:
+    """What is no step is passed over, as what a matrix lists may be anything."""
+    text = f"jobs: {{ a: {{ env: 3, strategy: {{ matrix: {{ x: [null, [1], {{}}] }} }}, steps: {steps} }} }}"
+
+    assert {claim.fate for leg in read(text, "ci.yml")[0].legs for claim in leg.claims} == {Fate.NEVER}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
