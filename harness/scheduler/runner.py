@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
@@ -13,7 +13,6 @@ from harness.errors import CouldNotTell
 from harness.filelocks import claim, exclusive
 from harness.model import (
     Case,
-    CaseRecord,
     Cell,
     CellRecord,
     Interpreter,
@@ -27,9 +26,10 @@ from harness.model import (
 from harness.scheduler import undertest
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, conditioned, outdated
+from harness.scheduler.records import finished, not_reached, stopped, with_modules
 from harness.scheduler.settings import Observer, Settings
 from harness.scheduler.undertest import Unknown
-from harness.store import Installed, Store, cache_folder, digest, now, question_key
+from harness.store import Installed, Store, cache_folder, digest, question_key
 from harness.subjects import Ready
 
 
@@ -92,7 +92,7 @@ class Runner:
             ready = self._prepared(cell, quick=True)
         except Unknown:
             return None
-        return ready.record if ready.told else _finished(ready.record)
+        return ready.record if ready.told else finished(ready.record)
 
     def prepare(self, cell: Cell) -> Prepared:
         """Resolve and install: mostly waiting, for the network and the disk."""
@@ -108,11 +108,11 @@ class Runner:
                 cases = tuple(cellrun.run_case(ready.context, case) for case in ready.cases)
                 record = replace(record, cases=cases, suite=ready.suite.measure(cases) if ready.suite else None)
             except NoEnvironment as failure:
-                record = _stopped(record, failure.step)
+                record = stopped(record, failure.step)
         if process.stopped():
             message = f"{record.cell.id}: interrupted"
             raise CouldNotTell(message)
-        return record if ready.told else _finished(record)
+        return record if ready.told else finished(record)
 
     # --- resolving -------------------------------------------------------------------------------------------------
 
@@ -171,17 +171,17 @@ class Runner:
         interpreter = self._interpreter(cell, quick=quick)
         missing = interpreter if isinstance(interpreter, str) else machine.missing_for(cell.needs)
         if isinstance(interpreter, str) or missing:
-            return Prepared(record=replace(record, unavailable=missing, cases=_not_reached(cell)))
+            return Prepared(record=replace(record, unavailable=missing, cases=not_reached(cell)))
         record = replace(record, python=interpreter.version)
         asked, tested = self._asked(cell, interpreter, quick=quick)
         if isinstance(tested, Step):
-            return Prepared(record=_stopped(record, tested))
+            return Prepared(record=stopped(record, tested))
         record = replace(record, subject=tested.tested if tested else None)
         fetched = self.settings.fetched
         lock, step = fetched.answer(cell) if fetched else self.lock(asked.question, interpreter, quick=quick)
         record = replace(record, resolve=step)
         if lock is None:
-            return Prepared(record=_stopped(record, step))
+            return Prepared(record=stopped(record, step))
         file = self.store.relative(self.store.lock_file(lock))
         record = replace(record, lock=file, lock_sha256=lock.sha256)
         if self.settings.until is Phase.RESOLVE:
@@ -219,7 +219,7 @@ class Runner:
                 raise Unknown
             known = pool.install()
         if known.failed:
-            return Prepared(record=_stopped(record, known.failed))
+            return Prepared(record=stopped(record, known.failed))
         known = undertest.extended(known, tested) if tested else known
         record = replace(
             record,
@@ -240,13 +240,13 @@ class Runner:
                 return Prepared(record=record, site=self._site(record, *self._place(pool, tested)))
             return self._known_cases(record, pool, known, tested, quick=quick)
         except NoEnvironment as failure:
-            return Prepared(record=_stopped(record, failure.step))
+            return Prepared(record=stopped(record, failure.step))
 
     def _known_cases(
         self, record: CellRecord, pool: Pool, known: Installed, tested: Ready | None, *, quick: bool
     ) -> Prepared:
         context = self._context(record, pool, tested)
-        cases = tuple(_with_modules(case, known) for case in record.cell.cases)
+        cases = tuple(with_modules(case, known) for case in record.cell.cases)
         record = record if tested else replace(record, mark=cellrun.mark(context, cases, record.lock_sha256))
         told = self._told(record)
         if told:
@@ -352,57 +352,3 @@ class Runner:
         kept = self.store.load_cell(record.machine, record.cell.id)
         failed = record.install is not None and record.install.outcome is not Outcome.PASSED
         return not failed and kept is not None and kept.cell == record.cell and kept.lock_sha256 == record.lock_sha256
-
-
-# --- records -------------------------------------------------------------------------------------------------------
-
-
-def _finished(record: CellRecord) -> CellRecord:
-    """The record with what can be told only at its end."""
-    measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
-    whole = record.install and record.install.outcome is Outcome.PASSED and cellrun.reusable(record.cases)
-    mark = record.mark if whole else None
-    return replace(record, measured=measured, mark=mark, seconds=_seconds(record), reused=_reused(record))
-
-
-def _stopped(record: CellRecord, step: Step) -> CellRecord:
-    """A record whose resolve or install did not succeed: the cases are not reached."""
-    cases = _not_reached(record.cell)
-    if step.outcome is Outcome.UNAVAILABLE:
-        return replace(record, unavailable=step.decisive, cases=cases)
-    if step.phase is Phase.INSTALL:
-        passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=step.reused)
-        resolve = record.resolve if record.lock else passed
-        return replace(record, resolve=resolve, install=step, cases=cases)
-    return replace(record, resolve=step, cases=cases)
-
-
-def _not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
-    return tuple(cellrun.not_reached(case) for case in cell.cases)
-
-
-def _with_modules(case: Case, installed: Installed) -> Case:
-    """The case with the modules of its packages; one that installs none is left to fail by its name."""
-    speaking = [name for name in case.packages if not case.api or name in installed.speaking.get(case.api, ())]
-    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in speaking)
-    modules = tuple(module for modules in found for module in modules)
-    if case.env is None:
-        return replace(case, imports=(*case.imports, *modules))
-    return replace(case, providers=modules)
-
-
-def _phases(record: CellRecord) -> Iterator[PhaseRecord]:
-    suite = (record.suite,) if record.suite else ()
-    phases = (phase for case in record.cases for phase in case.phases)
-    return (phase for phase in (*phases, *suite) if phase.measured)
-
-
-def _seconds(record: CellRecord) -> float:
-    steps = sum(step.seconds for step in (record.resolve, record.install) if step)
-    return round(steps + sum(phase.seconds for phase in _phases(record)), 3)
-
-
-def _reused(record: CellRecord) -> bool:
-    """Whether nothing of it was measured in this run."""
-    steps = [step.reused for step in (record.resolve, record.install) if step]
-    return bool(steps) and all(steps) and all(phase.reused for phase in _phases(record))

@@ -1,0 +1,62 @@
+"""The record of a cell: with what can be told only at its end, or where it was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from harness import cellrun
+from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, PhaseRecord, Step
+from harness.store import Installed, now
+
+
+def finished(record: CellRecord) -> CellRecord:
+    """The record with what can be told only at its end."""
+    measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
+    whole = record.install and record.install.outcome is Outcome.PASSED and cellrun.reusable(record.cases)
+    mark = record.mark if whole else None
+    return replace(record, measured=measured, mark=mark, seconds=_seconds(record), reused=_reused(record))
+
+
+def stopped(record: CellRecord, step: Step) -> CellRecord:
+    """A record whose resolve or install did not succeed: the cases are not reached."""
+    cases = not_reached(record.cell)
+    if step.outcome is Outcome.UNAVAILABLE:
+        return replace(record, unavailable=step.decisive, cases=cases)
+    if step.phase is Phase.INSTALL:
+        passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=step.reused)
+        resolve = record.resolve if record.lock else passed
+        return replace(record, resolve=resolve, install=step, cases=cases)
+    return replace(record, resolve=step, cases=cases)
+
+
+def not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
+    """Cases of a cell whose environment never came to be."""
+    return tuple(cellrun.not_reached(case) for case in cell.cases)
+
+
+def with_modules(case: Case, installed: Installed) -> Case:
+    """The case with the modules of its packages; one that installs none is left to fail by its name."""
+    speaking = [name for name in case.packages if not case.api or name in installed.speaking.get(case.api, ())]
+    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in speaking)
+    modules = tuple(module for modules in found for module in modules)
+    if case.env is None:
+        return replace(case, imports=(*case.imports, *modules))
+    return replace(case, providers=modules)
+
+
+def _phases(record: CellRecord) -> Iterator[PhaseRecord]:
+    suite = (record.suite,) if record.suite else ()
+    phases = (phase for case in record.cases for phase in case.phases)
+    return (phase for phase in (*phases, *suite) if phase.measured)
+
+
+def _seconds(record: CellRecord) -> float:
+    steps = sum(step.seconds for step in (record.resolve, record.install) if step)
+    return round(steps + sum(phase.seconds for phase in _phases(record)), 3)
+
+
+def _reused(record: CellRecord) -> bool:
+    """Whether nothing of it was measured in this run."""
+    steps = [step.reused for step in (record.resolve, record.install) if step]
+    return bool(steps) and all(steps) and all(phase.reused for phase in _phases(record))
