@@ -18,6 +18,8 @@ from harness.model import (
     PhaseRecord,
     Question,
     Step,
+    Subject,
+    Suite,
     Verdict,
 )
 from harness.smoke import judging
@@ -232,6 +234,26 @@ def test_the_verdict_of_a_cell(found: CellRecord, kind: Kind, text: str) -> None
 def test_what_is_needed_comes_nearest_first() -> None:
     """Rendering needs a loop, a loop needs an import."""
     assert judging.needs(Phase.RENDER) == (Phase.SINGLE, Phase.IMPORT)
+
+
+SUITE = PhaseRecord(phase=Phase.SUITE, outcome=Outcome.FAILED, decisive="test_it: assert 0", evidence="evidence/suite")
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (replace(record(), suite=SUITE), (Kind.FAILED, "test_it: assert 0")),
+        (replace(record(), suite=replace(SUITE, outcome=Outcome.INFRA)), (Kind.INCONCLUSIVE, "inconclusive: test_it: assert 0")),  # noqa: E501
+        (record(import_="failed", single="not_reached"), (Kind.SKIPPED, "not reached: import failed")),
+    ],
+)  # fmt: skip
+def test_the_suite_of_a_subject_needs_an_import(found: CellRecord, expected: tuple[Kind, str]) -> None:
+    """Where no case could be imported it is not reached."""
+    subject = Subject(source=".", state="s", suite=Suite())
+    found = replace(found, cell=replace(CELL, subject=subject))
+    ended = judging.ended(found.cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING)
+
+    assert (ended.kind, ended.text) == expected
 
 
 def test_time_is_that_of_this_session() -> None:
