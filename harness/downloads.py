@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from urllib.error import URLError
-from urllib.request import Request, urlopen
 
 from harness.model import Artifact
 
@@ -39,8 +37,10 @@ def _size(artifact: Artifact) -> int:
     """As the index told, else as the server tells; pure Python wheels are small, and 0 is what cannot be known."""
     if artifact.size is not None or artifact.filename.endswith("-any.whl"):
         return artifact.size or 0
+    from urllib.request import Request, urlopen  # noqa: PLC0415  (slow to import)
+
     try:
         with urlopen(Request(artifact.source, method="HEAD"), timeout=TIMEOUT) as answer:
             return int(answer.headers.get("Content-Length") or 0)
-    except (URLError, OSError, ValueError):
+    except (OSError, ValueError):
         return 0

@@ -17,7 +17,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 from urllib.parse import unquote, urlsplit, urlunsplit
-from urllib.request import url2pathname
 
 from packaging.utils import (
     InvalidSdistFilename,
@@ -267,7 +266,7 @@ def _shown(address: str) -> str:
 def _local(address: str) -> Path | None:
     """The path that a `file:` address or a plain path means; None for anything on the network."""
     if address.startswith("file:"):
-        return Path(url2pathname(unquote(urlsplit(address).path)))
+        return Path(unquote(urlsplit(address).path))
     return Path(address) if "://" not in address else None
 
 
