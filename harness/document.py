@@ -193,7 +193,7 @@ def _evidence(record: CellRecord, phase: Phase | None, locate: Locate) -> str | 
     logs = [(step.phase, step.log) for step in steps if step.log]
     for wanted in CASE_PHASES:
         probes = [probe for case in record.cases for probe in case.phases if probe.phase is wanted]
-        probes.sort(key=lambda probe: list(Outcome).index(probe.outcome))
+        probes.sort(key=lambda probe: verdict.RANK[probe.outcome])
         logs += [(probe.phase, probe.evidence) for probe in probes if probe.evidence]
     logs += [(Phase.SUITE, record.suite.evidence)] if record.suite and record.suite.evidence else []
     found = next((log for at, log in logs if at is phase), logs[-1][1] if logs else None)

@@ -106,7 +106,8 @@ def _byte(folder: Path) -> int:
 
 
 def _acquired(path: Path, *, wait: bool) -> BaseFileLock | None:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.parent.is_dir():
+        path.parent.mkdir(parents=True, exist_ok=True)
     lock: BaseFileLock = FileLock(path, thread_local=False)
     patience = -1 if wait else 0
     try:

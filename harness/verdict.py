@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cache
 
 from harness.model import (
     CASE_PHASES,
@@ -27,6 +28,9 @@ from harness.model import (
     Verdict,
 )
 from harness.reporttypes import SEVERITY, UNTOLD, ExpectationEntry
+
+RANK = {outcome: place for place, outcome in enumerate(Outcome)}
+"""The worst is 0."""
 
 ONLY_IMPORT = "only the import was tried"
 
@@ -74,9 +78,13 @@ def suite_phase(evidence: CellRecord) -> PhaseRecord | None:
 def case_phases(cell: Cell, record: CaseRecord) -> tuple[PhaseRecord, ...]:
     """The phases of a case as they count, all of `CASE_PHASES`: with `required` findings, and none left unsaid."""
     known = {phase.phase: phase for phase in record.phases}
-    checks = [check for case in cell.cases if case.id == record.case for check in case.checks]
-    asked = {phase: {check for check in checks if check.partition(".")[0] == phase} for phase in CASE_PHASES}
+    asked = _asked(tuple(check for case in cell.cases if case.id == record.case for check in case.checks))
     return tuple(_counted(phase, known.get(phase), asked[phase], record.required) for phase in CASE_PHASES)
+
+
+@cache
+def _asked(checks: tuple[str, ...]) -> Mapping[Phase, frozenset[str]]:
+    return {phase: frozenset(one for one in checks if one.partition(".")[0] == phase) for phase in CASE_PHASES}
 
 
 def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
@@ -90,8 +98,7 @@ def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
 
 def worst(outcomes: Iterable[Outcome]) -> Outcome:
     """The first in the order of `Outcome`, which is worst first; `skipped` of nothing."""
-    order = list(Outcome)
-    return min(outcomes, key=order.index, default=Outcome.SKIPPED)
+    return min(outcomes, key=RANK.__getitem__, default=Outcome.SKIPPED)
 
 
 # --- the table -------------------------------------------------------------------------------------------------

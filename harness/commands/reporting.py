@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from stat import S_ISDIR
 
 from harness import document, launch, machine, outcomes, present, store, tables, verdict
 from harness.commands import standing
@@ -174,13 +175,14 @@ class _Files:
 
 def carry(source: Path, target: Path) -> bool:
     """Copy a file, or the texts of a folder; False where there is nothing."""
-    if source.is_dir():
-        texts = [path for path in sorted(source.iterdir()) if path.suffix in {".jsonl", ".log", ".txt"}]
-        return bool([carry(text, target / text.name) for text in texts])
     try:
         there = source.stat()
     except OSError:
         return False
+    if S_ISDIR(there.st_mode):
+        with os.scandir(source) as found:
+            texts = sorted(entry.name for entry in found if entry.name.endswith((".jsonl", ".log", ".txt")))
+        return bool([carry(source / text, target / text) for text in texts])
     if not _same(there, target):
         store.write_atomic(target, source.read_bytes())
         os.utime(target, ns=(there.st_atime_ns, there.st_mtime_ns))  # by which the next report knows it
