@@ -199,3 +199,23 @@ def test_until_install_then_offline(desk: Desk, serve: Callable[..., str], tmp_p
     second = desk.run("run", matrix, "--offline", "-k", "*-good", "--json", **own)
     cell = second.cells("which")["good"]
     assert (cell["verdict"], cell["phases"]["resolve"], cell["reused"]) == ("works", "passed", False)
+
+
+# --- nothing changed ---------------------------------------------------------------------------------------------
+
+
+def test_what_stands_is_left_alone(kept: Desk) -> None:
+    """Where nothing changed no record and no report is written; a report that was touched is made again."""
+    kept.run("run", "small.toml")
+    folder = kept.state / "reports" / "small"
+    files = [*kept.state.glob("cells/*/small/*.json"), *folder.rglob("*.*")]
+    before = {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in files}
+    ran = kept.run("run", "small.toml")
+    assert {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in files} == before
+    assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
+    (folder / "report.md").write_text("somebody else's\n")
+    kept.run("run", "small.toml")
+    assert "## Cells" in (folder / "report.md").read_text()
+    expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
+    kept.matrix("small", SMALL.read_text() + expect)
+    assert "it paints black" in kept.run("run", "small.toml").out
