@@ -1,0 +1,139 @@
+"""Source trees of a package under test: what state they are in, and what a copy of them holds."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from harness import checkouts
+from harness.errors import BadInput, CouldNotTell
+
+pytestmark = pytest.mark.usefixtures("workplace")
+
+Git = Callable[..., str]
+
+
+@pytest.fixture
+def git() -> Git:
+    """Run git in a folder."""
+    found = shutil.which("git")
+    if not found:
+        pytest.skip("missing library: git")
+
+    def run(folder: Path, *arguments: str) -> str:
+        identity = ("-c", "user.name=a", "-c", "user.email=a@example.org", "-c", "init.defaultBranch=main")
+        done = subprocess.run((found, "-C", folder, *identity, *arguments), check=True, capture_output=True, text=True)
+        return done.stdout.strip()
+
+    return run
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A project with leftovers of builds and environments, below a repository's folder `whole`."""
+    texts = {
+        "own/__init__.py": "",
+        "setup.py": "",
+        "build/lib/own/old.py": "",
+        "own.egg-info/PKG-INFO": "",
+        "env/pyvenv.cfg": "",
+        "env/lib/more.py": "",
+        "state/.gitignore": "*\n",
+        "state/result": "",
+        "own/__pycache__/a.pyc": "",
+        "own/build/kept.py": "",
+    }
+    folder = tmp_path / "whole" / "part"
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    (folder / "link").symlink_to("setup.py")
+    return folder
+
+
+def held(folder: Path) -> list[str]:
+    """The files of a copy, its history apart."""
+    paths = [path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()]
+    return sorted(path.as_posix() for path in paths if ".git" not in path.parts)
+
+
+def test_folder_without_version_control(tree: Path, tmp_path: Path) -> None:
+    """Its state is that of its files; what tools leave behind has no part in it, nor in a copy."""
+    before = checkouts.of_folder(tree)
+    (tree / "build" / "lib" / "own" / "old.py").write_text("another")
+    same = checkouts.of_folder(tree)
+    copy = checkouts.copy_folder(tree, tmp_path / "copy")
+    (tree / "own" / "__init__.py").write_text("another")
+
+    assert (before.commit, before.changed) == (None, False)
+    assert same == before
+    assert checkouts.of_folder(tree).mark != before.mark
+    assert held(copy) == ["link", "own/__init__.py", "own/build/kept.py", "setup.py"]
+    assert (copy / "link").readlink() == Path("setup.py")
+
+
+def test_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
+    """A commit, whether files differ from it, and a copy of what is not ignored, with the history, as it lies there."""
+    whole = tree.parent
+    (whole / ".gitignore").write_text("/part/build\n*.egg-info\nenv\n__pycache__\n")
+    git(whole, "init")
+    git(whole, "add", "-A")
+    git(whole, "commit", "-m", "one")
+    clean = checkouts.of_folder(tree)
+    git(whole, "tag", "v1.0", "-m", "one", "-a")
+    tagged = checkouts.of_folder(tree)
+    (tree / "env" / "more").write_text("ignored")
+    ignored = checkouts.of_folder(tree)
+    (tree / "new.py").write_text("untracked")
+    untracked = checkouts.of_folder(tree)
+    (tree / "new.py").write_text("untracked, and another")
+    (tree / "setup.py").unlink()
+    copy = checkouts.copy_folder(tree, tmp_path / "copy")
+
+    assert (clean.commit, clean.changed) == (git(whole, "rev-parse", "HEAD"), False)
+    assert tagged.mark != clean.mark
+    assert ignored == tagged
+    assert untracked.changed
+    assert len({clean.mark, tagged.mark, untracked.mark, checkouts.of_folder(tree).mark}) == 4
+    assert copy == tmp_path / "copy" / "part"
+    assert held(tmp_path / "copy") == [
+        ".gitignore",
+        "part/link",
+        "part/new.py",
+        "part/own/__init__.py",
+        "part/own/build/kept.py",
+    ]
+    assert git(copy, "describe") == "v1.0"
+    assert git(copy, "status", "--short") == "D setup.py\n?? new.py"
+
+
+def test_repository(tree: Path, tmp_path: Path, git: Git) -> None:
+    """A reference is what it stands for now; a commit that was fetched needs no network, another one does."""
+    whole = tree.parent
+    git(whole, "init")
+    git(whole, "add", "-A")
+    git(whole, "commit", "-m", "one")
+    git(whole, "tag", "v1")
+    first = git(whole, "rev-parse", "HEAD")
+    source = f"git+file://{whole}@main#subdirectory=part"
+    with pytest.raises(CouldNotTell, match="main of the repository was never fetched; run without --offline"):
+        checkouts.of_repository(source, offline=True)
+    before = checkouts.of_repository(source)
+    git(whole, "commit", "--allow-empty", "-m", "two")
+
+    assert (before.commit, before.changed) == (first, False)
+    assert checkouts.of_repository(source, offline=True) == before
+    assert checkouts.of_repository(source).commit == git(whole, "rev-parse", "HEAD")
+    assert checkouts.of_repository(f"git+file://{whole}@v1#subdirectory=part") == before
+    assert checkouts.of_repository(f"git+file://{whole}").commit == git(whole, "rev-parse", "HEAD")
+    assert checkouts.text(source, first, "setup.py") == checkouts.text(source, first, "absent") == ""
+    copy = checkouts.copy_commit(source, first, tmp_path / "copy")
+    assert (copy / "own" / "__init__.py").is_file()
+    with pytest.raises(BadInput, match=r'the repository has no branch, tag or commit "mian"'):
+        checkouts.of_repository(f"git+file://{whole}@mian")
+    with pytest.raises(CouldNotTell, match="subject: the repository cannot be fetched: fatal: "):
+        checkouts.of_repository(f"git+file://{tmp_path}/nowhere@main")
