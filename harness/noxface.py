@@ -163,7 +163,7 @@ def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str
     if all(entry.verdict in {Verdict.UNAVAILABLE, Verdict.NOT_RUN} for entry in entries):
         session.skip(_told(entries))
     verdicts = Counter(word(entry.verdict) for entry in entries)
-    session.log(f"nothing unexpected: {', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())}")
+    session.log(", ".join(f"{count} {verdict}" for verdict, count in verdicts.items()))
 
 
 def _told(entries: Sequence[CellEntry]) -> str:

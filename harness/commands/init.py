@@ -103,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
         _nox(matrices, files)
         cells = {path: len(catalog.load(str(path), tell, offline=args.offline).cells) for path in matrices}
         for path in matrices:
-            _workflow(path, files, several=len(matrices) > 1)
+            _workflow(path, files)
         for path, count in cells.items():
             say(f"next: simmatrix run {path}  ({number(count, 'cell')})")
     if args.json:
@@ -172,9 +172,12 @@ def _nox(matrices: list[Path], files: _Files) -> None:
         files.say(f"{noxfile}: is there already and stays as it is; its cells come with these lines:\n\n{lines}")
 
 
-def _workflow(matrix: Path, files: _Files, *, several: bool) -> None:
-    """Write what `simmatrix ci` makes."""
-    path = Path(".github/workflows") / (f"simmatrix-{matrix.stem}.yml" if several else "simmatrix.yml")
+def _workflow(matrix: Path, files: _Files) -> None:
+    """Write what `simmatrix ci` makes, beside the workflow of another matrix."""
+    folder = Path(".github/workflows")
+    path = folder / "simmatrix.yml"
+    if path.exists() and f"ci {matrix} " not in path.read_text(encoding="utf-8", errors="replace"):
+        path = folder / f"simmatrix-{matrix.stem}.yml"
     if path.exists():
         files.kept.append(path.as_posix())
         files.say(f"{path}: is there already and stays as it is; `simmatrix ci {matrix} --check {path}` compares")

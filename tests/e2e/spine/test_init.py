@@ -129,8 +129,10 @@ def test_what_a_workflow_claims_and_never_installs(project: Desk) -> None:
         ("ci/py3.99-gymnasium1.0.0", ["gymnasium==1.0.0"]),
     ]
 
-    document = project.run("init", "--from", "ci.yml", "--name", "ci", "--json").document
-    assert (document["written"], [len(job["legs"]) for job in document["jobs"]]) == ([], [2])
+    document = project.run("init", "--from", "ci.yml", "--name", "other", "--json").document
+    assert [len(job["legs"]) for job in document["jobs"]] == [2]
+    assert document["written"] == ["matrices/other.toml", ".github/workflows/simmatrix-other.yml"]
+    assert document["kept"] == ["noxfile.py"]
 
 
 def test_a_folder_without_a_project_is_told(desk: Desk) -> None:
