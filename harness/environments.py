@@ -18,7 +18,7 @@ from pathlib import Path
 from time import monotonic
 
 import msgspec
-from packaging.requirements import Requirement
+from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
@@ -144,8 +144,25 @@ def modules(path: Path) -> dict[str, tuple[str, ...]]:
 
 def requiring(path: Path, name: str) -> tuple[str, ...]:
     """The packages that declare, in whatever extra, that they need this one."""
-    found = ((canonicalize_name(one.name), map(Requirement, one.requires or ())) for one in _distributions(path))
-    return tuple(sorted(asker for asker, needs in found if name in {canonicalize_name(need.name) for need in needs}))
+    return tuple(sorted({asker for asker, need in _needs(path) if canonicalize_name(need.name) == name}))
+
+
+def unheld(path: Path) -> tuple[tuple[str, str], ...]:
+    """What packages require that is not there, extras apart: who asks, and the requirement."""
+    here = installed(path)
+    return tuple(
+        (asker, str(need))
+        for asker, need in _needs(path)
+        if canonicalize_name(need.name) not in here and "extra" not in str(need.marker or "")
+    )
+
+
+def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
+    """Who requires what; a line of which uv makes something else than it says, being wrong, says nothing."""
+    for one in _distributions(path):
+        for line in one.requires or ():
+            with suppress(InvalidRequirement):
+                yield canonicalize_name(one.name), Requirement(line)
 
 
 def verify(environment: Environment) -> tuple[str, ...]:

@@ -104,13 +104,15 @@ def question_key(question: Question, interpreter: Interpreter) -> str:
 class Installed:
     """What an install came to: the environment's key and what was found inside, or the step that failed.
 
-    `modules` are the top-level modules of each package, `speaking` the packages that require an API, by API.
+    `modules` are the top-level modules of each package, `speaking` the packages that require an API, by API. `unheld`
+    is what packages require that is not there: who asks, and the requirement.
     """
 
     key: str | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     modules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     speaking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    unheld: tuple[tuple[str, str], ...] = ()
     seconds: float = 0.0
     findings: tuple[Finding, ...] = ()
     failed: Step | None = None

@@ -78,6 +78,7 @@ class Pool:
             versions=made.installed,
             modules=environments.modules(made.path),
             speaking={api: environments.requiring(made.path, api) for api in Api},
+            unheld=environments.unheld(made.path),
             seconds=round(made.seconds, 3),
             findings=made.findings,
         )

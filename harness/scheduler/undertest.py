@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -13,7 +13,9 @@ from harness.model import (
     FAILING,
     CaseRecord,
     Cell,
+    Finding,
     Interpreter,
+    Level,
     Lock,
     Outcome,
     Phase,
@@ -26,7 +28,7 @@ from harness.scheduler.pool import NoEnvironment, Pool, conditioned, outdated
 from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, digest
 from harness.subjects import Ready
-from harness.vocabulary import SELF
+from harness.vocabulary import SELF, parsed_requirement, required_name
 
 
 class Unknown(Exception):
@@ -88,7 +90,18 @@ def extended(known: Installed, tested: Ready) -> Installed:
         versions=dict(sorted({**known.versions, name: tested.tested.version}.items())),
         modules={**known.modules, name: tested.modules, SELF: tested.modules},
         speaking={api: (*names, SELF) for api, names in known.speaking.items()},
+        findings=(*known.findings, *_refusals(known, tested)),
     )
+
+
+def _refusals(known: Installed, tested: Ready) -> Iterator[Finding]:
+    """Packages that ask for another version of the subject, which was put on top all the same."""
+    name, version = tested.tested.name, tested.tested.version
+    for asker, line in known.unheld:
+        need = parsed_requirement(line)
+        if required_name(line) == name and not need.specifier.contains(version, prereleases=True):
+            text = f"{asker} requires {line}, and this is {name} {version}: pip would complain"
+            yield Finding(check="install.subject", level=Level.WARNING, text=text)
 
 
 def on_top(owner: Owner, pool: Pool, tested: Ready) -> Environment:
