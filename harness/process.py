@@ -6,7 +6,7 @@ The harness's end, even by SIGKILL, closes the pipe to each supervisor, which en
 from __future__ import annotations
 
 import functools
-import json
+import marshal
 import os
 import select
 import shlex
@@ -22,7 +22,7 @@ from time import monotonic
 from typing import Any, Self, overload
 
 from harness.errors import BadInput, CouldNotTell
-from harness.supervisor import tree
+from harness.supervisor import SIZE, tree
 
 SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
 SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")
@@ -123,7 +123,8 @@ class Running:
         self._report = b""
         self._completed: Completed | None = None
         self._pipe = threading.Lock()
-        self._tell(_order(command, sandbox))
+        order = marshal.dumps(_order(command, sandbox))
+        self._tell(len(order).to_bytes(SIZE, "little") + order)
 
     @property
     def pid(self) -> int:
@@ -158,7 +159,7 @@ class Running:
 
     def kill(self, reason: str) -> None:
         """End it: SIGTERM, half a second, SIGKILL."""
-        self._tell(reason[:500])
+        self._tell(" ".join(reason[:500].split()).encode(errors="replace") + b"\n")
 
     def __enter__(self) -> Self:
         """End it with the block."""
@@ -171,11 +172,11 @@ class Running:
             self._overdue = min(self._overdue, monotonic() + STUCK_SECONDS)
             self.wait()
 
-    def _tell(self, message: Any) -> None:
+    def _tell(self, message: bytes) -> None:
         assert self._supervisor.stdin
         with self._pipe:
             try:
-                self._supervisor.stdin.write(json.dumps(message).encode() + b"\n")
+                self._supervisor.stdin.write(message)
             except (BrokenPipeError, ValueError):  # it has ended already; the report, or its absence, says how
                 return
 
@@ -199,8 +200,9 @@ class Running:
         self._hang_up()
         self._supervisor.stdout.close()
         code = self._supervisor.wait()
-        report = json.loads(self._report or json.dumps({"killed": f"supervisor: it ended with {code}, without a word"}))
-        self._completed = _completed(self, report)
+        whole = self._report if not code else b""
+        silent = {"killed": f"supervisor: it ended with {code}, without a word"}
+        self._completed = _completed(self, marshal.loads(whole) if whole else silent)
         _live.discard(self)
 
 
@@ -271,9 +273,9 @@ def _start(command: Command, sandbox: str) -> Running:
 def _order(command: Command, sandbox: str) -> dict[str, Any]:
     private = _private(command.home) if command.profile is Profile.CELL else {}
     return {
-        "argv": command.argv,
+        "argv": [str(word) for word in command.argv],  # marshal takes plain strings only, no members of enums
         "cwd": str(command.cwd.absolute()),
-        "env": {**command.env, **private},
+        "env": {str(name): str(value) for name, value in {**command.env, **private}.items()},
         "seconds": command.limits.seconds,
         "memory_mb": command.limits.memory_mb,
         "output_kb": command.limits.output_kb,

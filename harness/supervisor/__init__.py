@@ -3,9 +3,9 @@
 Run by path with the host's own interpreter (`python -I -S .../supervisor/__main__.py`): standard library only, nothing
 of the rest of the package. `harness.process` is the only caller and speaks to it through three descriptors:
 
-    0  the order (one line of JSON), later perhaps a line with the reason to end the command;
-       the pipe's end means that the harness is gone
-    1  the report: one JSON object
+    0  the order: its length (`SIZE` bytes, little-endian), then a dictionary as `marshal` writes it, which takes no
+       import; later perhaps a line with the reason to end the command; the pipe's end means that the harness is gone
+    1  the report: a dictionary, marshalled
     2  the log of the command, its head and tail
 
     harness -> guard -> keeper -> command -> ...
@@ -13,3 +13,5 @@ of the rest of the package. `harness.process` is the only caller and speaks to i
 The guard enters the namespaces. The keeper, pid 1 of the PID namespace where there is one, starts the command, watches
 it and ends the rest. Whichever of the three is killed, the others end everything below.
 """
+
+SIZE = 4

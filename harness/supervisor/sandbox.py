@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import re
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -15,6 +14,8 @@ CLONE_NEWNS, CLONE_NEWUSER, CLONE_NEWPID = 0x00020000, 0x10000000, 0x20000000
 MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC, MS_REMOUNT = 1, 2, 4, 8, 32
 MS_NOATIME, MS_NODIRATIME, MS_BIND, MS_REC, MS_PRIVATE = 1024, 2048, 4096, 16384, 1 << 18
 MNT_DETACH = 2
+ESCAPED = str.maketrans({character: f"\\{character}" for character in "\\:,"})
+"""What the options of an overlay do not take as it is."""
 
 libc = ctypes.CDLL(None, use_errno=True)
 
@@ -79,7 +80,7 @@ class Layer:
             os.makedirs(path, exist_ok=True)
         os.chmod(self.upper, os.stat(self.folder).st_mode & 0o7777)
         paths = (("lowerdir", self.folder), ("upperdir", self.upper), ("workdir", self.work))
-        options = ",".join(f"{name}=" + re.sub(r"([\\:,])", r"\\\1", path) for name, path in paths)
+        options = ",".join(f"{name}={path.translate(ESCAPED)}" for name, path in paths)
         try:
             mount("overlay", self.folder, "overlay", 0, f"{options},userxattr")
         except OSError:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import select
-import signal
 import time
 
 from harness.supervisor.tree import SupervisorError, descendants, end_all, killed_by_kernel, reap, uses_more_than
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    import signal
     from typing import Any
+else:
+    import _signal as signal
 
 GRACE = 0.5  # seconds between SIGTERM and SIGKILL
 STRAY_GRACE = 0.25  # helpers such as multiprocessing's resource tracker end by themselves just after their parent
@@ -165,7 +166,7 @@ class Watch:
     def obey(self, order: bytes) -> None:
         """End the command: for the reason given, or at once where the harness is gone."""
         if order:
-            self.killed = json.loads(order.splitlines()[0])
+            self.killed = order.partition(b"\n")[0].decode()
             self.terminate()
         else:
             self.killed = self.killed or "the harness is gone"
