@@ -30,6 +30,16 @@ def test_its_matrix_can_be_planned() -> None:
     assert (planned.dropped, planned.stale) == ((), ())
 
 
+def test_its_strategies_can_be_read() -> None:
+    """Each line about strategies is one that a matrix file takes."""
+    lines = re.findall(r"^(strategy = .*?)(?: *#.*)?$", README, re.MULTILINE)
+    axes = 'axes = { python = ["3.11"], gymnasium = ["1.2.3"], mujoco = ["3.3.7"] }'
+    cases = 'cases = [{ env = "Ant-v5", api = "gymnasium" }]'
+
+    assert len(lines) == 4
+    assert all(matrixfile.read(f"{line}\n{axes}\n{cases}\n", "m.toml").strategy for line in lines)
+
+
 def test_ci_runs_its_test_command() -> None:
     """`.ci/run` ends with the very line that the README gives."""
     commands = re.findall(r"```\n(python3\.11 .*?)\n```", README)
