@@ -9,6 +9,7 @@ from __future__ import annotations
 import tarfile
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -20,10 +21,14 @@ from harness import downloads, environments, fetched, index, interpreters
 from harness.errors import CouldNotTell
 from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
+from harness.reporttypes import number
 from harness.store import Store, digest, question_key, write_atomic
 
 AT_ONCE = 4
 """Downloads side by side; more help no one when the wheels are large."""
+
+TOLD_SECONDS = 15.0
+"""How long a large download goes on without a word."""
 
 _BUILT = "build:"
 
@@ -181,16 +186,28 @@ class Bringing:
             # daemons: an interrupt does not wait for the end of a download of gigabytes
             Thread(target=_fetch_all, args=(self.folder / "wheels", todo, done), daemon=True).start()
         failures = {}
-        for number in range(1, len(missing) + 1):
-            artifact, trouble = done.get()
+        for count in range(1, len(missing) + 1):
+            artifact, trouble = self._next(done)
             if trouble is None:
                 size = (self.folder / _place(artifact)).stat().st_size
                 self.brought += size
-                self.say(f"[{number}/{len(missing)}] {artifact.filename} ({size / 1e6:.1f} MB)")
+                self.say(f"[{count}/{len(missing)}] {artifact.filename} ({size / 1e6:.1f} MB)")
             else:
                 failures[artifact.sha256] = trouble
-                self.say(f"[{number}/{len(missing)}] {trouble}")
+                self.say(f"[{count}/{len(missing)}] {trouble}")
         return failures
+
+    def _next(self, done: SimpleQueue[tuple[Artifact, str | None]]) -> tuple[Artifact, str | None]:
+        """Wait for the next download to end, telling now and then how much of those under way has come."""
+        while True:
+            try:
+                return done.get(timeout=TOLD_SECONDS)
+            except Empty:
+                sizes = []
+                for path in self.folder.glob("wheels/*/tmp*"):
+                    with suppress(FileNotFoundError):  # it came to its end
+                        sizes.append(path.stat().st_size)
+                self.say(f"{number(len(sizes), 'file')} under way, {sum(sizes) / 1e6:.0f} MB of them here")
 
     def _has(self, artifact: Artifact) -> bool:
         """Whether the file is there; one that is, but is another, goes: what no manifest names was never compared."""
