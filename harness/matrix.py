@@ -198,7 +198,7 @@ class Value(Struct, frozen=True, kw_only=True):
 
 
 class Axis:
-    """A dimension: versions, a range, a variable's values, the subject's extras or groups, or a bundle of named values."""
+    """A dimension: versions, a range, values of a variable, extras or groups of the subject, or a bundle."""
 
     __slots__ = ("kind", "range", "values")
     reads: ClassVar[tuple[Any, ...]] = (

@@ -358,7 +358,7 @@ class CaseRecord:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tested:
-    """The wheel of the subject that a cell was measured with; `content` is the same for two wheels of the same files."""
+    """The wheel of the subject that a cell was measured with; equal files have equal `content`, whatever the wheel."""
 
     name: str
     version: str

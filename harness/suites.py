@@ -39,7 +39,7 @@ from harness.subjects import Ready
 from harness.vocabulary import required_name
 
 CHECK = "suite.pytest"
-DOOR = launch.INCELL / "suite_door.py"
+DOOR = launch.INCELL / "bootstrap_suite.py"
 PYTEST = "pytest"
 MOST_REPORT = 32 << 20
 HOST = re.compile(r' hostname="[^"]*"')

@@ -246,7 +246,7 @@ def test_closure(api: str, checks: tuple[str, ...], more: tuple[str, ...]) -> No
 
 
 def test_names_of_ours_are_known() -> None:
-    """The closure of every adapter over all phases is all of the in-cell side: no file is dead."""
+    """The closure of every adapter over all phases, and the door of suites, are all of the in-cell side."""
     folder = Path(sys.modules["harness"].__file__ or "").parent / "incell"
     phases = ("import", "single", "vector", "render")
     loaded = {
@@ -254,4 +254,4 @@ def test_names_of_ours_are_known() -> None:
         for api in ("gym", "gymnasium")
         for name in wire.closure(api, phases, lambda name: (folder / name).read_text())
     }
-    assert loaded == {path.name for path in folder.glob("*.py")}
+    assert loaded | {"bootstrap_suite.py"} == {path.name for path in folder.glob("*.py")}

@@ -1,4 +1,4 @@
-"""The door for somebody's own tests: `python suite_door.py FILE MODULES ARGUMENT...`, run by the cell's interpreter.
+"""The door for somebody's own tests: `python bootstrap_suite.py FILE MODULES ARGUMENT...`, run by a cell's interpreter.
 
 Neither our folder nor the working folder is on `sys.path` when pytest starts, as it is for the command `pytest`: the
 tests meet the installed package, not the source that lies beside them. Afterwards the file tells, for each of the
