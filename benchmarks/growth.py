@@ -125,6 +125,7 @@ def stages(matrix: Path) -> dict[str, float]:
         with timing("store"):
             for record in known:
                 first.keep(record)
+        del first, known, record
         again = Runner(opened, Settings(), board)
         with timing("look up"):
             known = [record for cell in plan.cells if (record := again.known(cell))]
