@@ -9,9 +9,7 @@ import os
 import shutil
 import signal
 import sys
-import traceback
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from types import FrameType
 
@@ -85,6 +83,8 @@ def _unforeseen(error: Exception) -> int:
     if isinstance(error, shutil.Error) or (isinstance(error, OSError) and error.errno in SHORTAGES):
         print(f"simmatrix: this machine got in the way: {error}; mend that and type the same again", file=sys.stderr)
         return CouldNotTell.exit_code
+    import traceback  # noqa: PLC0415 - start-up
+
     traceback.print_exception(error)
     print("simmatrix: this is a bug of simmatrix, not of the packages; please report it", file=sys.stderr)
     return HarnessError.exit_code
@@ -110,6 +110,8 @@ def _verb(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
     parser.add_argument("verb", metavar="VERB", help=argparse.SUPPRESS)
     verb = str(parser.parse_args(arguments[:1]).verb)
     if verb not in VERBS:
+        from difflib import get_close_matches  # noqa: PLC0415 - start-up
+
         near = get_close_matches(verb, VERBS, n=1)
         parser.error(f'there is no verb "{verb}"' + (f'; did you mean "{near[0]}"?' if near else ""))
     return verb, arguments[1:]

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness import expansion, index, interpreters, matrixfile, plan, subjects
+from harness import expansion, interpreters, matrixfile, plan
 from harness.errors import BadInput, CouldNotTell
-from harness.fetched import Fetched
 from harness.matrix import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Subject, Suite
 from harness.schema import suggestion
 from harness.store import Store, now, write_atomic
+
+if TYPE_CHECKING:
+    from harness.fetched import Fetched
 
 PACKAGE = Path(__file__).parent
 
@@ -64,7 +66,7 @@ def dated(
 
     Subjects are looked at: a cell is one of the package as it stands now.
     """
-    planned = _with_subjects(planned, partial(subjects.settled, offline=offline))
+    planned = _with_subjects(planned, partial(_settled, offline=offline))
     if all(cell.question.snapshot for cell in planned.cells):
         return planned
     kept = fetched.instant(planned.matrix) if fetched else None
@@ -95,6 +97,8 @@ def locate(name: str) -> Path:
     known = built_in()
     if name in known:
         return known[name]
+    from difflib import get_close_matches  # noqa: PLC0415 - start-up
+
     near = get_close_matches(name, known, n=1)
     hint = f'did you mean "{near[0]}"?' if near else f"the built-in ones are: {', '.join(known) or 'none'}"
     message = f"{name}: not a matrix file (NAME.toml) and not a built-in matrix; {hint}"
@@ -130,6 +134,8 @@ def _expansion(
         known = "are to be expanded again" if renew else "were never expanded"
         message = f"{path}: its ranges {known}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
+    from harness import index  # noqa: PLC0415 - start-up
+
     settings = _located(plan.index_settings(matrix), path.parent)
     releases = {
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
@@ -158,7 +164,7 @@ def _asked(ask: plan.Ask, matrix: Matrix, folder: Path, cells: Sequence[Cell]) -
     """Ask with index settings and subject as the cells of a plan have them."""
     index = _located(plan.index_settings(matrix), folder)
     planned = _with_subjects(Plan(matrix=matrix.name, cells=tuple(cells)), partial(_placed, matrix, folder))
-    planned = _with_subjects(planned, subjects.settled)
+    planned = _with_subjects(planned, _settled)
     return ask(_with_questions(planned, lambda question: replace(question, index=index)).cells)
 
 
@@ -183,12 +189,20 @@ def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
 
 def _placed(matrix: Matrix, folder: Path, subject: Subject) -> Subject:
     """The subject as it is found from anywhere, its extras and groups known ones where its pyproject tells them."""
+    from harness import subjects  # noqa: PLC0415 - start-up
+
     located = replace(subject, source=subjects.located(subject.source, folder))
     about, suite = subjects.about(located), subject.suite or Suite()
     if about:
         _check_names(matrix, "extra", (*subject.extras, *suite.extras), about.extras)
         _check_names(matrix, "dependency group", (*subject.groups, *suite.groups), tuple(about.groups))
     return located
+
+
+def _settled(subject: Subject, *, offline: bool = False) -> Subject:
+    from harness import subjects  # noqa: PLC0415 - start-up
+
+    return subjects.settled(subject, offline=offline)
 
 
 def _check_names(matrix: Matrix, what: str, names: Sequence[str], known: Sequence[str] | None) -> None:

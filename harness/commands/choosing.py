@@ -5,13 +5,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from harness import document, machine, shards, store, verdict
+from harness import document, machine, store, verdict
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Cell, Verdict
 from harness.scheduler import AUTO
 from harness.store import Store
+
+if TYPE_CHECKING:
+    from harness import shards
+    from harness.fetched import Fetched
 
 JOBS = "cells at a time, or auto: as many as there are cores and memory for [cores]"
 
@@ -28,10 +33,19 @@ def jobs(text: str) -> int:
 
 def shard(text: str) -> shards.Shard:
     """The value of `--shard`."""
+    from harness import shards  # noqa: PLC0415 - start-up
+
     try:
         return shards.Shard.parse(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def fetched_folder(folder: Path) -> Fetched:
+    """The value of `--fetched`."""
+    from harness import fetched  # noqa: PLC0415 - start-up
+
+    return fetched.open_folder(folder)
 
 
 def committed_report(matrix: Path, name: str) -> Path | None:
@@ -44,6 +58,8 @@ def committed_report(matrix: Path, name: str) -> Path | None:
 
 def durations(files: Iterable[Path]) -> dict[str, float]:
     """Seconds of cells by their ids, from report documents; a later one counts over an earlier one."""
+    from harness import shards  # noqa: PLC0415 - start-up
+
     seconds: dict[str, float] = {}
     for file in files:
         try:
@@ -57,6 +73,8 @@ def durations(files: Iterable[Path]) -> dict[str, float]:
 
 def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, float]) -> tuple[Cell, ...]:
     """The cells of one shard, none where there are more shards than cells."""
+    from harness import shards  # noqa: PLC0415 - start-up
+
     return shards.split(cells, wanted.count, seconds)[wanted.number - 1]
 
 

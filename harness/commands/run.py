@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import catalog, fetched, scheduler, store, tables
+from harness import catalog, scheduler, store, tables
 from harness.commands import choosing, progress, reporting
 from harness.errors import BadInput
 from harness.model import CASE_PHASES, Cell, Phase, Plan
@@ -56,7 +56,7 @@ UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHAS
 
 def main(args: argparse.Namespace) -> int:
     """Run the matrices; the exit code is that of the contract."""
-    layer = fetched.open_folder(args.fetched) if args.fetched else None
+    layer = choosing.fetched_folder(args.fetched) if args.fetched else None
     settings = scheduler.Settings(
         jobs=args.jobs,
         until=Phase(args.until),

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from harness import environments, machine
-from harness.environments import Environment
+from harness import machine
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.scheduler.once import Once
 from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, digest
 from harness.vocabulary import Api
+
+if TYPE_CHECKING:
+    from harness.environments import Environment
 
 
 class Owner(Protocol):
@@ -24,6 +26,10 @@ class Owner(Protocol):
     once: Once
     installed: dict[str, Installed]
     environments: dict[str, Environment]
+
+
+class Unknown(Exception):
+    """Something has to be done before the cell's record can be told."""
 
 
 class NoEnvironment(Exception):
@@ -69,6 +75,8 @@ class Pool:
         return known
 
     def _new(self) -> Installed:
+        from harness import environments  # noqa: PLC0415 - start-up
+
         try:
             made = self.environment()
         except NoEnvironment as failure:
@@ -85,11 +93,13 @@ class Pool:
 
     def environment(self) -> Environment:
         """The environment itself, from the pool or made now."""
+        from harness import environments  # noqa: PLC0415 - start-up
+
         with self.owner.once.turn(("environment", self.key)):
             if self.key not in self.owner.environments:
                 self.owner.observer.step(self.cell, Phase.INSTALL)
                 made = self._ensured()
-                if self.owner.settings.verify and isinstance(made, Environment) and environments.verify(made):
+                if self.owner.settings.verify and not isinstance(made, Step) and environments.verify(made):
                     environments.discard(made)
                     made = self._ensured()
                 if isinstance(made, Step):
@@ -98,6 +108,8 @@ class Pool:
         return self.owner.environments[self.key]
 
     def _ensured(self) -> Environment | Step:
+        from harness import environments  # noqa: PLC0415 - start-up
+
         settings = self.owner.settings
         if settings.fetched:
             failed = settings.fetched.supply(self.cell, self.lock, self.interpreter)

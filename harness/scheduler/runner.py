@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
+from typing import TYPE_CHECKING
 
-from harness import cellrun, interpreters, launch, machine, process, subjects, uv, uvcli
-from harness.environments import Environment
+from harness import cellrun, interpreters, launch, machine, process, uvcli
 from harness.errors import CouldNotTell
 from harness.filelocks import claim, exclusive
 from harness.model import (
@@ -23,14 +23,16 @@ from harness.model import (
     Question,
     Step,
 )
-from harness.scheduler import undertest
 from harness.scheduler.once import Once
-from harness.scheduler.pool import NoEnvironment, Pool, conditioned, outdated
+from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
 from harness.scheduler.records import finished, not_reached, stopped, with_modules
 from harness.scheduler.settings import Observer, Settings
-from harness.scheduler.undertest import Unknown
 from harness.store import Installed, Store, cache_folder, digest, question_key
-from harness.subjects import Ready
+
+if TYPE_CHECKING:
+    from harness.environments import Environment
+    from harness.scheduler import undertest
+    from harness.subjects import Ready
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -148,6 +150,8 @@ class Runner:
     ) -> tuple[Lock | None, Step]:
         if quick:
             raise Unknown
+        from harness import uv  # noqa: PLC0415 - start-up
+
         with exclusive(self.store.claim_file(key)):
             kept = self._kept_lock(key)  # another process may have answered while we waited
             if kept:
@@ -192,6 +196,9 @@ class Runner:
         """The cell with what is to be resolved for it; and its subject, if it has one, or why there is no wheel."""
         if cell.subject is None:
             return cell, None
+        from harness import subjects  # noqa: PLC0415 - start-up
+        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+
         tested = undertest.ready(self, cell, interpreter, quick=quick)
         if isinstance(tested, Step):
             return cell, tested
@@ -220,7 +227,7 @@ class Runner:
             known = pool.install()
         if known.failed:
             return Prepared(record=stopped(record, known.failed))
-        known = undertest.extended(known, tested) if tested else known
+        known = self._extended(known, tested) if tested else known
         record = replace(
             record,
             key=known.key,
@@ -241,6 +248,11 @@ class Runner:
             return self._known_cases(record, pool, known, tested, quick=quick)
         except NoEnvironment as failure:
             return Prepared(record=stopped(record, failure.step))
+
+    def _extended(self, known: Installed, tested: Ready) -> Installed:
+        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+
+        return undertest.extended(known, tested)
 
     def _known_cases(
         self, record: CellRecord, pool: Pool, known: Installed, tested: Ready | None, *, quick: bool
@@ -288,6 +300,8 @@ class Runner:
         wanted = tested and cell.subject and cell.subject.suite and self.settings.until is Phase.SUITE
         if not wanted or tested is None:
             return None
+        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+
         suite = undertest.Suite(
             owner=self,
             cell=pool.cell,
@@ -304,6 +318,8 @@ class Runner:
         """Where a cell is probed, and the environment below that, if that is a thin one."""
         if tested is None:
             return pool.environment(), None
+        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+
         return undertest.on_top(self, pool, tested), pool.environment().path
 
     def _variables(self, record: CellRecord) -> dict[str, str]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from harness import memory
-from harness.fetched import Fetched
 from harness.model import Cell, CellRecord, Phase
+
+if TYPE_CHECKING:
+    from harness.fetched import Fetched
 
 AUTO = 0
 """As many cells at a time as there are cores, and no more than the free memory has room for."""

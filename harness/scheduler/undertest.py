@@ -24,15 +24,11 @@ from harness.model import (
     Step,
 )
 from harness.scheduler.once import Once
-from harness.scheduler.pool import NoEnvironment, Pool, conditioned, outdated
+from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
 from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, digest
 from harness.subjects import Ready
 from harness.vocabulary import SELF, parsed_requirement, required_name
-
-
-class Unknown(Exception):
-    """Something has to be done before the cell's record can be told."""
 
 
 class Owner(Protocol):
