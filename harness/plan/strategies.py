@@ -138,7 +138,10 @@ class Candidates:
         return {tuple(choice.asked for choice in each): name for name, each in self.combinations.items()}
 
     def chosen(self, expansion: Expansion | None) -> dict[str, Combination]:
-        """The combinations that the strategy chooses; a covering array is taken from the expansion."""
+        """The combinations that the strategy chooses; a covering array is taken from the expansion.
+
+        With one, what is known not to resolve is left out, whatever other strategy chooses it.
+        """
         strategy = self.matrix.strategy
         if strategy.full:
             return dict(self.combinations)
@@ -146,8 +149,13 @@ class Candidates:
             self.check()
             if not strategy.covering:
                 return self.named
-            covering = {self.names[values] for values in self._covering(expansion).combinations}
-        return {name: each for name, each in self.combinations.items() if name in covering or name in self.named}
+            found = self._covering(expansion)
+        covering = {self.names[values] for values in found.combinations}
+        return {
+            name: each
+            for name, each in self.combinations.items()
+            if name in covering or (name in self.named and not any(_has(each, e.axes) for e in found.unresolvable))
+        }
 
     def check(self) -> None:
         """Refuse, by a ValueError, a strategy that this matrix cannot have."""

@@ -9,7 +9,7 @@ import pytest
 
 from harness import expansion, matrixfile, plan
 from harness.matrix import Chosen, Expansion, Matrix
-from harness.model import Plan, Verdict
+from harness.model import Plan
 
 FOLDER = Path(__file__).parents[2] / "matrices"
 TASKS = {
@@ -44,7 +44,7 @@ def test_every_task_in_every_cell_of_the_baseline(wide: tuple[Matrix, Expansion,
     """All tasks that exist there are tried, those that a cell refuses by design apart."""
     around = [cell for cell in wide[2].cells if sum(cell.axes[axis] != value for axis, value in BASELINE.items()) <= 1]
 
-    assert len(around) == 6 + 8 + 13 - 2
+    assert len(around) == (6 - 2) + (8 - 1) + (13 - 1)  # gymnasium 1.2 is not for Python 3.8 and 3.9
     for cell in around:
         new = not cell.axes["gymnasium"].startswith("0.")
         old = {f"{task}-v4" for task in TASKS}
@@ -73,4 +73,4 @@ def test_expectations_have_references(wide: tuple[Matrix, Expansion, Plan]) -> N
     for expected in wide[0].expect:
         assert expected.link
         assert expected.link.startswith("https://github.com/")
-        assert expected.match or expected.verdict is Verdict.UNRESOLVABLE
+        assert expected.match
