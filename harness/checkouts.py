@@ -25,19 +25,23 @@ LEFTOVERS = frozenset({".git", ".hg", ".nox", ".tox", ".venv", "__pycache__", "n
 MARKERS = ("pyvenv.cfg", "CACHEDIR.TAG")
 """Files that mark a folder as an environment or a cache."""
 
+UNWATCHED = {b"S", *(bytes([sign]) for sign in b"abcdefghijklmnopqrstuvwxyz")}
+"""Marks of files that git was told not to look at, so that no change of theirs shows in its status."""
+
 LOOK = """
 git -C "$1" rev-parse --show-toplevel > top || exit 9
 git -C "$1" rev-parse --show-prefix > prefix
 git -C "$1" rev-parse --verify --quiet HEAD > commit
 git -C "$1" describe --tags --long > described 2> /dev/null
-git -C "$1" status --porcelain=v1 -z --untracked-files=all --no-renames > changes
+git -C "$1" status --porcelain=v1 -z --untracked-files=all --ignore-submodules=none --no-renames > changes
+git -C "$(cat top)" ls-files -z -v > tags
 """
-COPY = """
+CLONE = """
 if test -n "$2"; then
     git clone --quiet --shared --no-checkout "$1" tree && git -C tree reset --quiet "$2" || exit 1
 fi
-git -C "$1" ls-files -z --cached --others --exclude-standard > files
 """
+LIST = 'git -C "$1" ls-files -z --cached --others --exclude-standard > files'
 MIRROR = """
 if test -d "$1"; then git -C "$1" remote update --prune; else git clone --quiet --mirror "$2" "$1"; fi
 """
@@ -100,9 +104,10 @@ def of_folder(folder: Path) -> State:
             return State(mark=digest("folder", [(path.as_posix(), _hash(folder / path)) for path in files]))
         top = Path((work / "top").read_text().rstrip("\n"))
         told = [(work / name).read_text().strip() for name in ("prefix", "commit", "described")]
-        changes = (work / "changes").read_bytes().split(b"\0")[:-1]
+        changes, tags = ((work / name).read_bytes().split(b"\0")[:-1] for name in ("changes", "tags"))
     names = sorted(os.fsdecode(line[3:]) for line in changes)
-    mark = digest("checkout", told, [(name, _hash(top / name)) for name in names])
+    unwatched = sorted(os.fsdecode(line[2:]) for line in tags if line[:1] in UNWATCHED)
+    mark = digest("checkout", told, [(name, _hash(top / name)) for name in (*names, *unwatched)])
     return State(mark=mark, commit=told[1] or None, changed=bool(names))
 
 
@@ -162,14 +167,13 @@ def copy_folder(folder: Path, target: Path) -> Path:
             return target
         top = Path((work / "top").read_text().rstrip("\n"))
         prefix, commit = ((work / name).read_text().strip() for name in ("prefix", "commit"))
-        said = _git(COPY, work, str(top), commit)
+        said = _git(CLONE, work, str(top), commit)
         if said is not None:
             message = f"{folder}: git cannot copy it: {said}"
             raise CouldNotTell(message)
         if commit:
             (work / "tree" / ".git").rename(target / ".git")
-        names = (work / "files").read_bytes().split(b"\0")[:-1]
-        _copy(top, target, (Path(os.fsdecode(name)) for name in names))
+    _copy(top, target, _listed(top))
     return target / prefix
 
 
@@ -193,9 +197,19 @@ def _copy(folder: Path, target: Path, names: Iterable[Path]) -> None:
             continue  # tracked, and deleted
         copy.parent.mkdir(parents=True, exist_ok=True)
         if origin.is_dir() and not origin.is_symlink():
-            shutil.copytree(origin, copy, symlinks=True, ignore=shutil.ignore_patterns(".git"))  # a submodule
+            _copy(origin, copy, _listed(origin) if (origin / ".git").exists() else ())  # a submodule
         else:
             shutil.copy2(origin, copy, follow_symlinks=False)
+
+
+def _listed(top: Path) -> list[Path]:
+    """What git tracks of a checkout and what it does not ignore, relative to it."""
+    with uvcli.scratch() as work:
+        said = _git(LIST, work, str(top))
+        if said is not None:
+            message = f"{top}: git cannot list it: {said}"
+            raise CouldNotTell(message)
+        return [Path(os.fsdecode(name)) for name in (work / "files").read_bytes().split(b"\0")[:-1]]
 
 
 def _files(folder: Path, below: Path = Path()) -> Iterator[Path]:
@@ -222,6 +236,8 @@ def _is_leftover(path: Path, *, at_top: bool) -> bool:
 def _hash(path: Path) -> str | None:
     if path.is_symlink():
         return f"-> {path.readlink()}"
+    if (path / ".git").exists():
+        return of_folder(path).mark  # a submodule, or another checkout
     if not path.is_file():
         return None
     with path.open("rb") as file:

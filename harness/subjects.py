@@ -21,7 +21,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
 
 from harness import builds, checkouts, environments, locks, schema
-from harness.errors import BadInput
+from harness.errors import BadInput, CouldNotTell
 from harness.filelocks import exclusive
 from harness.inputfiles import project
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Question, Step, Subject, Tested
@@ -99,10 +99,19 @@ def settled(subject: Subject, *, offline: bool = False) -> Subject:
 
 
 def copied(subject: Subject, target: Path) -> Path:
-    """A clean copy of the source below a folder; returns where the project lies in it. Raises CouldNotTell."""
+    """A clean copy of the source below a folder; returns where the project lies in it.
+
+    Raises CouldNotTell where that is not the state that the subject was settled in: what is made of the copy would
+    stand for another.
+    """
     if subject.source.startswith(checkouts.REPOSITORY):
         return checkouts.copy_commit(subject.source, subject.commit or "", target)
-    return checkouts.copy_folder(Path(subject.source), target)
+    path = Path(subject.source)
+    copy = checkouts.copy_folder(path, target)
+    if checkouts.of_folder(path).mark != subject.state:
+        message = "subject: its files were changed since this run began; run it again"
+        raise CouldNotTell(message)
+    return copy
 
 
 # --- its wheel -------------------------------------------------------------------------------------------------

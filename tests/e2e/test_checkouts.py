@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import checkouts
+from harness import checkouts, subjects
 from harness.errors import BadInput, CouldNotTell
+from harness.model import Subject
 
 pytestmark = pytest.mark.usefixtures("workplace")
 
@@ -109,6 +110,60 @@ def test_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
     ]
     assert git(copy, "describe") == "v1.0"
     assert git(copy, "status", "--short") == "D setup.py\n?? new.py"
+
+
+def test_checkout_within_a_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
+    """What changes inside a submodule changes the state; a copy has no more of it than of the rest."""
+    whole, other = tree.parent, tmp_path / "other"
+    other.mkdir()
+    (other / ".gitignore").write_text("*.o\n")
+    (other / "data.py").write_text("1")
+    for folder in (other, whole):
+        git(folder, "init")
+        git(folder, "add", "-A")
+        git(folder, "commit", "-m", "one")
+    git(whole, "-c", "protocol.file.allow=always", "submodule", "add", str(other), "part/own/vendored")
+    git(whole, "commit", "-a", "-m", "two")
+    clean = checkouts.of_folder(tree)
+    inner = tree / "own" / "vendored"
+    (inner / "left.o").write_text("left by a build")
+    ignored = checkouts.of_folder(tree)
+    (inner / "data.py").write_text("2")
+    changed = checkouts.of_folder(tree)
+    (inner / "data.py").write_text("3")
+    again = checkouts.of_folder(tree)
+    copy = checkouts.copy_folder(tree, tmp_path / "copy")
+
+    assert ignored == clean
+    assert (changed.changed, len({clean.mark, changed.mark, again.mark})) == (True, 3)
+    assert held(copy / "own" / "vendored") == [".gitignore", "data.py"]
+    assert (copy / "own" / "vendored" / "data.py").read_text() == "3"
+
+
+def test_files_that_git_was_told_not_to_look_at(tree: Path, git: Git) -> None:
+    """They are copied as they lie there, so their content is part of the state."""
+    whole = tree.parent
+    git(whole, "init")
+    git(whole, "add", "-A")
+    git(whole, "commit", "-m", "one")
+    git(whole, "update-index", "--assume-unchanged", "part/setup.py")
+    git(whole, "update-index", "--skip-worktree", "part/own/__init__.py")
+    before = checkouts.of_folder(tree)
+    (tree / "setup.py").write_text("1")
+    assumed = checkouts.of_folder(tree)
+    (tree / "own" / "__init__.py").write_text("1")
+
+    assert len({before.mark, assumed.mark, checkouts.of_folder(tree).mark}) == 3
+
+
+def test_source_that_changes_while_it_is_used(tree: Path, tmp_path: Path) -> None:
+    """Nothing is made of a state other than the one that the run began with."""
+    settled = subjects.settled(Subject(source=str(tree)))
+    subjects.copied(settled, tmp_path / "same")
+    (tree / "setup.py").write_text("another")
+
+    with pytest.raises(CouldNotTell, match=r"^subject: its files were changed since this run began; run it again$"):
+        subjects.copied(settled, tmp_path / "other")
 
 
 def test_repository(tree: Path, tmp_path: Path, git: Git) -> None:
