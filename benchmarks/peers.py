@@ -1,7 +1,8 @@
 """The six-cell job beside nox, tox and hatch: `python benchmarks/peers.py` measures and writes `benchmarks/peers.md`.
 
 Every tool, and uv with nothing around it (the floor), makes the same environments from one folder of wheels with caches
-of its own, and runs the same check files, which are counted. It needs the network once, for the wheels and the tools.
+of its own, and runs the same check files: those of our probes, as plain scripts. It needs the network once, for the
+wheels and the tools.
 """
 
 from __future__ import annotations
@@ -25,16 +26,21 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from harness import interpreters
+from harness import interpreters, launch, wire
+from harness.model import Case, ProbeRequest
+from harness.vocabulary import CHECKS
 
 HERE = Path(__file__).parent
 PYTHONS = ("3.10", "3.11", "3.12")
 GYMNASIUM = ("0.29.1", "1.2.3")
-CHECKS = 4
+REQUESTS = {"checks": CHECKS, "repeat": ("single.repeat",)}
+"""What the two processes of a cell are asked: the checks, and the same episode again in a second process."""
+
+TESTS = 4
 CORES = 2
 SCRIPTS, USUAL = "plain", "tested"
 STYLES = {
-    SCRIPTS: "the same check files as scripts, one process for each cell",
+    SCRIPTS: "the same check files as plain scripts",
     USUAL: "as users use each tool, pytest inside: the check files as tests; ours: the suite of our plugin, all phases",
 }
 COLD, WARM, AGAIN = "cold", "warm, checks forced to run again", "nothing changed"
@@ -83,7 +89,7 @@ class Side:
 
     name: str
     run: Callable[[Bench, Path, str, str], int]
-    """Does the job in a folder and returns how many checks ran."""
+    """Does the job in a folder and returns how many tests passed, where they were tests."""
     environments: str
     seconds: dict[tuple[str, str], list[float]] = field(default_factory=dict)
     computed: dict[tuple[str, str], list[float]] = field(default_factory=dict)
@@ -93,10 +99,12 @@ class Side:
 
     def measure(self, bench: Bench, work: Path, style: str, state: str) -> None:
         """Time one run, count its checks and note what its environments hold."""
+        ask(work)
         start, computed = time.perf_counter(), of_children()
         found = self.run(bench, work, style, state)
         self.seconds.setdefault((style, state), []).append(time.perf_counter() - start)
         self.computed.setdefault((style, state), []).append(of_children() - computed)
+        found = found if style == USUAL else passed(work)
         if state != AGAIN and self.checks.setdefault(style, found) != found:
             message = f"{self.name}: {found} checks, and {self.checks[style]} before"
             raise Unequal(message)
@@ -125,34 +133,60 @@ def packages(work: Path, pattern: str) -> Iterator[tuple[tuple[str, str], frozen
         yield (site.parent.name.removeprefix("python"), gymnasium.partition("-")[2]), names
 
 
+# --- what is asked and answered --------------------------------------------------------------------------------
+
+
+def ask(work: Path) -> None:
+    """Put down what each cell is asked, by the names that the tools give them; answers of before go."""
+    for reply in work.glob("state/evidence/*/reply.jsonl"):
+        reply.unlink()
+    shutil.rmtree(work / "requests", ignore_errors=True)
+    for python in PYTHONS:
+        for gymnasium in GYMNASIUM:
+            factors = f"{SCRIPTS}-py{python}-gym{gymnasium}".replace(".", "")
+            for name in (f"{python}-{gymnasium}", factors):
+                for asked, checks in REQUESTS.items():
+                    folder = work / "requests" / name / asked
+                    folder.mkdir(parents=True)
+                    case = Case(id="CartPole-v1", env="CartPole-v1", api="gymnasium", checks=checks)
+                    limits = dict.fromkeys(checks, 120.0)
+                    request = ProbeRequest(case=case, checks=checks, folder=str(folder), limits=limits)
+                    folder.with_suffix(".json").write_text(wire.request_to_json(request))
+
+
+def passed(work: Path) -> int:
+    """Checks that passed, by the replies: the peers' beside their requests, ours where evidence is kept."""
+    replies = [*work.glob("requests/*/*/reply.jsonl"), *work.glob("state/evidence/*/reply.jsonl")]
+    records = [json.loads(line) for reply in replies for line in reply.read_text().splitlines()]
+    return sum(record["kind"] == "check" and record["outcome"] == "passed" for record in records)
+
+
 # --- the sides -------------------------------------------------------------------------------------------------
 
 
-def counted(said: str, style: str) -> int:
-    """Checks that passed, by what they or pytest printed."""
-    if style == USUAL:
-        return sum(int(number) for number in re.findall(r"^(?:=+ )?(\d+) passed", said, re.MULTILINE))
-    return len(re.findall(r"check \w+ ok", said))
+def counted(said: str) -> int:
+    """Tests that passed, by what pytest printed."""
+    return sum(int(number) for number in re.findall(r"^(?:=+ )?(\d+) passed", said, re.MULTILINE))
 
 
 def nox(bench: Bench, work: Path, style: str, state: str) -> int:
     """nox with uv, two sessions at a time; what exists is taken as it is."""
     reuse = () if state == COLD else ("-R",)
     parallel = ("-j", str(CORES), "--allow-parallel")
-    return counted(bench.call(work, (bench.tools / "nox/bin/nox", "-s", style, *parallel, *reuse)), style)
+    return counted(bench.call(work, (bench.tools / "nox/bin/nox", "-s", style, *parallel, *reuse)))
 
 
 def tox(bench: Bench, work: Path, style: str, _state: str) -> int:
     """tox with tox-uv, two environments at a time; `-o` shows what they print, so that it can be counted."""
     command = (bench.tools / "tox/bin/tox", "run-parallel", "-p", str(CORES), "-o", "-f", style)
-    return counted(bench.call(work, command), style)
+    return counted(bench.call(work, command))
 
 
 def hatch(bench: Bench, work: Path, style: str, _state: str) -> int:
     """hatch with uv; it runs its matrix one after the other."""
     uv = str(bench.tools / "hatch/bin/uv")
     command = (bench.tools / "hatch/bin/hatch", "run", f"{style}:checks")
-    return counted(bench.call(work, command, HATCH_ENV_TYPE_VIRTUAL_UV_PATH=uv), style)
+    return counted(bench.call(work, command, HATCH_ENV_TYPE_VIRTUAL_UV_PATH=uv))
 
 
 def ours(bench: Bench, work: Path, style: str, state: str) -> int:
@@ -160,18 +194,14 @@ def ours(bench: Bench, work: Path, style: str, state: str) -> int:
     if style == USUAL:
         more = ("--matrix-fresh",) if state == WARM else ()
         suite = ("--pyargs", "harness.smoke", "--matrix", "probes.toml", "-q", "-n", str(CORES))
-        return counted(bench.call(work, (sys.executable, "-m", "pytest", *suite, *more)), style)
+        return counted(bench.call(work, (sys.executable, "-m", "pytest", *suite, *more)))
     more = ("--fresh",) if state == WARM else ()
-    said = bench.call(work, (sys.executable, "-m", "harness", "run", "matrix.toml", "--json", *more))
-    document, _ = json.JSONDecoder().raw_decode(said)  # what is told to people comes behind it
-    imported = [cell["phases"]["import"] for cell in document["cells"]]
-    return CHECKS * imported.count("passed")
+    return counted(bench.call(work, (sys.executable, "-m", "harness", "run", "probes.toml", *more)))
 
 
 def bare(bench: Bench, work: Path, style: str, state: str) -> int:
     """uv and the interpreter, cells spread over the cores."""
     uv = bench.tools / "hatch/bin/uv"
-    checks = ("-m", "pytest", "-q", "checks") if style == USUAL else ("checks/run_checks.py",)
 
     def cell(asked: tuple[str, str]) -> int:
         python, gymnasium = asked
@@ -180,7 +210,12 @@ def bare(bench: Bench, work: Path, style: str, state: str) -> int:
             wanted = (f"gymnasium[classic-control]=={gymnasium}", *(["pytest"] if style == USUAL else []))
             bench.call(work, (uv, "venv", "-q", "--python", bench.pythons[python], place))
             bench.call(work, (uv, "pip", "install", "-q", "--python", place / "bin/python", *wanted))
-        return counted(bench.call(work, (place / "bin/python", *checks)), style)
+        if style == USUAL:
+            return counted(bench.call(work, (place / "bin/pytest", "-q", "checks")))
+        for one in REQUESTS:
+            request = work / "requests" / place.name / f"{one}.json"
+            bench.call(work, (place / "bin/python", "-s", "incell/bootstrap.py", request))
+        return 0
 
     with ThreadPoolExecutor(CORES) as pool:
         return sum(pool.map(cell, [(python, gymnasium) for python in PYTHONS for gymnasium in GYMNASIUM]))
@@ -261,6 +296,7 @@ def rounds(bench: Bench, measured: Sequence[Side], style: str, number: int) -> N
     works = {side.name: bench.folder / "work" / re.sub(r"\W", "", side.name) for side in turn}
     for work in works.values():
         shutil.copytree(HERE / "peers", work)
+        shutil.copytree(launch.INCELL, work / "incell", ignore=shutil.ignore_patterns("__pycache__"))
         (work / "wheels").symlink_to(bench.wheels)
         (work / "hatch.toml").touch()
     for state in (COLD, WARM, AGAIN):
@@ -283,8 +319,9 @@ def compare(measured: Sequence[Side], style: str) -> None:
         if found != reference or len(found) != cells:
             message = f"{side.name} has other packages in its environments than {OURS}: {found} and {reference}"
             raise Unequal(message)
-        if side.checks[style] != CHECKS * cells and (style, side.name) != (USUAL, OURS):
-            message = f"{side.name} ran {side.checks[style]} checks, not {CHECKS * cells}"
+        wanted = measured[0].checks[style] if style == SCRIPTS else TESTS * cells
+        if side.checks[style] != wanted and (style, side.name) != (USUAL, OURS):
+            message = f"{side.name} ran {side.checks[style]} checks, not {wanted}"
             raise Unequal(message)
 
 
@@ -313,9 +350,9 @@ def render(measured: Sequence[Side], styles: Sequence[str], runs: int, tools: Ma
         "with all caches empty, uv's too; the tools themselves are installed before. Every side has the same packages "
         "and no others in its environments: compared by name and version. nox and tox run two cells at a time, hatch "
         "has no such mode. Where nothing changed the other tools run their checks again, which is all they can do. In "
-        "brackets: seconds that all processes together had a core. As scripts are run here: four files, imported in "
-        "one process for each cell by every side, since importing gymnasium four times over would hide the tools; "
-        "ours imports them as the import phase of a case, and so has no verdict but `not_run`.",
+        "brackets: seconds that all processes together had a core. As plain scripts, every side runs the in-cell files "
+        "of our probes in two processes for each cell, the checks and one episode again; ours under its supervisor. "
+        "Checks are counted in the replies that those files write.",
     ]
     for style in styles:
         lines += ["", f"## {STYLES[style]}", "", *table(measured, style)]

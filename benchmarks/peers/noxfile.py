@@ -10,9 +10,10 @@ GYMNASIUM = ["0.29.1", "1.2.3"]
 @nox.session(python=PYTHONS)
 @nox.parametrize("gymnasium", GYMNASIUM)
 def plain(session: nox.Session, gymnasium: str) -> None:
-    """The check files as scripts."""
+    """The files of our probes as scripts."""
     session.install(f"gymnasium[classic-control]=={gymnasium}")
-    session.run("python", "checks/run_checks.py")
+    for asked in ("checks", "repeat"):
+        session.run("python", "-s", "incell/bootstrap.py", f"requests/{session.python}-{gymnasium}/{asked}.json")
 
 
 @nox.session(python=PYTHONS)
