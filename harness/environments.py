@@ -25,11 +25,9 @@ from packaging.version import InvalidVersion, Version
 
 from harness import builds, downloads, locks, process, sdists, uvcli, uvsays
 from harness.filelocks import exclusive, use
+from harness.launch import LEADS_ON
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest, open_store, write_atomic
-
-LEADS_ON = "_simmatrix_below.pth"
-"""What makes Python look on in the environment below."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

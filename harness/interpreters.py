@@ -13,13 +13,13 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 from packaging.version import InvalidVersion, Version
 
+from harness import discovery
 from harness.model import Interpreter
 from harness.process import Command, Limits, Profile, run
 from harness.store import cache_folder, write_atomic
@@ -195,30 +195,7 @@ def _may_be(path: Path, minor: str | None) -> bool:
 
 @functools.cache
 def _candidates() -> tuple[Path, ...]:
-    """Real paths of what looks like a Python 3, none of them started yet."""
-    return tuple(_discovered())
-
-
-def _discovered() -> Iterator[Path]:
-    from findpython import Finder  # noqa: PLC0415  (not needed by most commands)
-    from findpython.providers.uv import UvProvider  # noqa: PLC0415
-
-    yield Path(sys.executable)
-    providers = [*Finder().setup_providers(), UvProvider(managed_folder())]
-    seen = set()
-    for python in (python for provider in providers for python in provider.find_pythons()):
-        real = python.executable.resolve()
-        if real not in seen and not real.name.startswith(("python2", "pypy2")) and not _is_shim(python.executable):
-            seen.add(real)
-            yield real
-
-
-def _is_shim(path: Path) -> bool:
-    """pyenv's and asdf's shims are scripts that refuse versions not switched on; findpython lists what lies behind."""
-    if path.parent.name != "shims":
-        return False
-    with path.open("rb") as file:
-        return file.read(2) == b"#!"
+    return discovery.candidates(managed_folder())
 
 
 def _at(path: Path) -> Interpreter | None:

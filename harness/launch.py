@@ -18,10 +18,12 @@ from time import monotonic
 import msgspec
 
 from harness import outcomes, process, wire
-from harness.environments import LEADS_ON
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
 
 INCELL = Path(__file__).parent / "incell"
+LEADS_ON = "_simmatrix_below.pth"
+"""What makes Python look on in the environment below."""
+
 POLL_SECONDS = 0.05
 STARTUP_SECONDS = 120.0
 LITTLE_ROOM, FEW_NAMES = 1 << 18, 8

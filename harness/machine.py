@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from harness import process
 from harness.process import Command, Completed, Limits, Profile, run
 from harness.store import cache_folder, digest, write_atomic
 
@@ -161,17 +162,25 @@ def _parts() -> dict[str, dict[str, str]]:
     except (OSError, msgspec.MsgspecError):
         kept = None
     if kept and kept.marks == marks:
+        process.remember(kept.sandbox)
         return kept.parts
-    answers = {way: _ask(way) for way in ("egl", "osmesa", "display")} | {"gpu": _gpu(Path("/"))}
+    from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415 - start-up
+
+    ways = ("egl", "osmesa", "display")
+    process.sandbox_mode()  # found out once, not by each thread
+    with ThreadPoolExecutor(len(ways)) as pool:
+        answers = {**dict(zip(ways, pool.map(_ask, ways), strict=True)), "gpu": _gpu(Path("/"))}
     parts = {name: answer for name, (answer, _) in answers.items()}
     if all(certain for _, certain in answers.values()):
-        write_atomic(memory, msgspec.json.encode(_Memory(marks=marks, parts=parts)))
+        sandbox = "" if os.environ.get(process.FORCED) else process.sandbox_mode()
+        write_atomic(memory, msgspec.json.encode(_Memory(marks=marks, parts=parts, sandbox=sandbox)))
     return parts
 
 
 class _Memory(msgspec.Struct):
     marks: list[str]
     parts: dict[str, dict[str, str]]
+    sandbox: str
 
 
 def _marks() -> list[str]:
@@ -195,6 +204,7 @@ def _marks() -> list[str]:
         *(f"{path} {path.stat().st_mtime_ns}" for path in paths if path.exists()),
         *(f"{name}={value}" for name, value in base_environment(("display",)).items()),
         shutil.which("nvidia-smi") or "",
+        *process.confinement(),
     ]
 
 

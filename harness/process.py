@@ -35,6 +35,14 @@ UNSEALED = "subreaper"
 """The sandbox in which nothing keeps sealed folders from writes."""
 
 FORCED = "HARNESS_SANDBOX"
+CONFINING = (
+    "/proc/sys/user/max_user_namespaces",
+    "/proc/sys/user/max_mnt_namespaces",
+    "/proc/sys/user/max_pid_namespaces",
+    "/proc/sys/kernel/unprivileged_userns_clone",
+    "/proc/sys/kernel/apparmor_restrict_unprivileged_userns",
+)
+"""Settings of the kernel that forbid namespaces; not every kernel has all."""
 STUCK_SECONDS = 30.0  # beyond its deadline a supervisor itself is ended
 
 
@@ -255,6 +263,21 @@ def sandbox_mode() -> str:
     return forced
 
 
+def confinement() -> list[str]:
+    """What decides which sandboxes are allowed here: while it stays the same, so does the best of them."""
+    names = ("Uid:", "Gid:", "Cap", "NoNewPrivs:", "Seccomp")
+    status = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(names)]
+    namespaces = [str(Path("/proc/self/ns", name).readlink()) for name in ("user", "pid", "mnt")]
+    files = [Path(name) for name in ("/proc/self/attr/current", *CONFINING)]
+    return [*status, *namespaces, *(_said(file) for file in files), f"{Path(tempfile.gettempdir()).stat().st_dev}"]
+
+
+def remember(sandbox: str) -> None:
+    """Take what was found to be the best by an earlier process, under the same confinement."""
+    if sandbox in SANDBOXES:
+        _remembered.append(sandbox)
+
+
 def quote(argv: tuple[str, ...]) -> str:
     """A command as one would type it."""
     return shlex.join(argv)
@@ -322,9 +345,23 @@ def _completed(running: Running, report: Mapping[str, Any]) -> Completed:
     )
 
 
+def _said(file: Path) -> str:
+    try:
+        return file.read_text()
+    except (OSError, ValueError):
+        return ""
+
+
+_remembered: list[str] = []
+
+
 @functools.cache
 def _best_sandbox() -> str:
-    return next(sandbox for sandbox in SANDBOXES if sandbox == SANDBOXES[-1] or _holds(sandbox))
+    return (
+        _remembered[0]
+        if _remembered
+        else next(sandbox for sandbox in SANDBOXES if sandbox == SANDBOXES[-1] or _holds(sandbox))
+    )
 
 
 def _holds(sandbox: str) -> bool:

@@ -39,12 +39,12 @@ LOOK_SECONDS = 0.25
 
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
     """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
-    sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
     here = machine.facts()
     store.save_machine(here.id, here.facts)
     flow = Flow(Runner(store, settings, observer))
     left = [cell for cell in cells if not flow.told(cell)]
     if left:
+        sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         flow.run(left, Past(store, here.id, left))
     return tuple(flow.records[cell.id] for cell in cells)
 

@@ -18,9 +18,9 @@ FLOORS = {
         "drafts", "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
-        "builds", "checkouts", "downloads", "environments", "fetched", "filelocks", "frames", "garbage", "glprobe",
-        "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process", "sdists", "store",
-        "subjects", "supervisor", "uv", "uvcli",
+        "builds", "checkouts", "discovery", "downloads", "environments", "fetched", "filelocks", "frames", "garbage",
+        "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process",
+        "sdists", "store", "subjects", "supervisor", "uv", "uvcli",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},
     4: {"commands"},

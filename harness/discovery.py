@@ -1,0 +1,90 @@
+"""Where Pythons may lie on this machine: found by `findpython`, remembered as long as nothing it looked at changed."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from harness.store import cache_folder, write_atomic
+
+VARIABLES = (
+    "PATH", "HOME", "XDG_DATA_HOME", "PYENV_ROOT", "ASDF_DATA_DIR", "RYE_PY_ROOT", "UV_PYTHON_INSTALL_DIR",
+)  # fmt: skip
+"""By these `findpython` finds its folders."""
+
+
+class _Found(msgspec.Struct, frozen=True):
+    """Executables and where they really lie, found under these marks."""
+
+    marks: list[str]
+    pythons: dict[str, str]
+
+
+def candidates(managed: Path) -> tuple[Path, ...]:
+    """Real paths of what looks like a Python 3, none of them started; `managed` is the folder of uv's for us."""
+    memory, marks = cache_folder() / "candidates.json", _marks(managed)
+    try:
+        known = msgspec.json.decode(memory.read_bytes(), type=_Found)
+    except (OSError, msgspec.MsgspecError):
+        known = None
+    if known is None or known.marks != marks or any(os.path.realpath(at) != real for at, real in known.pythons.items()):
+        known = _Found(marks=marks, pythons=dict(_discovered(managed)))
+        write_atomic(memory, msgspec.json.encode(known))
+    return (Path(sys.executable), *map(Path, known.pythons.values()))
+
+
+def _marks(managed: Path) -> list[str]:
+    """What changes whenever a Python comes or goes: variables, and the folders that `findpython` lists."""
+    listed = [Path(folder).absolute() for folder in os.environ.get("PATH", "").split(os.pathsep) if folder]
+    for root in (*_roots(), managed):
+        folders = sorted(folder for folder in root.iterdir() if folder.is_dir()) if root.is_dir() else []
+        inner = [place for folder in folders for place in (folder, folder / "bin", folder / "install/bin")]
+        listed += [root, *inner]
+    return [
+        *(f"{name}={os.environ.get(name)}" for name in VARIABLES),
+        *(f"{folder} {_changed(folder)}" for folder in listed),
+    ]
+
+
+def _roots() -> Iterator[Path]:
+    """Folders with a folder for each Python, as the providers of `findpython` know them."""
+    data = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
+    for name, usual, inside in (
+        ("PYENV_ROOT", "~/.pyenv", "versions"),
+        ("ASDF_DATA_DIR", "~/.asdf", "installs/python"),
+        ("RYE_PY_ROOT", "~/.rye/py", ""),
+        ("UV_PYTHON_INSTALL_DIR", f"{data}/uv/python", ""),
+    ):
+        yield Path(os.path.expandvars(os.environ.get(name, usual))).expanduser() / inside
+
+
+def _changed(folder: Path) -> int | None:
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:
+        return None
+
+
+def _discovered(managed: Path) -> Iterator[tuple[str, str]]:
+    from findpython import Finder  # noqa: PLC0415 - start-up
+    from findpython.providers.uv import UvProvider  # noqa: PLC0415 - start-up
+
+    providers = [*Finder().setup_providers(), UvProvider(managed)]
+    seen = set()
+    for python in (python for provider in providers for python in provider.find_pythons()):
+        real = python.executable.resolve()
+        if real not in seen and not real.name.startswith(("python2", "pypy2")) and not _is_shim(python.executable):
+            seen.add(real)
+            yield str(python.executable), str(real)
+
+
+def _is_shim(path: Path) -> bool:
+    """pyenv's and asdf's shims are scripts that refuse versions not switched on; findpython lists what lies behind."""
+    if path.parent.name != "shims":
+        return False
+    with path.open("rb") as file:
+        return file.read(2) == b"#!"
