@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sysconfig
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -34,6 +35,7 @@ def asking(store: Store, settings: scheduler.Settings) -> Ask:
     Its answers say why there is no lock, None where there is one, or where this machine cannot tell (no such Python),
     or where a build failed: those are for the run to measure. A trouble of the network is CouldNotTell.
     """
+    sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
     runner = scheduler.Runner(store, settings, _Unobserved())
 
     def reason(cell: Cell) -> str | None:
