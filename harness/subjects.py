@@ -241,15 +241,22 @@ def completed(asked: Question, subject: Subject, known: Ready, interpreter: Inte
     Raises BadInput for an extra or a group that the subject does not have, or where the matrix asks for it by name.
     """
     name = known.tested.name
-    if any(canonicalize_name(Requirement(line).name) == name for line in asked.requirements):
-        message = f"{name} is the subject, which no requirement and no axis may name; use `extras` for its extras"
-        raise BadInput(message)
+    refuse_naming(name, (*asked.requirements, *asked.overrides), "`extras`")
     lines = wanted(known, interpreter, subject.extras, subject.groups)
     return replace(
         asked,
         requirements=tuple(dict.fromkeys((*lines, *asked.requirements))),
         overrides=(*asked.overrides, f"{name} ; {NEVER}"),
     )
+
+
+def refuse_naming(name: str, lines: Iterable[str], instead: str) -> None:
+    """Raise BadInput where one of these lines would bring the subject from an index, or would be passed over."""
+    if any(canonicalize_name(Requirement(line).name) == name for line in lines):
+        message = (
+            f"{name} is the subject, which no requirement, override or axis may name; its extras are for {instead}"
+        )
+        raise BadInput(message)
 
 
 def wanted(known: Ready, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]) -> tuple[str, ...]:

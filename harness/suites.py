@@ -54,9 +54,10 @@ RUNS_TO_CONFIRM = 3
 def question(asked: Question, lock: Lock, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
     """What is to be resolved for a suite: the cell's question, what the tests need, and every pin of the cell.
 
-    Raises BadInput for an extra or a group that the subject does not have.
+    Raises BadInput for an extra or a group that the subject does not have, or a requirement that is the subject.
     """
     suite = subject.suite or Suite()
+    subjects.refuse_naming(known.tested.name, suite.requirements, "`suite.extras`")
     lines = (*subjects.wanted(known, interpreter, suite.extras, suite.groups), *suite.requirements)
     tools = () if PYTEST in {required_name(line) for line in lines} else (PYTEST,)
     pins = (f"{name}=={version}" for name, version in lock.versions.items())

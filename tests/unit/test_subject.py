@@ -221,10 +221,15 @@ def test_what_it_asks_for(extras: tuple[str, ...], groups: tuple[str, ...], requ
         (
             Subject(source="."),
             Question(requirements=("Own[all]>=1",)),
-            "own is the subject, which no requirement and no axis may name; use `extras` for its extras",
+            "own is the subject, which no requirement, override or axis may name; its extras are for `extras`",
+        ),
+        (
+            Subject(source="."),
+            Question(requirements=(), overrides=("own==0.9",)),
+            "own is the subject, which no requirement, override or axis may name; its extras are for `extras`",
         ),
     ],
-    ids=["extra", "group", "by-name"],
+    ids=["extra", "group", "by-name", "override"],
 )
 def test_what_it_does_not_have(wanted: Subject, question: Question | None, sentence: str) -> None:
     """An extra or a group that it does not have is told with the nearest; the matrix may not ask for it by name."""
@@ -262,6 +267,18 @@ def test_packages_of_a_suite(suite: Suite, more: tuple[str, ...]) -> None:
     assert question.constraints == ("numpy==1.26.4", "new==2")
     assert sorted(question.requirements) == sorted({*cell_question.requirements, *more})
     assert question.overrides == cell_question.overrides
+
+
+def test_a_suite_asks_for_extras_by_their_key() -> None:
+    """A requirement that is the subject itself would be passed over, extras and all."""
+    own = Subject(source=".", suite=Suite(requirements=("own[draw]",)))
+
+    with pytest.raises(BadInput) as error:
+        suites.question(asked(own), lock(numpy="1.26.4"), own, OWN, PYTHON)
+
+    assert str(error.value) == (
+        "own is the subject, which no requirement, override or axis may name; its extras are for `suite.extras`"
+    )
 
 
 def test_a_moved_pin_is_told() -> None:
