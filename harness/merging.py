@@ -105,14 +105,14 @@ def natural(name: str) -> tuple[list[str | int], str]:
 
 def _dropped(documents: Iterable[Document], planned: set[str]) -> list[DroppedEntry]:
     """What every report leaves out: a combination that one of them plans is a cell."""
-    reasons: dict[str, str] = {}
+    known: dict[str, DroppedEntry] = {}
     orders = set()
     for made in documents:
         gone = [entry for entry in made.dropped if entry.id not in planned]
         orders |= {tuple(entry.id for entry in gone)} - {()}
         for entry in gone:
-            reasons[entry.id] = min(reasons.get(entry.id, entry.reason), entry.reason)
-    return [DroppedEntry(id=name, reason=reasons[name]) for name in (_ordered(orders) if orders else ())]
+            known[entry.id] = min(known.get(entry.id, entry), entry, key=lambda one: (one.reason, one.count))
+    return [known[name] for name in (_ordered(orders) if orders else ())]
 
 
 def _machines(documents: Iterable[Document]) -> dict[str, dict[str, Any]]:

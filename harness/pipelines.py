@@ -161,8 +161,11 @@ def plan_page(plan: Plan, count: int) -> str:
         *(f"Out of date: {sentence}.\n" for sentence in plan.stale),
     ]
     if plan.dropped:
-        lines += [f"<details><summary>{number(len(plan.dropped), 'combination')} left out</summary>", ""]
-        lines += [f"- {count}: {reason}" for reason, count in Counter(gone.reason for gone in plan.dropped).items()]
+        reasons: Counter[str] = Counter()
+        for gone in plan.dropped:
+            reasons[gone.reason] += gone.count
+        lines += [f"<details><summary>{number(reasons.total(), 'combination')} left out</summary>", ""]
+        lines += [f"- {count}: {reason}" for reason, count in reasons.items()]
         lines += ["", "</details>", ""]
     return "\n".join(lines)
 

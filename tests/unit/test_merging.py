@@ -125,6 +125,14 @@ class TestCells:
         assert found(merged, 2) == [(HERE, Verdict.WORKS)]
         assert [gone.id for gone in merged.dropped] == ["quick/z"]
 
+    def test_a_pattern_keeps_how_many_it_stands_for(self) -> None:
+        """What a strategy left out in one line is not one combination."""
+        plan = replace(PLAN, dropped=(Dropped(id="quick/*", reason="not chosen by pairwise", count=301),))
+
+        merged = of(shard(ran(0), plan=plan), shard(ran(1), plan=plan))
+
+        assert [(gone.id, gone.count) for gone in merged.dropped] == [("quick/*", 301)]
+
     def test_facts_that_differ_in_a_class_of_machines_are_left_out(self) -> None:
         """Two machines of one class: what both have in common is told."""
         small, big = ({"cpus": cpus, "os": "Debian 12"} for cpus in (2, 64))

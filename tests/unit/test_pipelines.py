@@ -15,6 +15,7 @@ from specimens import quick
 import harness
 from harness import pipelines
 from harness.errors import BadInput
+from harness.model import Dropped
 from harness.pipelines import Action, Pipeline, Provider
 
 TEMPLATES = Path(harness.__file__).parent / "templates"
@@ -208,6 +209,20 @@ def test_shard_count(cells: int, seconds: dict[str, float], most: int, count: in
 def test_shard_outputs() -> None:
     """Two outputs of a step, one of them a JSON list."""
     assert pipelines.shard_outputs(3) == "count=3\nshards=[1, 2, 3]\n"
+
+
+def test_plan_page_counts_combinations() -> None:
+    """What a strategy leaves out in one line is as many combinations as it stands for."""
+    dropped = (Dropped(id="quick/py3.9-*", reason="too old", count=4), Dropped(id="quick/*", reason="rest", count=301))
+
+    page = pipelines.plan_page(replace(quick()[0], dropped=dropped), 2)
+
+    assert page.splitlines()[-6:-2] == [
+        "<details><summary>305 combinations left out</summary>",
+        "",
+        "- 4: too old",
+        "- 301: rest",
+    ]
 
 
 def test_plan_page() -> None:
