@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import gc
 import importlib
 import os
 import shutil
@@ -12,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import harness
 from harness.errors import CouldNotTell, HarnessError
@@ -56,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
     signal.signal(signal.SIGTERM, _terminate)
     try:
         verb, rest = _verb(arguments)
-        module = importlib.import_module(VERBS[verb][0])
+        module = _imported(VERBS[verb][0])
         parser = argparse.ArgumentParser(prog=f"simmatrix {verb}", description=module.HELP)
         module.add_arguments(parser)
         code = int(module.main(parser.parse_args(rest)))
@@ -96,6 +98,18 @@ class _Terminated(BaseException):
 
 def _terminate(number: int, frame: FrameType | None) -> None:
     raise _Terminated
+
+
+def _imported(name: str) -> Any:
+    """A module; what importing it makes lives to the end, so that looking for garbage in it is a waste of time."""
+    if name in sys.modules:
+        return sys.modules[name]
+    gc.disable()
+    try:
+        return importlib.import_module(name)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def _verb(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
