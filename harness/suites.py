@@ -11,7 +11,10 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import zipfile
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,7 +38,7 @@ from harness.model import (
 from harness.outcomes import Ending
 from harness.pytestsays import Report
 from harness.store import Store, digest, now, write_atomic
-from harness.subjects import Ready
+from harness.subjects import TESTS, Ready
 from harness.vocabulary import required_name
 
 CHECK = "suite.pytest"
@@ -166,7 +169,7 @@ def _run(bench: Bench, seconds: float) -> _Ran:
             source = subjects.copied(bench.subject, scratch / "source")
         except CouldNotTell as error:
             return _Ran(outcome=Outcome.INFRA, decisive=str(error), seconds=0.0, evidence="")
-        _without(source, bench.known.modules)
+        without(source, bench.known)
         site, places = bench.site, {**bench.places, str(source): "$SUBJECT", str(scratch): "$SCRATCH"}
         launch.furnish(site, scratch / "home")
         folder, sealed = launch.entered(site, scratch)
@@ -224,13 +227,33 @@ def _command(
     )
 
 
-def _without(source: Path, modules: Iterable[str]) -> None:
+def without(source: Path, known: Ready) -> None:
     """Take what was installed out of the copy, so that it cannot be met there."""
-    for base in (source, source / "src", source / "lib"):
-        for module in modules:
+    for base in {source, source / "src", source / "lib", *_holding(source, known.path)}:
+        for module in known.modules:
             if (base / module).is_dir():
                 shutil.rmtree(base / module)
             (base / f"{module}.py").unlink(missing_ok=True)
+
+
+def _holding(source: Path, wheel: Path) -> list[Path]:
+    """Folders of the copy that hold most of the wheel's modules as they are in it, wherever the project keeps them."""
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {
+            info.filename: (info.file_size, info.CRC)
+            for info in archive.infolist()
+            if info.filename.endswith(".py") and info.file_size and not TESTS & {*info.filename.split("/")}
+        }
+    found: Counter[Path] = Counter()
+    for path in source.rglob("*.py"):
+        parts = path.relative_to(source).parts
+        if not path.is_symlink() and path.is_file() and not TESTS & {*parts}:
+            content = path.read_bytes()
+            mark = (len(content), zlib.crc32(content))
+            found.update(
+                source.joinpath(*parts[:at]) for at in range(len(parts)) if packed.get("/".join(parts[at:])) == mark
+            )
+    return [base for base, count in found.items() if 2 * count > len(packed)]
 
 
 def _foreign(told: str, source: Path) -> tuple[Outcome, str] | None:

@@ -1,8 +1,8 @@
 """The door for somebody's own tests: `python bootstrap_suite.py FILE MODULES ARGUMENT...`, run by a cell's interpreter.
 
 Neither our folder nor the working folder is on `sys.path` when pytest starts, as it is for the command `pytest`: the
-tests meet the installed package, not the source that lies beside them. Afterwards the file tells, for each of the
-modules (comma-separated), where it was imported from: name, tab, path; no path where it was not.
+tests meet the installed package, not the source that lies beside them. Afterwards the file tells, of these modules
+(comma-separated) and of all below them that were imported, from where: name, tab, path.
 """
 
 import os
@@ -19,8 +19,9 @@ def main():
     pytest = __import__("pytest")
     code = pytest.main()
     with open(told, "w", encoding="utf-8") as file:
-        for name in modules.split(","):
-            file.write("{}\t{}\n".format(name, getattr(sys.modules.get(name), "__file__", None) or ""))
+        for name in sorted(sys.modules):
+            if name.partition(".")[0] in modules.split(","):
+                file.write("{}\t{}\n".format(name, getattr(sys.modules[name], "__file__", None) or ""))
     sys.exit(int(code))
 
 

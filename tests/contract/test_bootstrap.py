@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
-from harness import interpreters
+from harness import interpreters, suites
 from harness.model import Case, Level, Outcome
 
 HERE = sys.executable
@@ -255,3 +256,23 @@ def test_forked_children_can_end(version: str, probe, tmp_path: Path) -> None:
     done = probe(python.path, importing("forking"), deadline=20)
     assert done["import.modules"].outcome is Outcome.PASSED
     assert done.findings == {}
+
+
+def test_the_door_of_suites_tells_of_every_module(tmp_path: Path) -> None:
+    """A package without a file of its own is told by what was imported of it."""
+    write(tmp_path, test_it="import spc.own\ndef test_one(): assert spc.own.A == 1\n")
+    (tmp_path / "spc").mkdir()
+    write(tmp_path / "spc", own="A = 1\n")
+    command = (
+        HERE,
+        str(suites.DOOR),
+        str(tmp_path / "told"),
+        "spc,absent",
+        "-q",
+        f"--rootdir={tmp_path}",
+        "test_it.py",
+    )
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode
+
+    assert ended == 0
+    assert (tmp_path / "told").read_text() == f"spc\t\nspc.own\t{tmp_path}/spc/own.py\n"

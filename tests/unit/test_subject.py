@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -279,6 +281,32 @@ def test_a_suite_asks_for_extras_by_their_key() -> None:
     assert str(error.value) == (
         "own is the subject, which no requirement, override or axis may name; its extras are for `suite.extras`"
     )
+
+
+def test_what_was_installed_is_taken_out_of_the_copy(tmp_path: Path) -> None:
+    """Wherever a project keeps its sources, none of them can be met; tests and what only bears their name stay."""
+    modules = {"own/__init__.py": "\n", "own/core.py": "A = 1\n", "own/more/it.py": "B = 1\n", "own/empty.py": ""}
+    with zipfile.ZipFile(tmp_path / "own-1.0-py3-none-any.whl", "w") as wheel:
+        for name, text in {**modules, "own-1.0.dist-info/METADATA": ""}.items():
+            wheel.writestr(name, text)
+    copy = tmp_path / "copy"
+    texts = {f"python/deep/{name}": text for name, text in modules.items()}
+    texts |= {"src/own/core.py": "", "tests/own/__init__.py": "\n", "tests/own/core.py": "A = 1\n", "setup.py": ""}
+    texts |= {"examples/own/__init__.py": "\n", "examples/own/core.py": "C = 1\n", "python/other.py": ""}
+    for name, text in texts.items():
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        (copy / name).write_text(text)
+
+    suites.without(copy, replace(OWN, path=tmp_path / "own-1.0-py3-none-any.whl"))
+
+    assert sorted(path.relative_to(copy).as_posix() for path in copy.rglob("*.py")) == [
+        "examples/own/__init__.py",
+        "examples/own/core.py",
+        "python/other.py",
+        "setup.py",
+        "tests/own/__init__.py",
+        "tests/own/core.py",
+    ]
 
 
 def test_a_moved_pin_is_told() -> None:
