@@ -36,12 +36,16 @@ class FetchedFile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FetchedMatrix(msgspec.Struct, frozen=True, kw_only=True):
-    """One matrix: its file, the others that it needs, the instant of its locks where it names none itself."""
+    """One matrix: its file, the others that it needs, the instant of its locks where it names none itself.
+
+    `seconds` are those of cells in the report that is committed for it, by which its shards are balanced.
+    """
 
     name: str
     file: str
     beside: tuple[str, ...] = ()
     instant: str | None = None
+    seconds: dict[str, float] = {}
 
 
 class FetchedCell(msgspec.Struct, frozen=True, kw_only=True):
@@ -173,6 +177,10 @@ class Fetched:
     def instant(self, matrix: str) -> str | None:
         """The instant that a matrix was locked as of."""
         return next((one.instant for one in self.manifest.matrices if one.name == matrix), None)
+
+    def seconds(self) -> dict[str, float]:
+        """Recorded seconds of cells, by their ids."""
+        return {cell: seconds for one in self.manifest.matrices for cell, seconds in one.seconds.items()}
 
     def interpreter(self, cell: Cell) -> Interpreter | str:
         """The very Python that a cell was locked for, or why the cell cannot be run."""

@@ -14,7 +14,7 @@ import msgspec
 
 from harness import catalog, fetched, fetching, scheduler, store, verdict
 from harness.commands import progress
-from harness.commands.choosing import JOBS, jobs
+from harness.commands.choosing import JOBS, committed_report, durations, jobs
 from harness.commands.run import selected, tell
 from harness.errors import BadInput
 from harness.fetched import FetchedCell, FetchedMatrix, Manifest
@@ -102,6 +102,8 @@ def _manifest(
     bringing: fetching.Bringing, name: str, plan: Plan, earlier: Manifest | None, found: Sequence[FetchedCell]
 ) -> Manifest:
     mine = bringing.files(plan.matrix, catalog.files(name), plan.cells[0].question.snapshot)
+    report = committed_report(catalog.locate(name), plan.matrix)
+    mine = msgspec.structs.replace(mine, seconds=durations([report] if report else []))
     before: tuple[FetchedMatrix, ...] = earlier.matrices if earlier else ()
     matrices = {one.name: one for one in (*before, mine)}
     cells = {one.id: one for one in (*(earlier.cells if earlier else ()), *found)}

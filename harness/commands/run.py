@@ -7,12 +7,16 @@ import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from harness import catalog, scheduler, store, tables
 from harness.commands import choosing, progress, reporting
 from harness.errors import BadInput
 from harness.model import CASE_PHASES, Cell, Phase, Plan
 from harness.reporttypes import number
+
+if TYPE_CHECKING:
+    from harness.fetched import Fetched
 
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 
@@ -35,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="only cells that were red or inconclusive here the last time; their failures are "
                         "measured again")  # fmt: skip
     parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
-    parser.add_argument("--fresh", action="store_true", help="measure everything again")
+    parser.add_argument("--fresh", action="store_true", help="measure everything again, with the locks that are there")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
     parser.add_argument("--fetched", type=Path, metavar="DIR", help="run from a folder of `fetch`, without network")
     parser.add_argument("--verify", action="store_true", help=VERIFYING)
@@ -74,19 +78,20 @@ def main(args: argparse.Namespace) -> int:
         store.writable(args.out)
     opened = store.open_store()
     plans = [catalog.dated(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
-    chosen = _chosen(args, plans, opened)
+    chosen = _chosen(args, plans, opened, layer)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
     return reporting.finish(plans, records, opened, reporting.Wanted.of(args))
 
 
-def _chosen(args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store) -> tuple[Cell, ...]:
+def _chosen(
+    args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: Fetched | None
+) -> tuple[Cell, ...]:
     """The cells to be worked on; a shard may be empty, and nothing may have failed."""
     cells = selected([cell for plan in plans for cell in plan.cells], args.k)
     if args.shard:
-        files = [catalog.locate(name) for name in args.matrices if not args.fetched]
-        reports = [choosing.committed_report(file, plan.matrix) for file, plan in zip(files, plans, strict=False)]
-        seconds = choosing.durations([report for report in reports if report] + args.durations)
+        seconds = layer.seconds() if layer else _committed(args.matrices, plans)
+        seconds |= choosing.durations(args.durations)
         whole, cells = len(cells), choosing.of_shard(cells, args.shard, seconds)
         tell(f"shard {args.shard}: {len(cells)} of {number(whole, 'cell')}")
     if args.only_failed:
@@ -94,6 +99,14 @@ def _chosen(args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store
         if not cells:
             tell("nothing failed: no cell was inconclusive or unexpected when it was last run")
     return cells
+
+
+def _committed(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:
+    """Seconds of cells in the reports that are committed for these matrices."""
+    files = (
+        choosing.committed_report(catalog.locate(name), plan.matrix) for name, plan in zip(names, plans, strict=True)
+    )
+    return choosing.durations(file for file in files if file)
 
 
 def tell(text: str) -> None:

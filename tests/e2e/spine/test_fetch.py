@@ -106,7 +106,10 @@ def machines(desk: Desk, tmp_path: Path) -> tuple[Desk, Desk]:
 def test_what_was_fetched_runs_without_network(
     machines: tuple[Desk, Desk], serve: Callable[[Any], str], tmp_path: Path
 ) -> None:
-    """Verdicts are those of the machine with the index, a changed wheel is refused, and fetching again mends it."""
+    """Verdicts are those of the machine with the index, a changed wheel is refused, and fetching again mends it.
+
+    The seconds of the committed report come along: shards are balanced by them here, too.
+    """
     online, node = machines
     index = Index(online.wheels)
     matrix = online.matrix("small", MATRIX.replace("@INDEX@", serve(index)))
@@ -135,8 +138,14 @@ def test_what_was_fetched_runs_without_network(
     told = f"{name}: is not the file that was fetched, its SHA-256 is another; fetch it again"
     assert refused.cells("which")["wheels"]["decisive"] == told
 
+    committed = online.folder / "reports/small/report.json"
+    committed.parent.mkdir(parents=True)
+    seconds = [{**cell, "seconds": 100 if cell["axes"]["which"] == "built" else 1} for cell in ran.document["cells"]]
+    committed.write_text(json.dumps({**ran.document, "cells": seconds}))
     again = online.run("fetch", matrix, "--to", folder, HARNESS_CACHE=str(tmp_path / "cache"))
+    shard = node.run("run", "small", "--fetched", folder, "--shard", "1/2", "--until", "resolve", "--json")
 
+    assert shard.err == "shard 1/2: 1 of 4 cells\n"
     assert (again.code, [one for one in index.asked if one.endswith(".whl")]) == (0, [wheel.name])
     mended = {name for name, (changed, _) in snapshot(folder).items() if changed != brought[name][0]}
     assert {str(name), "manifest.json"} <= mended
