@@ -276,9 +276,14 @@ def outdated(cell_id: str, verdict: Verdict, expect: Expectation | ExpectationEn
     """Why the expectation of a cell is stale: the cell does better, or its time has passed."""
     if verdict not in UNTOLD and SEVERITY.index(verdict) > SEVERITY.index(expect.verdict):
         return f"{cell_id} does better than expected: {verdict} instead of {expect.verdict}"
-    if expect.until and today[:10] > expect.until[:10]:
+    if passed(expect, today):
         return f"{cell_id} was expected to be {expect.verdict} until {expect.until}, which has passed"
     return None
+
+
+def passed(expect: Expectation | ExpectationEntry, today: str) -> bool:
+    """Whether the last day of an expectation is over."""
+    return bool(expect.until) and today[:10] > str(expect.until)[:10]
 
 
 def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fail_on: Collection[str]) -> int:

@@ -124,7 +124,8 @@ class StepItem(CellItem):
         assert self.phase
         record = measuring.steps(self.cell)
         self.facts = self.told_of(record)
-        return judging.ended(self.cell, self.phase, judging.seen(record), measuring.selection.phases(self.cell))
+        shown = measuring.selection.phases(self.cell)
+        return judging.ended(self.cell, self.phase, judging.seen(record), shown, store.now())
 
 
 class PhaseItem(CellItem):
@@ -137,7 +138,8 @@ class PhaseItem(CellItem):
         assert self.phase
         record = measuring.case(self.cell, self.case)
         self.facts = self.told_of(record)
-        return judging.ended(self.cell, self.phase, judging.seen(record), measuring.shown(self.cell, self.case))
+        shown = measuring.shown(self.cell, self.case)
+        return judging.ended(self.cell, self.phase, judging.seen(record), shown, store.now())
 
 
 class SuiteItem(CellItem):
@@ -151,7 +153,7 @@ class SuiteItem(CellItem):
         self.facts = self.told_of(record)
         imports = (measuring.selection.phases(self.cell, case.id) & {Phase.IMPORT} for case in self.cell.cases)
         shown = measuring.selection.phases(self.cell).union(*imports)
-        return judging.ended(self.cell, self.phase, judging.suite_seen(record), shown)
+        return judging.ended(self.cell, self.phase, judging.suite_seen(record), shown, store.now())
 
 
 class VerdictItem(CellItem):

@@ -80,22 +80,22 @@ def suite_seen(record: CellRecord) -> dict[Phase, Seen]:
     return found | ({Phase.SUITE: _probed(suite)} if suite else {})
 
 
-def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozenset[Phase]) -> Ended:
+def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozenset[Phase], today: str) -> Ended:
     """How the item of a phase ended. `shown` are the phases with items of their own in this session.
 
     What was not reached is skipped where the phase in its way is shown; else it is told here.
     """
     here = found.get(phase)
     if here is not None and here.outcome is not Outcome.NOT_REACHED:
-        return _told(cell, here)
+        return _told(cell, here, today)
     way = _in_the_way(phase, found)
     if way is None:
         return Ended(kind=Kind.INCONCLUSIVE, text="inconclusive: it was not reached, and nothing says why")
     if way.outcome is Outcome.UNAVAILABLE:
-        return _told(cell, way)
+        return _told(cell, way, today)
     if way.phase in shown:
         return Ended(kind=Kind.SKIPPED, text=f"not reached: {way.phase} {way.outcome}")
-    told = _told(cell, way)
+    told = _told(cell, way, today)
     lead = "inconclusive: " if told.kind is Kind.INCONCLUSIVE else ""
     text = f"{lead}not reached, {way.phase} {way.outcome}: {told.text.removeprefix(lead)}"
     return Ended(kind=told.kind, text=text, evidence=told.evidence)
@@ -130,9 +130,9 @@ def needs(phase: Phase) -> tuple[Phase, ...]:
     return (needed, *needs(needed)) if needed else ()
 
 
-def foreseen(expect: Expectation | None, phase: Phase, line: str | None) -> bool:
-    """Whether a failure is the expected one, or the same one seen again in a later phase."""
-    if expect is None or phase not in POSSIBLE.get(expect.verdict, frozenset()):
+def foreseen(expect: Expectation | None, phase: Phase, line: str | None, today: str) -> bool:
+    """Whether a failure is the expected one, or the same one seen again in a later phase; after `until` none is."""
+    if expect is None or verdict.passed(expect, today) or phase not in POSSIBLE.get(expect.verdict, frozenset()):
         return False
     fits = expect.match is not None and re.search(expect.match, line or "") is not None
     if expect.phase in {None, phase}:
@@ -163,7 +163,7 @@ def _probed(record: PhaseRecord) -> Seen:
     )
 
 
-def _told(cell: Cell, at: Seen) -> Ended:
+def _told(cell: Cell, at: Seen, today: str) -> Ended:
     """How a phase that was reached ended."""
     line = at.line or f"{at.phase} {at.outcome}"
     match at.outcome:
@@ -176,7 +176,7 @@ def _told(cell: Cell, at: Seen) -> Ended:
         case Outcome.INFRA | Outcome.NOT_REACHED:
             kind, line = Kind.INCONCLUSIVE, f"inconclusive: {line}"
         case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
-            if cell.expect and foreseen(cell.expect, at.phase, at.line):
+            if cell.expect and foreseen(cell.expect, at.phase, at.line, today):
                 return Ended(
                     kind=Kind.XFAILED, text=f"{line} ({cell.expect.reason})", evidence=at.evidence, seconds=at.seconds
                 )

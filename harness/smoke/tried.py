@@ -15,6 +15,7 @@ from harness.model import Cell, Expectation
 from harness.smoke import judging
 from harness.smoke.items import SESSION
 from harness.smoke.judging import Kind
+from harness.store import now
 
 TAIL = 4000
 
@@ -115,7 +116,7 @@ def tried(config: pytest.Config, cell: Cell) -> CellUnderTest:
     record, site = config.stash[SESSION].measuring.environment(cell)
     found = judging.seen(record)
     for phase in found:
-        ended = judging.ended(cell, phase, found, frozenset())
+        ended = judging.ended(cell, phase, found, frozenset(), now())
         match ended.kind:
             case Kind.PASSED:
                 continue

@@ -71,7 +71,7 @@ def record(cell: Cell = CELL, decisive: str | None = "boom", **outcomes: str) ->
 
 def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -> tuple[Kind, str]:
     """How the item of a phase ends."""
-    ended = judging.ended(record.cell, Phase(phase), judging.seen(record), shown)
+    ended = judging.ended(record.cell, Phase(phase), judging.seen(record), shown, TODAY)
     return ended.kind, ended.text
 
 
@@ -182,11 +182,13 @@ def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
         (expecting("partial", "vector", "bo+m"), "vector", None, False),
         (expecting("partial", "vector", "bo+m"), "render", "a boom", True),
         (expecting("partial", "vector", "bo+m"), "single", "a boom", False),
+        (expecting("partial", until=f"{TODAY}T23:59:59Z"), "render", "boom", True),
+        (expecting("partial", until="2026-11-20T23:59:59Z"), "render", "boom", False),
     ],
 )
 def test_which_failures_are_foreseen(cell: Cell, phase: str, line: str | None, expected: bool) -> None:
-    """Those of the phase and line expected, and the same line again in a later phase; never an earlier one."""
-    assert judging.foreseen(cell.expect, Phase(phase), line) is expected
+    """Those of the phase and line expected, and the same again in a later phase, as long as that is expected."""
+    assert judging.foreseen(cell.expect, Phase(phase), line, TODAY) is expected
 
 
 @pytest.mark.parametrize(
@@ -251,7 +253,7 @@ def test_the_suite_of_a_subject_needs_an_import(found: CellRecord, expected: tup
     """Where no case could be imported it is not reached."""
     subject = Subject(source=".", state="s", suite=Suite())
     found = replace(found, cell=replace(CELL, subject=subject))
-    ended = judging.ended(found.cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING)
+    ended = judging.ended(found.cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING, TODAY)
 
     assert (ended.kind, ended.text) == expected
 
