@@ -81,7 +81,8 @@ class Pipeline:
     `matrix` is what the commands in it are given: the name of a built-in matrix or a path in the repository. `made_by`
     is the command that makes the workflow. `planning` are the options with which a workflow counts its shards itself
     each time it runs; where a platform cannot, `shards` stand in the file. `measuring` are the options of `run`.
-    `state` tells caches of one state of the matrix from those of another. `limit` is in minutes.
+    `state` tells caches of one state of the matrix from those of another; without a snapshot (not `dated`) what is
+    locked changes while the matrix does not. `limit` is in minutes.
     """
 
     matrix: str
@@ -91,6 +92,7 @@ class Pipeline:
     planning: str
     measuring: str
     state: str
+    dated: bool
     install: str
     python: str
     branch: str

@@ -126,6 +126,7 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
         planning=shlex.join(["--provider", provider, *_given(args, PLANNING)]),
         measuring=shlex.join(["-j", "auto", *_given(args, MEASURING)]),
         state=_state(path),
+        dated=all(cell.question.snapshot for cell in plan.cells),
         install=pipelines.words(args.install or f"simmatrix=={version('simmatrix')}", "--install"),
         python=pipelines.python(args.python),
         branch=pipelines.plain(args.branch, "--branch"),

@@ -28,6 +28,7 @@ PIPELINE = Pipeline(
     planning="--provider github --minutes 20",
     measuring="-j auto",
     state="${{ hashFiles('matrices/a b.toml') }}",
+    dated=True,
     install="simmatrix==0.1.0",
     python="3.12",
     branch="trunk",
@@ -135,6 +136,18 @@ class TestGitHub:
         older = cache["restore-keys"].split("\n")
         assert cache["key"].startswith(older[0])
         assert older[0].startswith(older[1])
+
+    def test_cache_of_a_matrix_without_snapshot_is_renewed(self) -> None:
+        """What it locks changes from week to week, and a cache of GitHub's is never written twice."""
+        workflow = github(dated=False)
+        plan, shard = workflow["jobs"]["plan"], workflow["jobs"]["shard"]
+        cache = next(step["with"] for step in shard["steps"] if "restore-keys" in step.get("with", {}))
+
+        assert cache["key"].endswith("-${{ hashFiles('matrices/a b.toml') }}-${{ needs.plan.outputs.week }}")
+        assert cache["key"].startswith(cache["restore-keys"].split("\n")[0])
+        assert plan["outputs"]["week"] == "${{ steps.plan.outputs.week }}"
+        assert plan["steps"][-1]["run"].endswith('date -u +week=%G-%V >> "$GITHUB_OUTPUT"\n')
+        assert "week" not in rendered(Provider.GITHUB)
 
 
 class TestGitLab:
