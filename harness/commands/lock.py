@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
     parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), metavar="N", help=JOBS)
-    parser.add_argument("--upgrade", action="store_true", help="expand ranges and choose combinations again, lock as of now")
+    parser.add_argument("--upgrade", action="store_true", help="expand and choose again, lock as of now")
     parser.add_argument("--offline", action="store_true", help="never ask the index")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where the lock of a single cell goes [stdout]")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
