@@ -18,7 +18,6 @@ from time import time
 from typing import Any, TypeVar
 
 import msgspec
-import platformdirs
 
 from harness.errors import BadInput
 from harness.filelocks import exclusive
@@ -34,8 +33,13 @@ def state_folder() -> Path:
 
 def cache_folder() -> Path:
     """The folder of environments, wheels and downloads: `HARNESS_CACHE`, else the user's cache folder."""
-    folder = os.environ.get("HARNESS_CACHE") or platformdirs.user_cache_path("simmatrix")
-    return ignored_by_git(Path(folder).absolute())
+    return ignored_by_git(Path(os.environ.get("HARNESS_CACHE") or _users_cache()).absolute())
+
+
+def _users_cache() -> Path:
+    import platformdirs  # noqa: PLC0415 - start-up
+
+    return platformdirs.user_cache_path("simmatrix")
 
 
 def ignored_by_git(folder: Path) -> Path:
@@ -163,6 +167,10 @@ class Store:
             return
         self._save("locks", key, answer)
         write_atomic(self.lock_file(answer), answer.requirements.encode())
+
+    def locked_at(self, key: str) -> int:
+        """When the lock of a question was made, in nanoseconds since the epoch."""
+        return self._path("locks", key).stat().st_mtime_ns
 
     def lock_file(self, lock: Lock) -> Path:
         """The hash-pinned requirements of a lock; identical resolutions are one file."""

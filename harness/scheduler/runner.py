@@ -23,6 +23,7 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.scheduler.lasting import lasts
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
 from harness.scheduler.records import finished, not_reached, stopped, with_modules
@@ -132,18 +133,20 @@ class Runner:
         with self.once.turn(key):
             known = self.resolved.get(key)
             if known is None:
-                known = self._kept_lock(key) or self._resolved_lock(key, question, interpreter, quick=quick)
+                known = self._kept_lock(key, question) or self._resolved_lock(key, question, interpreter, quick=quick)
                 lock, step = known
                 self.resolved[key] = lock, replace(step, seconds=0.0, reused=True)  # for whoever asks next
         return known
 
-    def _kept_lock(self, key: str) -> tuple[Lock | None, Step] | None:
-        """The answer of an earlier run, where it still holds."""
-        kept = None if self.settings.fresh else self.store.load_lock(key)
+    def _kept_lock(self, key: str, question: Question) -> tuple[Lock | None, Step] | None:
+        """The answer of an earlier run, where it still holds; a lock does, however fresh the rest is to be."""
+        kept = self.store.load_lock(key)
         if isinstance(kept, Step):
-            holds = not (outdated(kept) or self.settings.again)
+            holds = not (outdated(kept) or self.settings.again or self.settings.fresh)
             return (None, replace(kept, reused=True)) if holds else None
-        return (kept, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)) if kept else None
+        if kept is None or (self.settings.fresh and not lasts(kept, question, self.store.locked_at(key))):
+            return None
+        return kept, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)
 
     def _resolved_lock(
         self, key: str, question: Question, interpreter: Interpreter, *, quick: bool
@@ -153,7 +156,7 @@ class Runner:
         from harness import uv  # noqa: PLC0415 - start-up
 
         with exclusive(self.store.claim_file(key)):
-            kept = self._kept_lock(key)  # another process may have answered while we waited
+            kept = self._kept_lock(key, question)  # another process may have answered while we waited
             if kept:
                 return kept
             start = monotonic()

@@ -1,0 +1,41 @@
+"""Whether a lock of an earlier run is what resolving its question again would give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+from harness import indexsettings
+from harness.model import Lock, Question
+
+FILE = "file://"
+
+
+def lasts(lock: Lock, question: Question, made: int) -> bool:
+    """Whether nothing can have changed that the lock, made at this time in nanoseconds, depends on.
+
+    The instant in the question says what there was, of all packages but those that escaped it. These must come from
+    folders of files, and all such folders be as they were.
+    """
+    if not lock.escaped:
+        return True
+    links = indexsettings.combined(question.index).find_links
+    sources = [pin.artifact.source for pin in lock.pins if pin.name in lock.escaped]
+    if any("://" in place.removeprefix(FILE) for place in (*links, *sources)):
+        return False
+    folders = [Path(unquote(link.removeprefix(FILE))) for link in links]
+    elsewhere = {Path(unquote(source.removeprefix(FILE))).parent.resolve() for source in sources}
+    elsewhere -= {folder.resolve() for folder in folders}
+    return not elsewhere and all(changed < made for folder in folders for changed in _changes(folder))
+
+
+def _changes(folder: Path) -> Iterator[float]:
+    """When the folder, its link and its files were last changed; never ending where it is gone."""
+    try:
+        yield folder.lstat().st_ctime_ns
+        yield folder.stat().st_ctime_ns
+        for path in folder.iterdir():
+            yield path.stat().st_ctime_ns
+    except OSError:
+        yield float("inf")
