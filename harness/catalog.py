@@ -45,7 +45,7 @@ def load(
     """
     path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrixfile.read(_text(path), str(path))
-    breaks = _breaks()
+    breaks = _breaks() if matrix.strategy.boundaries else expansion.NO_BREAKS
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew)
     sources = {source: _text(path.parent / source, place) for source, place in matrixfile.sources(matrix).items()}
     index = _located(plan.index_settings(matrix), path.parent)

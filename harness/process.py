@@ -269,7 +269,7 @@ def confinement() -> list[str]:
     status = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(names)]
     namespaces = [str(Path("/proc/self/ns", name).readlink()) for name in ("user", "pid", "mnt")]
     files = [Path(name) for name in ("/proc/self/attr/current", *CONFINING)]
-    return [*status, *namespaces, *(_said(file) for file in files), f"{Path(tempfile.gettempdir()).stat().st_dev}"]
+    return [*status, *namespaces, *(_said(file) for file in files), f"TMPDIR={os.environ.get('TMPDIR')}"]
 
 
 def remember(sandbox: str) -> None:

@@ -15,7 +15,6 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date, time
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, ClassVar, Protocol, Self, TypeVar
 
@@ -109,6 +108,8 @@ def json_schema(kind: type) -> dict[str, Any]:
 
 def suggestion(wrong: str, valid: Iterable[str]) -> str:
     """The tail of a message about an unknown name: `; did you mean "checks"?`, or the valid names, if any."""
+    from difflib import get_close_matches  # noqa: PLC0415 - start-up
+
     names = sorted({str(name) for name in valid})
     lowered = {name.lower(): name for name in names}
     near = get_close_matches(wrong.lower(), lowered, n=1)
