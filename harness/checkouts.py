@@ -1,7 +1,7 @@
 """Source trees of a package under test: what state a folder or a repository is in, and clean copies of it.
 
 Of a git checkout a copy holds what git tracks and what it does not ignore, as it lies there, with the history that
-tools read a version from; of another folder all but what tools leave behind. Leftovers of builds never enter.
+tools read a version from. What tools leave behind never enters, unless git tracks it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ if test -n "$2"; then
     git clone --quiet --shared --no-checkout "$1" tree && git -C tree reset --quiet "$2" || exit 1
 fi
 """
-LIST = 'git -C "$1" ls-files -z --cached --others --exclude-standard > files'
+LIST = """
+git -C "$1" ls-files -z --cached > tracked && git -C "$1" ls-files -z --others --exclude-standard > others
+"""
 MIRROR = """
 if test -d "$1"; then git -C "$1" remote update --prune; else git clone --quiet --mirror "$2" "$1"; fi
 """
@@ -105,7 +107,8 @@ def of_folder(folder: Path) -> State:
         top = Path((work / "top").read_text().rstrip("\n"))
         told = [(work / name).read_text().strip() for name in ("prefix", "commit", "described")]
         changes, tags = ((work / name).read_bytes().split(b"\0")[:-1] for name in ("changes", "tags"))
-    names = sorted(os.fsdecode(line[3:]) for line in changes)
+    found = sorted((os.fsdecode(line[3:]), line.startswith(b"??")) for line in changes)
+    names = [name for name, untracked in found if not (untracked and _is_left(top, Path(name), Path(told[0])))]
     unwatched = sorted(os.fsdecode(line[2:]) for line in tags if line[:1] in UNWATCHED)
     mark = digest("checkout", told, [(name, _hash(top / name)) for name in (*names, *unwatched)])
     return State(mark=mark, commit=told[1] or None, changed=bool(names))
@@ -173,7 +176,7 @@ def copy_folder(folder: Path, target: Path) -> Path:
             raise CouldNotTell(message)
         if commit:
             (work / "tree" / ".git").rename(target / ".git")
-    _copy(top, target, _listed(top))
+    _copy(top, target, _listed(top, Path(prefix)))
     return target / prefix
 
 
@@ -202,14 +205,23 @@ def _copy(folder: Path, target: Path, names: Iterable[Path]) -> None:
             shutil.copy2(origin, copy, follow_symlinks=False)
 
 
-def _listed(top: Path) -> list[Path]:
-    """What git tracks of a checkout and what it does not ignore, relative to it."""
+def _listed(top: Path, below: Path = Path()) -> list[Path]:
+    """What a checkout holds besides leftovers, relative to it; the project lies in its folder `below`."""
     with uvcli.scratch() as work:
         said = _git(LIST, work, str(top))
         if said is not None:
             message = f"{top}: git cannot list it: {said}"
             raise CouldNotTell(message)
-        return [Path(os.fsdecode(name)) for name in (work / "files").read_bytes().split(b"\0")[:-1]]
+        tracked, others = (
+            [Path(os.fsdecode(name)) for name in (work / file).read_bytes().split(b"\0")[:-1]]
+            for file in ("tracked", "others")
+        )
+    return tracked + [name for name in others if not _is_left(top, name, below)]
+
+
+def _is_left(top: Path, name: Path, below: Path) -> bool:
+    """Whether a file of a checkout lies in a folder that a tool left there."""
+    return any(_is_leftover(top / folder, at_top=folder.parent == below) for folder in name.parents[:-1])
 
 
 def _files(folder: Path, below: Path = Path()) -> Iterator[Path]:

@@ -112,6 +112,21 @@ def test_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
     assert git(copy, "status", "--short") == "D setup.py\n?? new.py"
 
 
+def test_leftovers_that_git_does_not_ignore(tree: Path, tmp_path: Path, git: Git) -> None:
+    """They have no part in the state nor in a copy, where a build would find what is no longer in the source."""
+    whole = tree.parent
+    git(whole, "init")
+    git(whole, "add", "part/own/__init__.py", "part/setup.py", "part/env/lib/more.py")
+    git(whole, "commit", "-m", "one")
+    (tree / "link").unlink()
+    (tree / "build" / "lib" / "own" / "old.py").write_text("left by a build")
+    copy = checkouts.copy_folder(tree, tmp_path / "copy")
+
+    assert held(copy) == ["env/lib/more.py", "own/__init__.py", "own/build/kept.py", "setup.py"]
+    shutil.rmtree(tree / "own" / "build")
+    assert not checkouts.of_folder(tree).changed
+
+
 def test_checkout_within_a_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
     """What changes inside a submodule changes the state; a copy has no more of it than of the rest."""
     whole, other = tree.parent, tmp_path / "other"
