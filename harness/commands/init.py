@@ -18,7 +18,7 @@ from harness.drafts import Case, Draft, Project
 from harness.errors import BadInput
 from harness.inputfiles import project
 from harness.reporttypes import number
-from harness.vocabulary import Api
+from harness.vocabulary import Api, Label
 from harness.workflows import Fate, Job, Leg
 
 HELP = (
@@ -149,7 +149,7 @@ def _environments() -> Iterator[tuple[str, Api]]:
 
 def _drafts(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> dict[str, Draft]:
     """The matrices to be written, by their names."""
-    name, case = args.name or about.name, _case()
+    name, case = _name(about, args.name), _case()
     if not args.workflow:
         return {name: drafts.of_project(about, case)}
     made = {job.name: drafts.of_legs(job.legs, args.workflow.name, case) for job in jobs}
@@ -158,6 +158,16 @@ def _drafts(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> 
         message = f"{args.workflow}: no leg of it can be understood; `simmatrix init` alone starts from the project"
         raise BadInput(message)
     return {name if len(known) == 1 else f"{name}-{job}": draft for job, draft in known.items()}
+
+
+def _name(about: Project, given: str | None) -> str:
+    """What the matrix is called: files and folders are, too."""
+    try:
+        return str(Label.canonical(about.name if given is None else given))
+    except ValueError as error:
+        where, hint = ("the project", "; name the matrix with --name") if given is None else ("--name", "")
+        message = f"{where}: {error}{hint}"
+        raise BadInput(message) from None
 
 
 # --- nox and CI ------------------------------------------------------------------------------------------------

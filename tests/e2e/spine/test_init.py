@@ -145,4 +145,9 @@ def test_a_folder_without_a_project_is_told(desk: Desk) -> None:
     assert desk.run("init", "--from", "ci.yml").err == (
         "simmatrix: --from ci.yml: cannot be read: No such file or directory\n"
     )
+    (desk.folder / "setup.py").write_text("import setuptools\n")
+    for name in ("../up", ""):
+        ran = desk.run("init", "--name", name)
+        message = f'simmatrix: --name: "{name}" cannot be a label: use letters, digits and "._+-" only\n'
+        assert (ran.code, ran.err) == (2, message)
     assert not (Path(desk.folder) / "matrices").exists()
