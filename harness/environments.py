@@ -158,9 +158,10 @@ def unheld(path: Path) -> tuple[tuple[str, str], ...]:
 def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
     """Who requires what; a line of which uv makes something else than it says, being wrong, says nothing."""
     for one in _distributions(path):
+        asker = canonicalize_name(one.name)  # which is read from a file each time
         for line in one.requires or ():
             with suppress(InvalidRequirement):
-                yield canonicalize_name(one.name), Requirement(line)
+                yield asker, Requirement(line)
 
 
 def verify(environment: Environment) -> tuple[str, ...]:
