@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heapreplace
+from math import fsum
 from statistics import median
 from typing import Self
 
@@ -59,14 +60,14 @@ def split(cells: Sequence[Cell], count: int, seconds: Mapping[str, float]) -> tu
 
     Cells that ask the same of the same Python stay together, as they share a lock and an environment, unless that is
     more than a shard's fair part. Longest first, each to the shard with the least. A cell without recorded seconds
-    counts as the median.
+    counts as the median. The order of the cells has no part in it: matrices may be named in any.
     """
     known = [seconds[cell.id] for cell in cells if cell.id in seconds]
     usual = median(known) if known else ALONE
     cost = [seconds.get(cell.id, usual) for cell in cells]
-    fair = sum(cost) / count
+    fair = fsum(cost) / count
     groups = [part for group in _groups(cells) for part in _parts(group, cost, fair)]
-    groups.sort(key=lambda group: (-sum(cost[place] for place in group), group))
+    groups.sort(key=lambda group: (-sum(cost[place] for place in group), cells[group[0]].id))
     shards: list[list[int]] = [[] for _ in range(count)]
     loads = [(0.0, number) for number in range(count)]
     heapify(loads)
@@ -81,7 +82,8 @@ def _groups(cells: Sequence[Cell]) -> Iterable[list[int]]:
     """Places of cells with the same question and Python."""
     marks: dict[int, bytes] = {}
     groups: dict[tuple[bytes, str], list[int]] = {}
-    for place, cell in enumerate(cells):
+    for place in sorted(range(len(cells)), key=lambda place: cells[place].id):
+        cell = cells[place]
         asked = cell.question
         if id(asked) not in marks:
             marks[id(asked)] = msgspec.json.encode(asked, order="deterministic")

@@ -69,6 +69,19 @@ def test_every_cell_is_in_one_shard_and_shards_are_balanced() -> None:
     assert max(loads) < 1.2 * min(loads)
 
 
+def test_the_split_does_not_depend_on_the_order_of_the_cells() -> None:
+    """Machines that name their matrices in another order run each cell once all the same."""
+    cells = [cell(name, question) for name, question in zip("abcdefgh", "xxyyxyzx", strict=True)]
+    seconds = {f"m/{name}": 0.1 * number for number, name in enumerate("abcde", 1)}
+
+    for seed in range(20):
+        shuffled = random.Random(seed).sample(cells, len(cells))
+
+        for count in (2, 3):
+            here, there = (shards.split(given, count, seconds) for given in (cells, shuffled))
+            assert [{one.id for one in shard} for shard in there] == [{one.id for one in shard} for shard in here]
+
+
 def test_the_split_depends_on_values_only() -> None:
     """Two machines that read the same matrix and the same report split alike, whatever objects they hold."""
     cells = [cell(str(number), str(number % 5)) for number in range(50)]
