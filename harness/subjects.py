@@ -109,7 +109,10 @@ def copied(subject: Subject, target: Path) -> Path:
     path = Path(subject.source)
     copy = checkouts.copy_folder(path, target)
     if checkouts.of_folder(path).mark != subject.state:
-        message = "subject: its files were changed since this run began; run it again"
+        here = (one.relative_to(copy) for one in copy.rglob("*") if one.is_file() and ".git" not in one.parts)
+        newest = max(here, key=lambda name: (copy / name).stat().st_mtime, default=Path())
+        hint = "run it again, and have output go elsewhere or ignored by git"
+        message = f"subject: its files were changed since this run began, the last of them {newest}; {hint}"
         raise CouldNotTell(message)
     return copy
 
