@@ -141,18 +141,18 @@ def test_a_shard_tells_of_its_own_cells_only(kept: Desk) -> None:
     shards = [kept.run("run", "small.toml", "--shard", f"{number}/3", "--json") for number in (1, 2, 3)]
     verdicts = [{name: cell["verdict"] for name, cell in shard.cells("which").items()} for shard in shards]
     assert verdicts == [
-        {"good": "works", "blank": "not_run"},
         {"good": "not_run", "blank": "partial"},
+        {"good": "works", "blank": "not_run"},
         {"good": "not_run", "blank": "not_run"},
     ]
-    assert [shard.code for shard in shards] == [0, 1, 0]
+    assert [shard.code for shard in shards] == [1, 0, 0]
     assert shards[2].err == "shard 3/3: 0 of 2 cells\n"
     document = json.loads((kept.state / "reports" / "small" / "report.json").read_text())
     for cell in document["cells"]:
-        cell["seconds"] = 99.0 if cell["id"].endswith("blank") else 1.0
+        cell["seconds"] = 99.0 if cell["id"].endswith("good") else 1.0
     report.write_text(json.dumps(document))
     first = kept.run("run", "small.toml", "--shard", "1/2", "--durations", report, "--fail-on", "not_run", "--json")
-    assert (first.code, first.cells("which")["blank"]["verdict"]) == (0, "partial")
+    assert (first.code, first.cells("which")["good"]["verdict"]) == (0, "works")
 
 
 def test_only_failed(kept: Desk) -> None:
