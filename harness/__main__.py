@@ -29,7 +29,7 @@ VERBS = {
     "accept": ("harness.commands.accept", "write expectations for what is red now"),
     "ci": ("harness.commands.ci", "a workflow for GitHub, GitLab or Slurm that runs a matrix"),
     "init": ("harness.commands.init", "start in somebody's project: matrix, nox session, workflow"),
-    "fetch": ("harness.commands.fetch", "bring everything that a matrix needs into a folder, for machines without network"),
+    "fetch": ("harness.commands.fetch", "bring all that a matrix needs into a folder, for machines without network"),
     "gc": ("harness.commands.gc", "remove what is old or too much from cache and state"),
     "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
 }

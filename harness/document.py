@@ -160,7 +160,11 @@ def _case(cell: Cell, record: CaseRecord, locate: Locate) -> CaseEntry:
         decisive=_why(phases),
         reasons={check.check: check.decisive for check in checks if check.decisive},
         masked={check.check: check.masked_by for check in checks if check.masked_by},
-        evidence={phase.phase: locate(phase.evidence) for phase in phases if phase.evidence},
+        evidence={
+            phase.phase: locate(phase.evidence)
+            for phase in phases
+            if phase.evidence and phase.outcome is not Outcome.PASSED
+        },
     )
 
 

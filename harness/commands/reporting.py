@@ -8,6 +8,7 @@ import shutil
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from stat import S_ISDIR
 
@@ -153,20 +154,23 @@ class _Files:
     placed: dict[str, str] = field(default_factory=dict)
 
     def place(self, records: Iterable[CellRecord]) -> document.Locate:
-        """Copy what the records name and return how to name it from the report."""
+        """Copy the frames, equal ones once, and return how the report names a file: any other is copied then."""
         for record in records:
-            phases = [(case.case, phase) for case in record.cases for phase in case.phases]
-            for frame, case in ((frame, case) for case, phase in phases for frame in phase.frames):
-                self._copy(frame, f"frames/{record.cell.label}--{case}--{Path(frame).name}")
-            logs = [step.log for step in (record.resolve, record.install) if step]
-            suite = record.suite.evidence if record.suite else None
-            for path in (record.lock, *logs, *(phase.evidence for _, phase in phases), suite):
-                self._copy(path, path)
+            for case in record.cases:
+                for frame in (frame for phase in case.phases for frame in phase.frames):
+                    self._copy(frame, self._picture(case.case, frame))
         return self.locate
 
     def locate(self, path: str) -> str:
         """A path of the store as the report names it."""
+        self._copy(path, path)
         return self.placed.get(path) or os.path.relpath(self.opened.folder / path, self.folder)
+
+    def _picture(self, case: str, frame: str) -> str | None:
+        source = self.opened.folder / frame
+        if not source.is_file():
+            return None
+        return f"frames/{case}--{source.stem}--{sha256(source.read_bytes()).hexdigest()[:8]}.png"
 
     def _copy(self, path: str | None, name: str | None) -> None:
         if path and name and path not in self.placed and carry(self.opened.folder / path, self.folder / name):

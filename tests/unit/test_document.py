@@ -114,7 +114,7 @@ def test_a_cell_in_full() -> None:
     assert (tried.decisive, tried.reasons, tried.masked) == (XML, {"vector.sync": XML}, {"vector.sync": RESET})
     assert (tried.frames, tried.evidence) == (
         ("../../evidence/s/first.png",),
-        {"single": "../../evidence/s", "vector": "../../evidence/v"},
+        {"vector": "../../evidence/v"},
     )
 
 

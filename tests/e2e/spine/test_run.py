@@ -88,7 +88,7 @@ def test_frames_are_small_pictures(small: Measured) -> None:
     """The first and the last frame are kept as PNGs beside the report."""
     (case,) = small.ran.cells("which")["good"]["cases"]
     paths = [small.desk.folder / frame for frame in case["frames"]]
-    assert [path.name.rpartition("-")[2] for path in paths] == ["first.png", "last.png"]
+    assert [path.name.split("--")[1] for path in paths] == ["render.rgb_array-first", "render.rgb_array-last"]
     for path in paths:
         with Image.open(path) as image:
             assert (image.format, image.size) == ("PNG", (48, 32))
