@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -38,7 +39,9 @@ def test_github(desk: Desk) -> None:
     jobs = platform.run()
 
     assert platform.results() == dict.fromkeys(jobs, "success"), [job.log for values in jobs.values() for job in values]
-    assert jobs["plan"][0].outputs == {"count": "2", "shards": "[1, 2]"}
+    outputs = jobs["plan"][0].outputs
+    assert re.fullmatch(r"\d{4}-\d\d", outputs["week"])
+    assert outputs == {"count": "2", "shards": "[1, 2]", "week": outputs["week"]}
     assert jobs["plan"][0].summary.startswith("## small: 2 cells in 2 shards\n")
     assert jobs["merge"][0].summary == (platform.artifacts / "small-report" / "report.md").read_text()
     assert "::error" not in jobs["merge"][0].log
