@@ -55,6 +55,7 @@ class Face:
             return
         given = self.config.getoption
         asked = {name: bool(given(f"matrix_{name}")) for name in ("fresh", "offline", "verify")}
+        asked["listed"] = bool(given("collectonly"))
         try:
             self.frozen = frozen.freeze(given("matrix"), self.told.append, **asked)
         except HarnessError as error:

@@ -47,13 +47,17 @@ def freeze(
     fresh: bool = False,
     offline: bool = False,
     verify: bool = False,
+    listed: bool = False,
 ) -> Frozen:
-    """Plan the matrices as `run` does: expanded, and with the instant that their locks are made as of."""
-    planned = [catalog.load(name, say, offline=offline) for name in matrices]
+    """Plan the matrices as `run` does: expanded, and with the instant that their locks are made as of.
+
+    What is only `listed` is planned from files alone.
+    """
+    planned = [catalog.load(name, say, offline=offline or listed) for name in matrices]
     run.check_distinct(planned)
     run.selected([cell for plan in planned for cell in plan.cells], None)
     store = open_store()
-    plans = tuple(catalog.dated(plan, store, offline=offline) for plan in planned)
+    plans = tuple(plan if listed else catalog.dated(plan, store, offline=offline) for plan in planned)
     return Frozen(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)
 
 

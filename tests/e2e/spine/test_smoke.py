@@ -48,8 +48,8 @@ def ended(ran: Ran, outcome: str) -> list[str]:
 
 
 def test_items_are_cells_by_cases_by_phases(desk: Desk) -> None:
-    """They are listed in the order of the plan, and listing them resolves nothing."""
-    desk.matrix("small", SMALL.read_text())
+    """They are listed in the order of the plan, and listing them resolves nothing and fetches no repository."""
+    desk.matrix("small", 'subject = "git+https://nowhere.invalid/own"\n' + SMALL.read_text())
     ran = smoke(desk, "--collect-only", "-q", "--strict-markers", "-W", "error")
     assert ran.out.splitlines()[:18] == [*items(GOOD, HEALTHY), *items(BLANK, HEALTHY, FRAME)]
     assert ran.code == 0
