@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from hashlib import sha256
 from types import MappingProxyType
 from typing import Any
 
@@ -16,6 +18,7 @@ from harness.model import (
     Cell,
     CellRecord,
     Finding,
+    IndexSettings,
     Outcome,
     Phase,
     PhaseRecord,
@@ -57,10 +60,11 @@ def build(
     here = next(iter(machines)) if len(machines) == 1 else ""
     cells: list[CellEntry] = []
     stale = [sentence for plan in plans for sentence in plan.stale]
+    mark = marks()
     for cell in (cell for plan in plans for cell in plan.cells):
         unrun = CellRecord(cell=cell, machine=here)
         for record in sorted(known.get(cell.id, [unrun]), key=lambda record: record.machine):
-            entry, outdated = _entry(record, generated, locate)
+            entry, outdated = _entry(record, generated, locate, mark)
             cells.append(entry)
             stale += [outdated] if outdated else []
     return Document(
@@ -70,13 +74,31 @@ def build(
         dropped=tuple(
             DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
         ),
-        matrices={plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown) for plan in plans},
+        matrices={plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot) for plan in plans},
         stale=tuple(dict.fromkeys(stale)),
         probes=dict(probes),
     )
 
 
-def _entry(record: CellRecord, today: str, locate: Locate) -> tuple[CellEntry, str | None]:
+def marks() -> Callable[[Cell], str]:
+    """From a cell to a mark of what it asks for besides its axes: other packages or other cases, another mark.
+
+    Where packages come from, and as of when, is left out: shards on two machines may differ in it.
+    """
+    known: dict[tuple[int, ...], str] = {}
+
+    def mark(cell: Cell) -> str:
+        key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs)))  # shared between cells
+        if key not in known:
+            question = dataclasses.replace(cell.question, index=IndexSettings(), snapshot=None)
+            asked = msgspec.json.encode((question, cell.cases, cell.files, cell.needs), order="deterministic")
+            known[key] = sha256(asked).hexdigest()[:16]
+        return known[key]
+
+    return mark
+
+
+def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell], str]) -> tuple[CellEntry, str | None]:
     cell, judged = record.cell, verdict.judge(record)
     as_expected, stale = verdict.expected(cell, judged, today)
     phases = [phase for case in record.cases for phase in case.phases] + ([record.suite] if record.suite else [])
@@ -113,6 +135,7 @@ def _entry(record: CellRecord, today: str, locate: Locate) -> tuple[CellEntry, s
         phase=judged.phase,
         expectation=_expectation(cell),
         requirements=cell.question.requirements,
+        asked=mark(cell),
         subject=_subject(record),
         suite=_suite(record, locate),
     )

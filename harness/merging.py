@@ -163,11 +163,14 @@ def _said(made: Document) -> Iterator[tuple[tuple[str, str], Any]]:
         yield from (((name, cell.id), getattr(cell, name)) for name in ASKED)
         if cell.requirements:
             yield ("requirements", cell.id), cell.requirements
+        if cell.asked:
+            yield ("packages and cases", cell.id), cell.asked
         if cell.subject:
             yield ("state of the subject", cell.id), (cell.subject.commit, cell.subject.changed)
         if cell.cases:
             yield ("cases", cell.id), [(case.case, case.env, case.api) for case in cell.cases]
-    yield from ((("axes", name), matrix) for name, matrix in made.matrices.items())
+    yield from ((("axes", name), (matrix.axes, matrix.shown)) for name, matrix in made.matrices.items())
+    yield from ((("snapshot", name), matrix.snapshot) for name, matrix in made.matrices.items())
     yield from ((("probes", name), probe) for name, probe in made.probes.items())
 
 

@@ -219,7 +219,10 @@ class Dropped:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Plan:
-    """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell."""
+    """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell.
+
+    `snapshot` is the cutoff that the matrix itself, or its expansion, names.
+    """
 
     matrix: str
     cells: tuple[Cell, ...]
@@ -227,6 +230,7 @@ class Plan:
     stale: tuple[str, ...] = ()
     axes: tuple[str, ...] = ()
     shown: tuple[str, ...] = ()
+    snapshot: str | None = None
 
 
 # --- what was found --------------------------------------------------------------------------------------------

@@ -125,7 +125,10 @@ class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One cell on one machine, measured or not. `phase` is the one that decided the verdict."""
+    """One cell on one machine, measured or not. `phase` is the one that decided the verdict.
+
+    `asked` marks what it asks for besides its axes: the same for the same packages and cases.
+    """
 
     id: str
     matrix: str
@@ -158,6 +161,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     phase: Phase | None = None
     expectation: ExpectationEntry | None = None
     requirements: tuple[str, ...] = ()
+    asked: str = ""
     subject: SubjectEntry | None = None
     suite: SuiteEntry | None = None
 
@@ -171,10 +175,14 @@ class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 
 class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """What the tables need of a matrix: its axes in order, and the packages whose versions it wants shown."""
+    """What the tables need of a matrix: its axes in order, and the packages whose versions it wants shown.
+
+    `snapshot` is the cutoff that it names, if it does.
+    """
 
     axes: tuple[str, ...]
     shown: tuple[str, ...] = ()
+    snapshot: str | None = None
 
 
 class Document(msgspec.Struct, frozen=True, kw_only=True):

@@ -97,10 +97,11 @@ def _reported(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
     made = document.read(path.read_bytes(), str(path))
     planned = {cell.id: cell for cell in plan.cells}
     entries = [entry for entry in made.cells if entry.id in planned]
+    mark = document.marks()
     for entry in entries:
         cell = planned[entry.id]
-        asked = (dict(cell.axes), cell.python, dict(cell.environment), cell.question.requirements)
-        if asked != (entry.axes, entry.requested_python, entry.environment, entry.requirements):
+        asked = (dict(cell.axes), cell.python, dict(cell.environment), mark(cell))
+        if asked != (entry.axes, entry.requested_python, entry.environment, entry.asked):
             message = f"{path}: {entry.id} was another cell then; measure the matrix as it is now"
             raise BadInput(message)
     if not entries:

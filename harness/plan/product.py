@@ -55,6 +55,7 @@ def expand(
         ),
         axes=tuple(matrix.axes),
         shown=tuple(map(str, matrix.shown)),
+        snapshot=contents.snapshot,
     )
 
 

@@ -12,7 +12,7 @@ from specimens import GENERATED, HERE, MACHINES, case, quick, record
 
 from harness import document, merging
 from harness.errors import BadInput
-from harness.model import CellRecord, Dropped, Expectation, Outcome, Phase, PhaseRecord, Plan, Subject, Verdict
+from harness.model import Cell, CellRecord, Dropped, Expectation, Outcome, Phase, PhaseRecord, Plan, Subject, Verdict
 from harness.reporttypes import CellEntry, Document
 
 OTHER = "linux-aarch64"
@@ -205,6 +205,32 @@ class TestBelongTogether:
             of(one, two)
 
         assert str(caught.value) == message
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda cell: replace(cell, question=replace(cell.question, constraints=("numpy<2",))),
+            lambda cell: replace(cell, cases=(replace(cell.cases[0], kwargs={"frame_skip": 2}), *cell.cases[1:])),
+            lambda cell: replace(cell, cases=(replace(cell.cases[0], steps=3), *cell.cases[1:])),
+        ],
+        ids=["constraints", "kwargs", "steps"],
+    )
+    def test_what_is_asked_for_out_of_sight_counts(self, change: Callable[[Cell], Cell]) -> None:
+        """Constraints and arguments make another question under the same id and requirements."""
+        cells = [PLAN.cells[0], change(PLAN.cells[0])]
+        one, other = (shard(record(of=cell), plan=replace(PLAN, cells=(cell,))) for cell in cells)
+
+        with pytest.raises(BadInput, match=r"the packages and cases of \S+ differ;"):
+            of(one, other)
+
+    def test_another_snapshot_is_refused(self) -> None:
+        """A matrix as of another day is another one; instants that no matrix names may differ between shards."""
+        days = [shard(plan=replace(PLAN, snapshot=day)) for day in ("2026-11-20T23:59:59Z", "2026-11-21T23:59:59Z")]
+        asked = [replace(PLAN.cells[0], question=replace(PLAN.cells[0].question, snapshot=day)) for day in "ab"]
+
+        with pytest.raises(BadInput, match=r"the snapshot of quick differ;"):
+            of(*days)
+        assert of(*(shard(plan=replace(PLAN, cells=(cell,))) for cell in asked)).cells[0].id == PLAN.cells[0].id
 
     def test_another_commit_of_the_subject_is_refused(self) -> None:
         """Shards of two commits of the package under test are no one answer."""
