@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 TEMPLATE = "report.md.j2"
 
 LISTED = 60
-"""Cells of which every one is listed on a terminal; of more, those that work as expected are counted."""
+"""Cells, or rows of the small table, of which every one is shown on a terminal; of more, the green are counted."""
 
 PIPED_WIDTH = 100
 """Columns where the output is no terminal."""
@@ -144,9 +144,18 @@ def _pivot_table(pivot: Pivot) -> RenderableType:
     table.add_column(f"{pivot.down} \\ {pivot.across}", no_wrap=True)
     for column in pivot.columns:
         table.add_column(column, justify="center")
-    for name, squares in zip(pivot.rows, pivot.squares, strict=True):
+    rows = list(zip(pivot.rows, pivot.squares, strict=True))
+    shown = rows if len(rows) <= LISTED else [row for row in rows if not _green(row[1])]
+    for name, squares in shown:
         table.add_row(_styled((name, "bold")), *map(_square_text, squares))
+    if len(shown) < len(rows):
+        table.add_row(_styled((f"{number(len(rows) - len(shown), 'more row')} in which all works", GREY)))
     return Padding(table, (0, 0, 0, INDENT))
+
+
+def _green(squares: Iterable[Sequence[Square]]) -> bool:
+    """Whether all that was tried in a row works."""
+    return all(one.verdict is Verdict.WORKS for square in squares for one in square)
 
 
 def _square_text(square: Sequence[Square]) -> Text:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -24,6 +23,8 @@ from harness.filelocks import exclusive
 from harness.model import CellRecord, Finding, Interpreter, Lock, Outcome, PhaseRecord, Question, Step
 
 T = TypeVar("T")
+
+NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 
 
 def state_folder() -> Path:
@@ -72,13 +73,16 @@ def now() -> str:
 
 def write_atomic(path: Path, content: bytes) -> None:
     """Write the whole file or nothing."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".tmp")
+    temporary = f"{path.parent}/.{os.urandom(8).hex()}.tmp"
+    try:
+        descriptor = os.open(temporary, NEW, 0o644)
+    except FileNotFoundError:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(temporary, NEW, 0o644)
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
+        os.replace(temporary, path)  # noqa: PTH105 - thousands of files
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
@@ -170,7 +174,7 @@ class Store:
 
     def locked_at(self, key: str) -> int:
         """When the lock of a question was made, in nanoseconds since the epoch."""
-        return self._path("locks", key).stat().st_mtime_ns
+        return Path(self._path("locks", key)).stat().st_mtime_ns
 
     def lock_file(self, lock: Lock) -> Path:
         """The hash-pinned requirements of a lock; identical resolutions are one file."""
@@ -245,14 +249,14 @@ class Store:
         """A path as records name it: below the state folder, never a machine's own."""
         return path.relative_to(self.folder).as_posix()
 
-    def _path(self, kind: str, key: str) -> Path:
-        return self.folder / kind / key[:2] / f"{key[2:]}.json"
+    def _path(self, kind: str, key: str) -> str:
+        return f"{self.folder}/{kind}/{key[:2]}/{key[2:]}.json"
 
     def _load(self, kind: str, key: str, kept: type[T]) -> T | None:
         return _read(self._path(kind, key), kept)
 
     def _save(self, kind: str, key: str, value: Any) -> None:
-        write_atomic(self._path(kind, key), _encode(value))
+        write_atomic(Path(self._path(kind, key)), _encode(value))
 
 
 def open_store() -> Store:
@@ -264,10 +268,11 @@ def _encode(value: Any) -> bytes:
     return msgspec.json.encode(value, order="deterministic")
 
 
-def _read(path: Path, kept: type[T]) -> T | None:
+def _read(path: str | Path, kept: type[T]) -> T | None:
     """None where the file is absent, or of an older shape and so of no use."""
     try:
-        content = path.read_bytes()
+        with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - thousands of files
+            content = file.readall()
     except FileNotFoundError:
         return None
     try:

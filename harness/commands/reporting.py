@@ -173,30 +173,30 @@ class _Files:
         return f"frames/{case}--{source.stem}--{sha256(source.read_bytes()).hexdigest()[:8]}.png"
 
     def _copy(self, path: str | None, name: str | None) -> None:
-        if path and name and path not in self.placed and carry(self.opened.folder / path, self.folder / name):
+        if path and name and path not in self.placed and carry(f"{self.opened.folder}/{path}", f"{self.folder}/{name}"):
             self.placed[path] = name
 
 
-def carry(source: Path, target: Path) -> bool:
+def carry(source: str | Path, target: str | Path) -> bool:
     """Copy a file, or the texts of a folder; False where there is nothing."""
     try:
-        there = source.stat()
+        there = os.stat(source)  # noqa: PTH116 - thousands of files
     except OSError:
         return False
     if S_ISDIR(there.st_mode):
         with os.scandir(source) as found:
             texts = sorted(entry.name for entry in found if entry.name.endswith((".jsonl", ".log", ".txt")))
-        return bool([carry(source / text, target / text) for text in texts])
+        return bool([carry(f"{source}/{text}", f"{target}/{text}") for text in texts])
     if not _same(there, target):
-        store.write_atomic(target, source.read_bytes())
+        store.write_atomic(Path(target), Path(source).read_bytes())
         os.utime(target, ns=(there.st_atime_ns, there.st_mtime_ns))  # by which the next report knows it
     return True
 
 
-def _same(there: os.stat_result, target: Path) -> bool:
+def _same(there: os.stat_result, target: str | Path) -> bool:
     """Whether the target is the same file, or a copy of it as it stands."""
     try:
-        here = target.stat()
+        here = os.stat(target)  # noqa: PTH116 - thousands of files
     except OSError:
         return False
     copied = (here.st_size, here.st_mtime_ns) == (there.st_size, there.st_mtime_ns)

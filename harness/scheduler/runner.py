@@ -295,7 +295,8 @@ class Runner:
             return None
         if kept.cell == record.cell:
             self.unchanged.add(record.cell.id)
-        return replace(kept, cell=record.cell, reused=True)
+        versions = record.installed if record.installed == kept.installed else kept.installed  # one of many cells
+        return replace(kept, cell=record.cell, installed=versions, reused=True)
 
     def _suite(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> undertest.Suite | None:
         """The subject's own suite, resolved and installed, where the cell has one and is to come that far."""
