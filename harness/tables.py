@@ -155,10 +155,12 @@ def _why(cell: CellEntry) -> str:
 
 
 def _default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, str] | None:
-    """The first two axes that vary, else one that does and any other; None where there is nothing to compare."""
+    """The first two axes that vary, Python last, else one that does and any other; None where nothing varies."""
     varying = [axis for axis in axes if len({cell.axes.get(axis) for cell in cells}) > 1]
     if len(axes) < 2 or not varying:
         return None
+    if len(varying) > 2 and "python" in varying:
+        varying.remove("python")
     down = varying[0]
     return down, (varying[1:] or [axis for axis in axes if axis != down])[0]
 
