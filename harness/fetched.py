@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import Literal
 
 import msgspec
 
@@ -78,7 +79,7 @@ class FetchedPython(msgspec.Struct, frozen=True, kw_only=True):
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """The document `manifest.json` of `fetch`: paths are relative to its folder."""
 
-    schema: int = 1
+    schema: Literal[1] = 1
     made: str
     harness: str
     architecture: str
@@ -117,7 +118,11 @@ def read(folder: Path) -> Manifest:
     except OSError as error:
         message = f"{path}: {error.strerror}; `simmatrix fetch MATRIX --to {folder}` makes it, and goes on where it was"
         raise BadInput(message) from None
-    return schema.load_json(content, Manifest, str(path))
+    try:
+        return schema.load_json(content, Manifest, str(path))
+    except BadInput as error:
+        message = f"{error}; remove the file and fetch again: what lies beside it is kept where it is whole"
+        raise BadInput(message) from None
 
 
 def open_folder(folder: Path) -> Fetched:

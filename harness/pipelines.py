@@ -174,14 +174,14 @@ def plan_page(plan: Plan, count: int) -> str:
 
 # --- texts that go into a workflow -------------------------------------------------------------------------------
 
-_PLAIN = re.compile(r"[A-Za-z0-9_./+@:-]+( +[A-Za-z0-9_./+@:-]+)*")
+_PLAIN = re.compile(r"(?!-)[A-Za-z0-9_./+@:-]+( +(?!-)[A-Za-z0-9_./+@:-]+)*")
 
 
 def plain(text: str, what: str) -> str:
     """The text of an option that goes into a workflow as it is; refused where a platform would read more into it."""
     if _PLAIN.fullmatch(text):
         return text
-    message = f"{what} {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here"
+    message = f"{what} {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here, no word that starts with -"
     raise BadInput(message)
 
 

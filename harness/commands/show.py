@@ -179,7 +179,9 @@ def _next(cell: Cell, entry: CellEntry) -> Iterator[str]:
 
 def _again(cell: Cell) -> str:
     if cell.matrix != plan.TRY_MATRIX:
-        name = cell.matrix if cell.matrix in catalog.built_in() else f"{cell.matrix}.toml"
+        files = [f"{cell.matrix}.toml", f"matrices/{cell.matrix}.toml"]
+        near = next((file for file in files if Path(file).is_file()), files[0])
+        name = cell.matrix if cell.matrix in catalog.built_in() else near
         return shlex.join(["simmatrix", "run", name, "-k", cell.label, "--fresh"])
     question = cell.question
     options = {

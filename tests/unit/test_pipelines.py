@@ -264,12 +264,14 @@ def test_plan_page() -> None:
 # --- what does not go into a workflow --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", ["a'b.toml", "${{ x }}.toml", "a\nb.toml", "$(id).toml", "", " a.toml", "a`b`"])
+@pytest.mark.parametrize("text", ["a'b.toml", "${{ x }}.toml", "a\nb.toml", "$(id).toml", "", " a.toml", "a`b`", "-x.toml", "a -x"])
 def test_texts_that_a_platform_would_read(text: str) -> None:
-    """A quote, an expression, a line end never reach the file."""
+    """A quote, an expression, a line end, what would be an option never reach the file."""
     with pytest.raises(BadInput) as caught:
         pipelines.plain(text, "MATRIX")
-    assert str(caught.value) == f"MATRIX {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here"
+    assert str(caught.value) == (
+        f"MATRIX {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here, no word that starts with -"
+    )
 
 
 @pytest.mark.parametrize("text", ["3.10", "2.7", "3", "pypy3.11", "3.11; id", ""])
