@@ -43,7 +43,7 @@ TEMPLATES = {Provider.GITHUB: "github.yml.j2", Provider.GITLAB: "gitlab.yml.j2",
 MOST_SHARDS = {Provider.GITHUB: 256, Provider.GITLAB: 200, Provider.SLURM: 1001}
 """Jobs that a matrix of GitHub, a `parallel` of GitLab, an array of Slurm (by its default `MaxArraySize`) may have."""
 
-RUNNERS = {Provider.GITHUB: "ubuntu-24.04", Provider.GITLAB: "python:{python}-bookworm", Provider.SLURM: "-"}
+RUNNERS = {Provider.GITHUB: "ubuntu-24.04", Provider.GITLAB: "python:{python}-bookworm", Provider.SLURM: "none"}
 """A machine or an image by name, not `latest`: results belong to a class of machine."""
 
 FOREIGN: Mapping[Provider, tuple[str, ...]] = {

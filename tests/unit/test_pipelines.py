@@ -264,7 +264,9 @@ def test_plan_page() -> None:
 # --- what does not go into a workflow --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", ["a'b.toml", "${{ x }}.toml", "a\nb.toml", "$(id).toml", "", " a.toml", "a`b`", "-x.toml", "a -x"])
+@pytest.mark.parametrize(
+    "text", ["a'b.toml", "${{ x }}.toml", "a\nb.toml", "$(id).toml", "", " a.toml", "a`b`", "-x.toml", "a -x"]
+)
 def test_texts_that_a_platform_would_read(text: str) -> None:
     """A quote, an expression, a line end, what would be an option never reach the file."""
     with pytest.raises(BadInput) as caught:
