@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import io
 import json
 import os
@@ -27,6 +28,7 @@ from pathlib import Path
 import fakecells
 
 from harness import catalog, document, machine, store
+from harness.__main__ import GARBAGE
 from harness.commands import progress, reporting
 from harness.model import Cell, CellRecord
 from harness.scheduler import Prepared, Runner, Settings
@@ -120,6 +122,7 @@ def prepare(matrix: Path) -> None:
 
 def stages(matrix: Path) -> dict[str, float]:
     """Each stage of a run by itself, in this process."""
+    gc.set_threshold(GARBAGE)
     opened = store.open_store()
     here = machine.facts()
     timed: dict[str, float] = {}

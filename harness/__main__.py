@@ -45,6 +45,10 @@ INTERRUPTED = 130
 TERMINATED = 143
 
 
+GARBAGE = 50_000
+"""Objects made before Python looks for circles among them: records are many and hold none."""
+
+
 def console() -> None:
     """Entry point of the installed commands."""
     for name in ("stdout", "stderr"):
@@ -56,6 +60,7 @@ def console() -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run one verb and return the exit code of the contract."""
     signal.signal(signal.SIGTERM, _terminate)
+    gc.set_threshold(GARBAGE)
     try:
         verb, rest = _verb(arguments)
         module = _imported(VERBS[verb][0])

@@ -1,6 +1,7 @@
 """What people read: the Markdown page whole, and the terminal as it fits."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -12,7 +13,7 @@ from specimens import agrees, quick_document
 import harness
 from harness import document, present, tables
 from harness.model import Verdict
-from harness.reporttypes import SYMBOLS, word
+from harness.reporttypes import SYMBOLS, Pivot, Square, word
 
 TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
 
@@ -151,3 +152,21 @@ def test_markup_is_text() -> None:
     lines = screen(100, tables.report(msgspec.structs.replace(made, cells=(odd,))))
 
     assert any("IndexError: [bold]x[/bold]" in line for line in lines)
+
+
+def test_green_rows_of_a_long_small_table_are_counted() -> None:
+    """Of 70 rows a terminal shows the one in which something does not work; 60 are all shown."""
+    told = tables.report(quick_document())
+    works = Square(machine="m", verdict=Verdict.WORKS, count=1, total=1)
+    squares = [((replace(works, verdict=Verdict.BROKEN) if number == 7 else works,),) for number in range(70)]
+
+    def shown(rows: int) -> list[str]:
+        names = tuple(f"row{number}" for number in range(rows))
+        pivot = Pivot(down="a", across="b", rows=names, columns=("1",), squares=tuple(squares[:rows]))
+        lines = screen(100, replace(told, sheets=(replace(told.sheets[0], pivot=pivot),)))
+        return [line.strip() for line in lines if line.startswith("  row") or "in which all works" in line]
+
+    assert len(shown(60)) == 60
+    row, more = shown(70)
+    assert row.startswith("row7 ")
+    assert more == "69 more rows in which all works"

@@ -7,6 +7,7 @@ import re
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,9 @@ import pytest
 from commandline import SMALL, Desk
 from test_fetch import Index
 
-from harness import catalog, scheduler, store
+from harness import catalog, interpreters, scheduler, store
 from harness.commands import progress, reporting
+from harness.filelocks import exclusive
 from harness.memory import Reading
 from harness.model import Phase
 
@@ -82,6 +84,52 @@ def test_processes_share_what_they_measure(desk: Desk) -> None:
             said = [json.loads(process.communicate(timeout=PATIENCE)[0]) for process in (first, second)]
     assert [document["cells"][0]["phases"]["single"] for document in said] == ["passed", "passed"]
     assert [document["cells"][0]["reused"] for document in said] == [False, True]
+
+
+def resolving(desk: Desk, monkeypatch: pytest.MonkeyPatch, matrix: Path) -> list[Path]:
+    """The files that are locked while the question of each cell is resolved."""
+    monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
+    monkeypatch.setenv("HARNESS_STATE", str(desk.state))
+    opened = store.open_store()
+    plan = catalog.dated(catalog.load(str(matrix), print), opened)
+    host = interpreters.find("host")
+    assert host
+    return [opened.claim_file(store.question_key(cell.question, host)) for cell in plan.cells]
+
+
+def test_processes_share_what_they_resolve(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two runs that wait for the turn to resolve one question, the second takes the answer of the first."""
+    matrix = desk.matrix("m", ONE_GATE + GATES)
+    (file,) = resolving(desk, monkeypatch, matrix)
+    asked = ("run", matrix, "--until", "resolve", "--json")
+    with ExitStack() as held:
+        held.enter_context(exclusive(file))
+        with desk.started(*asked) as first, desk.started(*asked) as second:
+            time.sleep(2)  # both would be done before
+            assert (first.poll(), second.poll()) == (None, None)
+            held.close()
+            said = [json.loads(process.communicate(timeout=PATIENCE)[0]) for process in (first, second)]
+    assert [document["cells"][0]["phases"]["resolve"] for document in said] == ["passed", "passed"]
+    assert sorted(document["cells"][0]["reused"] for document in said) == [False, True]
+
+
+def test_installs_go_on_beside_probes(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One cell is probed before the other is resolved, and the other is installed while that probe runs."""
+    gates = GATES.replace("@FAKES@", '"fake-gate"')
+    matrix = desk.matrix("m", gates + TWO_GATES.replace('two" } }', 'two" }, requirements = ["fake-plain"] }'))
+    _, two = resolving(desk, monkeypatch, matrix)
+    with ExitStack() as held:
+        held.enter_context(exclusive(two))
+        with desk.started("run", matrix, "-j", "1", "--until", "single", "--json") as running:
+            wait_for((desk.folder / "one.reached").exists)
+            assert len(list(desk.state.glob("installed/*/*"))) == 1
+            held.close()
+            wait_for(lambda: len(list(desk.state.glob("installed/*/*"))) == 2)
+            assert not (desk.folder / "two.reached").exists()
+            (desk.folder / "one").touch()
+            (desk.folder / "two").touch()
+            cells = json.loads(running.communicate(timeout=PATIENCE)[0])["cells"]
+    assert [cell["phases"]["single"] for cell in cells] == ["passed", "passed"]
 
 
 # --- memory ----------------------------------------------------------------------------------------------------
