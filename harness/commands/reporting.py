@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from stat import S_ISDIR
+from typing import NamedTuple
 
 from harness import document, launch, machine, outcomes, present, store, tables, verdict
 from harness.commands import standing
@@ -60,12 +61,20 @@ def headline(record: CellRecord) -> str:
     return f"{judged.verdict}{told}{note}"
 
 
+class Published(NamedTuple):
+    """A report and its folder; `tables` are there where it was just made."""
+
+    folder: Path
+    document: Document
+    tables: Report | None = None
+
+
 def publish(
     plans: Sequence[Plan], measured: Mapping[str, CellRecord], opened: Store, wanted: Wanted
-) -> list[tuple[Path, Document]]:
+) -> list[Published]:
     """Write the report of each matrix: of each cell what was measured now, by its id, or before."""
     here = machine.facts()
-    made: list[tuple[Path, Document]] = []
+    made: list[Published] = []
     for plan in plans:
         folder = wanted.out or opened.folder / "reports"
         folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
@@ -75,13 +84,13 @@ def publish(
             known = [found for cell in plan.cells if (found := measured.get(cell.id) or before.get(cell.id))]
             used, note = probes(plan), opened.folder / "reports" / f"{plan.matrix}.note"
             made_of = standing.mark(plan, known, here, folder, (used, wanted.pivot))
-            report = standing.read(note, made_of, folder)
+            report, shown = standing.read(note, made_of, folder), None
             if report is None:
                 locate = place(known, opened, folder)
                 report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, used)
-                write(report, folder, wanted.pivot)
+                shown = write(report, folder, wanted.pivot)
                 standing.keep(note, made_of, folder)
-        made.append((folder, report))
+        made.append(Published(folder, report, shown))
     return made
 
 
@@ -89,15 +98,16 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
     """Write the report of each matrix, print the table, and return the exit code of all."""
     measured = {record.cell.id: record for record in records}
     made = publish(plans, measured, opened, wanted)
+    whole = document.combined([one.document for one in made])
     if wanted.json:
-        here_now = [document.moved(report, seen_from_here(folder)) for folder, report in made]
+        here_now = [document.moved(one.document, seen_from_here(one.folder)) for one in made]
         sys.stdout.write(document.encode(document.combined(here_now)).decode())
     else:
-        present.print_terminal(tables.report(document.combined([report for _, report in made]), wanted.pivot))
+        shown = made[0].tables if len(made) == 1 else None
+        present.print_terminal(shown or tables.report(whole, wanted.pivot))
         print(_closing(list(measured.values())))
-        for folder, _ in made:
-            print(f"report: {os.path.relpath(folder)}")
-    whole = document.combined([report for _, report in made])
+        for one in made:
+            print(f"report: {os.path.relpath(one.folder)}")
     return document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
 
 
@@ -112,11 +122,13 @@ def probes(plan: Plan) -> dict[str, str]:
     return {f"{api or 'none'}.{phase}": launch.probe_hash(api, phase) for api, phase in sorted(used)}
 
 
-def write(report: Document, folder: Path, pivot: tuple[str, str] | None) -> None:
-    """Write `report.json` and `report.md` into a folder; files that only its last report named go."""
+def write(report: Document, folder: Path, pivot: tuple[str, str] | None) -> Report:
+    """Write `report.json` and `report.md` into a folder; files that only its last report named go. Gives its tables."""
     _sweep(folder, document.paths(report))
     store.write_atomic(folder / "report.json", document.encode(report))
-    store.write_atomic(folder / "report.md", page(tables.report(report, pivot)).encode())
+    shown = tables.report(report, pivot)
+    store.write_atomic(folder / "report.md", page(shown).encode())
+    return shown
 
 
 def _sweep(folder: Path, named: frozenset[str]) -> None:

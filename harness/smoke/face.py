@@ -182,7 +182,7 @@ class Face:
         made = reporting.publish(self.frozen.plans, self.records, store, wanted)
         counts = Counter(verdict.judge(record).verdict for record in self.records.values())
         told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-        folders = ", ".join(os.path.relpath(folder) for folder, _ in made)
+        folders = ", ".join(os.path.relpath(one.folder) for one in made)
         self.summary.append(f"simmatrix: {told}; report: {folders}")
 
 
