@@ -164,6 +164,7 @@ class _Files:
     opened: Store
     folder: Path
     placed: dict[str, str] = field(default_factory=dict)
+    there: set[str] = field(default_factory=set)  # names that were copied: of equal frames the first
 
     def place(self, records: Iterable[CellRecord]) -> document.Locate:
         """Copy the frames, equal ones once, and return how the report names a file: any other is copied then."""
@@ -185,7 +186,10 @@ class _Files:
         return f"frames/{case}--{source.stem}--{sha256(source.read_bytes()).hexdigest()[:8]}.png"
 
     def _copy(self, path: str | None, name: str | None) -> None:
-        if path and name and path not in self.placed and carry(f"{self.opened.folder}/{path}", f"{self.folder}/{name}"):
+        if path is None or name is None or path in self.placed:
+            return
+        if name in self.there or carry(f"{self.opened.folder}/{path}", f"{self.folder}/{name}"):
+            self.there.add(name)
             self.placed[path] = name
 
 
