@@ -1,0 +1,44 @@
+"""What lies beside a report."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from specimens import case, record
+
+from harness import store
+from harness.commands import reporting
+from harness.model import CaseRecord, Phase
+from harness.store import Store
+
+
+def drawn(opened: Store, name: str, picture: bytes) -> CaseRecord:
+    """A case of the environment `ant` with one frame; each was measured at a time of its own."""
+    frame = opened.evidence(name) / "render.rgb_array-first.png"
+    frame.write_bytes(picture)
+    os.utime(frame, (len(name), len(name)))
+    tried = case("pppp", "ant")
+    phases = (
+        replace(phase, frames=(opened.relative(frame),) if phase.phase is Phase.RENDER else ())
+        for phase in tried.phases
+    )
+    return replace(tried, phases=tuple(phases))
+
+
+def test_equal_frames_are_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames of the same case that are equal are named alike and written once, others apart."""
+    opened, written = Store(tmp_path / "state"), []
+    write = store.write_atomic
+    monkeypatch.setattr(store, "write_atomic", lambda path, content: (written.append(path.name), write(path, content)))
+    cases = [drawn(opened, name, picture) for name, picture in (("a", b"one"), ("bb", b"one"), ("ccc", b"two"))]
+
+    locate = reporting.place([record(tried) for tried in cases], opened, tmp_path / "report")
+    names = [locate(f"evidence/{name}/render.rgb_array-first.png") for name in ("a", "bb", "ccc")]
+
+    assert names[0] == names[1] == "frames/ant--render.rgb_array-first--7692c3ad.png"
+    assert names[2] != names[0]
+    assert [(tmp_path / "report" / name).read_bytes() for name in names] == [b"one", b"one", b"two"]
+    assert sorted(written) == sorted({Path(name).name for name in names})
