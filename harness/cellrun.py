@@ -58,7 +58,7 @@ class Context:
     undrawable: str | None
     conditions: str | None
     places: Mapping[str, str]
-    until: Phase = Phase.RENDER
+    until: Phase = CASE_PHASES[-1]
     fresh: bool = False
     again: bool = False
     verify: bool = False
@@ -111,11 +111,11 @@ def claim(context: Context, case: Case) -> str:
 
 def not_reached(case: Case) -> CaseRecord:
     """The record of a case whose environment never came to be."""
-    return _record(case, [_absent(phase, phase in _wanted(case, Phase.RENDER)) for phase in CASE_PHASES])
+    return _record(case, [_absent(phase, phase in _wanted(case, CASE_PHASES[-1])) for phase in CASE_PHASES])
 
 
 def _reached(case: Case, known: Mapping[Phase, PhaseRecord]) -> CaseRecord:
-    asked = _wanted(case, Phase.RENDER)
+    asked = _wanted(case, CASE_PHASES[-1])
     return _record(case, [known.get(phase) or _absent(phase, phase in asked) for phase in CASE_PHASES])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from types import MappingProxyType
 from typing import Any
@@ -13,12 +13,12 @@ import msgspec
 from harness import schema, verdict
 from harness.model import (
     CASE_PHASES,
-    CELL_PHASES,
     CaseRecord,
     Cell,
     CellRecord,
     Finding,
     IndexSettings,
+    Level,
     Outcome,
     Phase,
     PhaseRecord,
@@ -29,6 +29,7 @@ from harness.model import (
 from harness.reporttypes import (
     CaseEntry,
     CellEntry,
+    ControlEntry,
     Document,
     DroppedEntry,
     ExpectationEntry,
@@ -127,8 +128,8 @@ def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell]
         as_expected=as_expected,
         repairs=(),
         findings=_findings(record),
-        phases={phase: judged.phases[phase] for phase in (*CELL_PHASES, Phase.SUITE) if phase in judged.phases},
-        cases=tuple(_case(cell, case, locate) for case in record.cases),
+        phases={phase: judged.phases[phase] for phase in Phase if phase in judged.phases},
+        cases=tuple(_case(record, case, locate) for case in record.cases),
         decisive=judged.decisive,
         diagnoses=(),
         evidence=_evidence(record, judged.phase, locate),
@@ -138,6 +139,11 @@ def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell]
         asked=mark(cell),
         subject=_subject(record),
         suite=_suite(record, locate),
+        controls={
+            api: ControlEntry(control=one.control, failed=dict(one.failed), untold=one.untold)
+            for api, one in record.controls.items()
+        }
+        or msgspec.UNSET,
     )
     return entry, stale
 
@@ -170,14 +176,14 @@ def _suite(record: CellRecord, locate: Locate) -> SuiteEntry | None:
     )
 
 
-def _case(cell: Cell, record: CaseRecord, locate: Locate) -> CaseEntry:
-    phases = verdict.case_phases(cell, record)
+def _case(evidence: CellRecord, record: CaseRecord, locate: Locate) -> CaseEntry:
+    phases = verdict.case_phases(evidence, record)
     checks = [check for phase in phases for check in phase.checks]
     return CaseEntry(
         case=record.case,
         env=record.env,
         api=record.api,
-        phases={phase.phase: phase.outcome for phase in phases},
+        phases={phase.phase: phase.outcome for phase in phases if verdict.counts(phase)},
         checks={check.check: check.outcome for check in checks},
         frames=tuple(locate(frame) for phase in phases for frame in phase.frames),
         decisive=_why(phases),
@@ -201,7 +207,7 @@ def _why(phases: Iterable[PhaseRecord]) -> str | None:
 def _findings(record: CellRecord) -> tuple[FindingEntry, ...]:
     """Each finding once, with the cases it was seen in."""
     steps = [step for step in (record.resolve, record.install) if step]
-    everywhere = [*record.findings, *(finding for step in steps for finding in step.findings)]
+    everywhere = [*record.findings, *(finding for step in steps for finding in step.findings), *_untold(record)]
     seen: dict[Finding, list[str]] = {finding: [] for finding in everywhere}
     for case in record.cases:
         for finding in (finding for phase in case.phases for finding in phase.findings):
@@ -212,6 +218,14 @@ def _findings(record: CellRecord) -> tuple[FindingEntry, ...]:
         FindingEntry(check=finding.check, level=finding.level, text=finding.text, cases=tuple(cases))
         for finding, cases in seen.items()
     )
+
+
+def _untold(record: CellRecord) -> Iterator[Finding]:
+    """Of which adapters nothing is known, so that a failure may as well be theirs."""
+    for api, control in record.controls.items():
+        if control.untold:
+            text = f"whether the adapter {api} works on this machine is not known: {control.untold}"
+            yield Finding(check=f"control.{api}", level=Level.NOTE, text=text)
 
 
 def _evidence(record: CellRecord, phase: Phase | None, locate: Locate) -> str | None:

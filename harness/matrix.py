@@ -104,6 +104,9 @@ class Changes(Table, frozen=True, kw_only=True):
     only_binary: Annotated[
         tuple[PackageSelector, ...], Meta(description="packages never built from source, `:all:` for every one")
     ] = ()
+    overlay: Annotated[
+        tuple[PackageName, ...], Meta(description="packages whose releases that no resolver accepts are repaired")
+    ] = ()
     environment: Annotated[Variables, Meta(description="environment variables of the cell")] = Variables()
     needs: Annotated[tuple[Capability, ...], Meta(description="what the machine must have")] = ()
     files: Annotated[Files, Meta(description="files placed into the cell's HOME")] = Files()
@@ -115,12 +118,15 @@ class CaseTable(Table, frozen=True, kw_only=True):
     """One environment tried in a cell."""
 
     api: Api | None = None
-    env: Annotated[str | None, Meta(description="environment id; `gym:` or `gymnasium:` before it names the API")] = (
-        None
-    )
+    env: Annotated[
+        str | None, Meta(description="environment id; an API's name may stand before it, as in `gym:CartPole-v1`")
+    ] = None
     id: Annotated[Label | None, Meta(description="by default made from the environment id")] = None
     kwargs: Annotated[dict[str, Any], Meta(description="arguments of make")] = {}
-    checks: Annotated[tuple[CheckName, ...], Meta(description="checks, or phases for all of theirs; default: all")] = ()
+    checks: Annotated[
+        tuple[CheckName, ...],
+        Meta(description="checks, or phases for the usual ones, `vector.*` for all; default: every phase but interop"),
+    ] = ()
     required: Annotated[tuple[FindingName, ...], Meta(description="warnings that turn the case red")] = ()
     imports: Annotated[tuple[ModuleName, ...], Meta(description="modules imported first")] = ()
     when: When = {}
@@ -128,7 +134,7 @@ class CaseTable(Table, frozen=True, kw_only=True):
         Literal["baseline"] | None, Meta(description="baseline: exists in the cells of that strategy alone")
     ] = None
     timeouts: Annotated[
-        dict[Literal["import", "single", "vector", "render"], Annotated[float, Meta(gt=0)]],
+        dict[Literal["import", "single", "vector", "render", "interop"], Annotated[float, Meta(gt=0)]],
         Meta(description="phase to seconds for each of its checks"),
     ] = {}
     steps: Annotated[int, Meta(ge=1)] = 100

@@ -83,6 +83,11 @@ def sources(matrix: Matrix) -> dict[str, str]:
     }
 
 
+def repairing(matrix: Matrix) -> bool:
+    """Whether some of its cells take repaired releases."""
+    return any(changes.overlay for _, changes in _changes(matrix))
+
+
 # --- axes ------------------------------------------------------------------------------------------------------
 
 
@@ -172,7 +177,7 @@ def _check(matrix: Matrix) -> None:
         _check_when(matrix, path, when)
     for index, expected in enumerate(matrix.expect):
         with located(matrix.path, "expect", index):
-            _check_expect(expected, CELL_PHASES + ((Phase.SUITE,) if matrix.suite else ()))
+            _check_expect(expected, (*CELL_PHASES, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ())))
 
 
 def _check_subject(matrix: Matrix) -> None:

@@ -29,8 +29,8 @@ class Phase(StrEnum):
 CELL_PHASES = (Phase.RESOLVE, Phase.INSTALL, Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER)
 """Phases that every cell reports, always present in the document."""
 
-CASE_PHASES = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER)
-"""Phases that a probe runs, in this order."""
+CASE_PHASES = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER, Phase.INTEROP)
+"""Phases that a probe runs, in this order; of the last one only what a case asks for by name."""
 
 
 class Outcome(StrEnum):
@@ -133,11 +133,41 @@ class IndexSettings:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Edit:
+    """What lines of a metadata field begin with, and what they begin with once they are repaired."""
+
+    field: str
+    old: str
+    new: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repair:
+    """A release that no resolver accepts, made acceptable: its sdist built here, lines of the wheel's metadata edited.
+
+    `sdist` and `wheel` are SHA-256, that of the wheel once repaired. `build` pins what builds it, `python` says with
+    which Pythons; `uploaded` is the instant at which the index got the sdist.
+    """
+
+    name: str
+    version: str
+    uploaded: str
+    sdist: str
+    wheel: str
+    build: tuple[str, ...]
+    python: str
+    edits: tuple[Edit, ...]
+    reason: str
+    link: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Question:
     """All that decides a resolution, the interpreter apart: equal questions on one interpreter have one lock.
 
     `snapshot` is the cutoff instant. `torch_backend` is uv's (`cpu`, `cu126`, ...); `cpu` is the default and is
-    without meaning where no torch is in the resolution. `absent` are packages that may not be in the lock.
+    without meaning where no torch is in the resolution. `absent` are packages that may not be in the lock, `overlay` are
+    repaired releases that it may hold.
     """
 
     requirements: tuple[str, ...]
@@ -152,6 +182,7 @@ class Question:
     index: IndexSettings = IndexSettings()
     torch_backend: str = "cpu"
     snapshot: str | None = None
+    overlay: tuple[Repair, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -371,11 +402,26 @@ class Tested:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ControlRecord:
+    """What the control of an adapter came to on the machine of a cell: a known-good lock, which ought to work.
+
+    `failed` has the checks that failed, each with its line; `untold` is why nothing is known of the adapter.
+    """
+
+    control: str
+    passed: tuple[str, ...] = ()
+    failed: Mapping[str, str] = field(default_factory=dict)
+    untold: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class CellRecord:
     """All evidence of one cell on one machine; the verdict is computed from it, never stored alone.
 
     `resolve` and `install` are None when nothing of the cell was run. `suite` is there where the cell's subject has one
     and the cell came that far. `mark` stands for all that the outcomes depend on, where they may be reused as a whole.
+    `controls` are those of the adapters, by API, with which something failed after the install. `repairs` are the
+    repaired releases in its lock.
     """
 
     cell: Cell
@@ -388,11 +434,13 @@ class CellRecord:
     key: str | None = None
     resolve: Step | None = None
     install: Step | None = None
+    repairs: tuple[Repair, ...] = ()
     unavailable: str | None = None
     cases: tuple[CaseRecord, ...] = ()
     subject: Tested | None = None
     suite: PhaseRecord | None = None
     findings: tuple[Finding, ...] = ()
+    controls: Mapping[str, ControlRecord] = field(default_factory=dict)
     measured: str | None = None
     mark: str | None = None
     reused: bool = False

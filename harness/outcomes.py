@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from harness import normalise, wire
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 
-NEEDS = {Phase.SINGLE: Phase.IMPORT, Phase.VECTOR: Phase.SINGLE, Phase.RENDER: Phase.SINGLE}
+NEEDS = {Phase.SINGLE: Phase.IMPORT} | dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.INTEROP), Phase.SINGLE)
 """The phase without which another says nothing new."""
 
 MACHINE_TROUBLE = re.compile(

@@ -2,7 +2,8 @@
 
 Evidence is stored and verdicts are computed, so that old results can be judged again. What could not be measured is
 never guessed: where infra trouble hit, the cell is judged twice, once as if everything so hit had passed and once as
-if it had failed, and it is `inconclusive` unless both say the same.
+if it had failed, and it is `inconclusive` unless both say the same. A failure that the adapter's control shares counts
+as such trouble.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from harness.model import (
     Verdict,
 )
 from harness.reporttypes import SEVERITY, UNTOLD, ExpectationEntry
+from harness.trust import trusted
 
 RANK = {outcome: place for place, outcome in enumerate(Outcome)}
 """The worst is 0."""
@@ -53,7 +55,7 @@ class Judgement:
 
 def judge(evidence: CellRecord) -> Judgement:
     """Apply the table of DESIGN section 5: the first row that fits wins."""
-    cases = tuple(case_phases(evidence.cell, record) for record in _all_cases(evidence))
+    cases = tuple(case_phases(evidence, record) for record in _all_cases(evidence))
     suite = suite_phase(evidence)
     phases = _cell_phases(evidence, cases, suite)
     verdict = _verdict(evidence, cases, suite)
@@ -75,16 +77,26 @@ def suite_phase(evidence: CellRecord) -> PhaseRecord | None:
     return (evidence.suite or PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED)) if asked else None
 
 
-def case_phases(cell: Cell, record: CaseRecord) -> tuple[PhaseRecord, ...]:
-    """The phases of a case as they count, all of `CASE_PHASES`: with `required` findings, and none left unsaid."""
+def case_phases(evidence: CellRecord, record: CaseRecord) -> tuple[PhaseRecord, ...]:
+    """The phases of a case as they count, all of `CASE_PHASES`: with `required` findings, and none left unsaid.
+
+    A failure in which the control of the adapter shares is `infra`: whose fault it is cannot be told.
+    """
     known = {phase.phase: phase for phase in record.phases}
-    asked = _asked(tuple(check for case in cell.cases if case.id == record.case for check in case.checks))
-    return tuple(_counted(phase, known.get(phase), asked[phase], record.required) for phase in CASE_PHASES)
+    cases = evidence.cell.cases
+    asked = _asked(tuple(check for case in cases if case.id == record.case for check in case.checks))
+    counted = (_counted(phase, known.get(phase), asked[phase], record.required) for phase in CASE_PHASES)
+    return tuple(trusted(phase, evidence.controls.get(record.api)) for phase in counted)
 
 
 @cache
 def _asked(checks: tuple[str, ...]) -> Mapping[Phase, frozenset[str]]:
     return {phase: frozenset(one for one in checks if one.partition(".")[0] == phase) for phase in CASE_PHASES}
+
+
+def counts(record: PhaseRecord) -> bool:
+    """Whether a phase is told of: always, except the last one where nothing of it was asked for."""
+    return record.phase is not CASE_PHASES[-1] or record.outcome is not Outcome.SKIPPED or bool(record.checks)
 
 
 def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
@@ -204,6 +216,8 @@ def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], s
     phases = {Phase.RESOLVE: resolve, Phase.INSTALL: install}
     for number, phase in enumerate(CASE_PHASES):
         phases[phase] = worst(case[number].outcome for case in cases) if cases else Outcome.NOT_REACHED
+    if not any(counts(case[-1]) for case in cases):
+        phases.pop(Phase.INTEROP, None)
     if suite:
         phases[Phase.SUITE] = suite.outcome
     return phases

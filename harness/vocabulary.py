@@ -11,21 +11,15 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, date, datetime
 from enum import StrEnum
 from functools import cache
-from pathlib import PurePosixPath
-from typing import Any, ClassVar, Literal, Self, get_args
+from pathlib import Path, PurePosixPath
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 
 from packaging.requirements import InvalidRequirement
 from packaging.requirements import Requirement as ParsedRequirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
-
-
-class Api(StrEnum):
-    """The adapters: how an environment is made and stepped."""
-
-    GYM = "gym"
-    GYMNASIUM = "gymnasium"
 
 
 class Capability(StrEnum):
@@ -60,19 +54,36 @@ class Rule(StrEnum):
 
 
 CheckName = Literal[
-    "import", "single", "vector", "render",
-    "import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array",
+    "import", "single", "vector", "render", "interop", "vector.*",
+    "import.modules", "single.loop", "vector.sync", "vector.async.fork", "vector.async.spawn",
+    "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "render.rgb_array",
 ]  # fmt: skip
-"""A check that a case runs, or a phase for all of its checks."""
+"""A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
 
 FindingName = Literal[
     "single.repeat.fresh", "single.repeat.same", "single.repeat.first", "single.repeat.process",
-    "single.space", "single.check_env", "single.teardown",
+    "single.space", "single.type", "single.state", "single.check_env", "single.teardown",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""
 
-CHECKS: tuple[str, ...] = tuple(name for name in get_args(CheckName) if "." in name)
+CHECKS: tuple[str, ...] = tuple(name for name in get_args(CheckName) if "." in name and not name.endswith(".*"))
+STANDARD = frozenset({"import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array"})
+"""What a case runs that asks for nothing; the other ways of a vector environment, and interop, cost time."""
+
 IMPORT_CHECK = CHECKS[0]
+PHASES = tuple(dict.fromkeys(name.partition(".")[0] for name in STANDARD))
+
+INCELL = Path(__file__).parent / "incell"
+APIS = tuple(sorted(m.name.removeprefix("api_") for m in iter_modules([str(INCELL)]) if m.name.startswith("api_")))
+"""The adapters, each a file `api_NAME.py`."""
+
+if TYPE_CHECKING:
+    Api = str
+else:
+    Api = Literal[APIS]
+
+GYM, GYMNASIUM = FAMILY = ("gym", "gymnasium")
+"""The two that register environments by name: a package that asks for one of them speaks it."""
 HOST = "host"
 ABSENT = "absent"
 UNSET = "unset"
@@ -281,14 +292,14 @@ def version_text(text: str) -> str:
         raise ValueError(message) from None
 
 
-def api_of(env: str | None, api: str | None) -> Api | None:
+def api_of(env: str | None, api: str | None) -> str | None:
     """Return the API of a case: the one asked for, else the one whose prefix the environment id has."""
     prefix = (env or "").partition(":")[0] if ":" in (env or "") else None
-    named = Api(prefix) if prefix in set(Api) else None
+    named = prefix if prefix in APIS else None
     if named and api and named != api:
         message = f'"{env}" names the API "{named}", but "{api}" is asked for'
         raise ValueError(message)
-    return named or (Api(api) if api else None)
+    return named or api
 
 
 def case_id(env: str | None, imports: Sequence[str]) -> str:
@@ -303,12 +314,16 @@ def case_id(env: str | None, imports: Sequence[str]) -> str:
 
 
 def checks_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the checks that checks and phases name, in their order, all for none; every check needs the import."""
+    """Return the checks that checks and phases name, in their order, the usual ones for none; all need the import."""
     return tuple(
-        check
-        for check in CHECKS
-        if not names or check in names or check.partition(".")[0] in names or check == IMPORT_CHECK
+        check for check in CHECKS if check == IMPORT_CHECK or check in names or _stands_for(check, names or PHASES)
     )
+
+
+def _stands_for(check: str, names: Sequence[str]) -> bool:
+    """Whether one of these phases names a check: one that cases run unasked, or any, of interop and by `.*`."""
+    phase = check.partition(".")[0]
+    return f"{phase}.*" in names or (phase in names and (check in STANDARD or phase == "interop"))
 
 
 # --- when ------------------------------------------------------------------------------------------------------

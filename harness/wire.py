@@ -40,7 +40,7 @@ MOST_LINES = 20_000
 MOST_PROBLEMS = 20
 LONGEST_STACKS = 60_000
 FOLLOWERS: Mapping[str, tuple[str, ...]] = {
-    "single.loop": ("single.repeat.fresh", "single.repeat.same", "single.check_env")
+    "single.loop": ("single.repeat.fresh", "single.repeat.same", "single.state", "single.check_env")
 }
 """Checks that can only find, by the check that they follow."""
 

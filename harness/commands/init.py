@@ -18,7 +18,7 @@ from harness.drafts import Case, Draft, Project
 from harness.errors import BadInput
 from harness.inputfiles import project
 from harness.reporttypes import number
-from harness.vocabulary import Api, Label
+from harness.vocabulary import GYM, GYMNASIUM, Label
 from harness.workflows import Fate, Job, Leg
 
 HELP = (
@@ -137,13 +137,13 @@ def _case() -> Case | None:
     return None
 
 
-def _environments() -> Iterator[tuple[str, Api]]:
+def _environments() -> Iterator[tuple[str, str]]:
     for path in sorted(Path().rglob("*.py")):
         if NOT_SOURCES & {*path.parts} or any(part.startswith(".") for part in path.parts):
             continue
         if path.stat().st_size <= LARGEST:
             text = path.read_text(encoding="utf-8", errors="replace")
-            api = Api.GYMNASIUM if "gymnasium" in text else Api.GYM
+            api = GYMNASIUM if "gymnasium" in text else GYM
             yield from ((env, api) for env in (drafts.registered(text) if "register" in text else ()))
 
 

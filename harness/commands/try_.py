@@ -21,7 +21,7 @@ from harness.reporttypes import UNTOLD, word
 from harness.schema import located
 from harness.store import Store
 from harness.verdict import Judgement
-from harness.vocabulary import HOST, Api, PackageName, version_text
+from harness.vocabulary import FAMILY, GYM, GYMNASIUM, HOST, PackageName, version_text
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
 REUSED_FOR_HOURS = 24.0
@@ -143,9 +143,11 @@ def _api(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -
         return None
     interpreter = interpreters.obtain(python, offline=runner.settings.offline)
     lock = runner.lock_of(cell, interpreter)[0] if interpreter else None
-    brought = [api for api in (Api.GYMNASIUM, Api.GYM) if lock and api in lock.versions]
+    brought = [api for api in (GYMNASIUM, GYM) if lock and api in lock.versions]
     if lock and not brought:
-        message = f"--env {asked.envs[0]}: nothing that is asked for brings {' or '.join(Api)}; name one of them, too"
+        message = (
+            f"--env {asked.envs[0]}: nothing that is asked for brings {' or '.join(FAMILY)}; name one of them, too"
+        )
         raise BadInput(message)
     return brought[0] if brought else None
 

@@ -2,16 +2,14 @@
 
 from contextlib import contextmanager
 
-from .cell_errors import library, summary
+from .cell_errors import summary
 from .cell_trace import Trace
-from .cell_values import Examiner
 
 
 @contextmanager
-def opened(probe, phase, make, *args, **kwargs):
+def opened(probe, phase, make):
     """Make an environment and close it; an exception of close() is a finding, and none after a failure."""
-    with library:
-        env = make(*args, **kwargs)
+    env = make()
     try:
         yield env
     except BaseException:
@@ -20,6 +18,12 @@ def opened(probe, phase, make, *args, **kwargs):
     error = _close(env)
     if error:
         probe.finding(phase + ".teardown", "close() raised {}".format(error))
+
+
+def single(probe, draw=False):
+    """Open the environment of the case; what it tells beside is of phase single, whoever runs it."""
+    phase = "render" if draw else "single"
+    return opened(probe, phase, lambda: probe.api.make(probe.case, tell(probe, "single"), draw=draw))
 
 
 def _close(env):
@@ -35,22 +39,26 @@ def tell(probe, phase):
     return lambda kind, text: probe.finding("{}.{}".format(phase, kind), text)
 
 
-def rollout(probe, env):
+def rollout(probe, env, seed=None, steps=None):
     """Seeded reset, then steps with sampled actions and resets at episode ends: a `Trace`."""
-    seed = probe.case["seed"]
-    examiner = Examiner(probe.api.spaces, env, tell(probe, "single"))
+    seed = probe.case["seed"] if seed is None else seed
     trace = Trace()
-    with library:
-        env.action_space.seed(seed)
-        result = env.reset(seed=seed)
-    trace.add(examiner.reset(result))
-    for _ in range(probe.case["steps"]):
-        with library:
-            result = env.step(env.action_space.sample())
-        values = examiner.step(result)
+    env.seed_actions(seed)
+    trace.add(env.reset(seed))
+    for _ in range(probe.case["steps"] if steps is None else steps):
+        values = env.step(env.action())
         trace.add(*values)
         if values[2] or values[3]:
-            with library:
-                result = env.reset()
-            trace.add(examiner.reset(result))
+            trace.add(env.reset())
+    return trace
+
+
+def onward(env, actions):
+    """Go on with these actions, to the end of the episode at most: a `Trace`."""
+    trace = Trace()
+    for action in actions:
+        values = env.step(action)
+        trace.add(*values)
+        if values[2] or values[3]:
+            break
     return trace

@@ -2,36 +2,117 @@
 
 import importlib
 
+from .cell_adapter import Adapter, Environment
+from .cell_errors import library
+from .cell_values import Examiner
 
-class Family:
+
+class Family(Adapter):
     """The calls a user makes, made in a user's way: with the library's own checkers and wrappers in place."""
 
     def __init__(self, name):
         self.name = name
 
     def modules(self, case):
-        """Names of modules to import before anything else."""
+        """The library, and the module that an id such as `module:Name-v0` names."""
         prefix, colon, _ = (case["env"] or "").partition(":")
         return [self.name] + ([prefix] if colon else [])
 
     def knows(self, case):
         """Whether the environment of a case is registered."""
-        return case["env"] in importlib.import_module(self.name + ".envs.registration").registry
+        return case["env"] in self._part("envs.registration").registry
 
-    @property
-    def spaces(self):
-        """The module of space classes."""
-        return importlib.import_module(self.name + ".spaces")
-
-    @property
-    def vector(self):
-        """The module of vector environments."""
-        return importlib.import_module(self.name + ".vector")
-
-    def make(self, case, **more):
+    def make(self, case, tell, draw=False):
         """Make the environment of a case."""
+        with library:
+            raw = self.bare(case, **({"render_mode": "rgb_array"} if draw else {}))
+        return Modern(raw, Examiner(self._part("spaces"), raw, tell))
+
+    def bare(self, case, **more):
+        """Make the library's own object."""
         return importlib.import_module(self.name).make(case["env"], **dict(case["kwargs"], **more))
 
-    def check_env(self, env):
+    def make_vector(self, makers, way, tell):
+        """Make a SyncVectorEnv, or an AsyncVectorEnv with these arguments."""
+        with library:
+            vector = self._part("vector")
+            raw = vector.SyncVectorEnv(makers) if way is None else vector.AsyncVectorEnv(makers, **way)
+        return Modern(raw, Examiner(self._part("spaces"), raw, tell, batch=len(makers)))
+
+    def check_env(self, case):
         """Run the library's own checker."""
-        importlib.import_module(self.name + ".utils.env_checker").check_env(env.unwrapped, skip_render_check=True)
+        with library:
+            raw = self.bare(case)
+            self._part("utils.env_checker").check_env(raw.unwrapped, skip_render_check=True)
+            raw.close()
+
+    def declares_pictures(self, case):
+        """Whether the environment names the render mode rgb_array."""
+        try:
+            raw = self.bare(case)
+            modes = raw.metadata.get("render_modes", ())
+            raw.close()
+        except Exception:
+            return True
+        return "rgb_array" in modes
+
+    def _part(self, name):
+        return importlib.import_module("{}.{}".format(self.name, name))
+
+
+class Modern(Environment):
+    """An environment of the API of five: reset(seed=...) -> (observation, info), step -> five values."""
+
+    def __init__(self, raw, examiner):
+        self.raw = raw
+        self.examiner = examiner
+
+    @property
+    def processes(self):
+        """The workers of a vector environment."""
+        return getattr(self.raw, "processes", None) or ()
+
+    def reset(self, seed=None):
+        """Start an episode and return the observation."""
+        with library:
+            result = self.raw.reset() if seed is None else self.raw.reset(seed=seed)
+        self.examiner.arity("reset()", result, ("observation", "info"))
+        self.examiner.info("reset()", result[1])
+        self.examiner.observation("reset()", result[0])
+        return result[0]
+
+    def step(self, action):
+        """Make one step and return (observation, reward, terminated, truncated)."""
+        with library:
+            result = self.raw.step(action)
+        self.examiner.arity("step()", result, ("observation", "reward", "terminated", "truncated", "info"))
+        self.examiner.info("step()", result[4])
+        self.examiner.observation("step()", result[0])
+        self.examiner.reward(result[1])
+        self.examiner.flag("terminated", result[2])
+        self.examiner.flag("truncated", result[3])
+        return result[:4]
+
+    def render(self):
+        """Return what render() returns."""
+        with library:
+            return self.raw.render()
+
+    def seed_actions(self, seed):
+        """Seed the action space."""
+        with library:
+            self.raw.action_space.seed(seed)
+
+    def action(self):
+        """Sample the action space."""
+        with library:
+            return self.raw.action_space.sample()
+
+    def describe(self):
+        """The spaces."""
+        with library:
+            return {name: str(getattr(self.raw, name))[:500] for name in ("observation_space", "action_space")}
+
+    def close(self):
+        """Close the library's object."""
+        self.raw.close()

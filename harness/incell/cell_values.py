@@ -1,6 +1,4 @@
-"""What an environment returned against what its spaces promise."""
-
-import numpy as np
+"""What an environment returned against what its spaces promise; numpy is imported late, see `cell_adapter`."""
 
 from .cell_errors import library, violate
 
@@ -19,32 +17,18 @@ class Examiner:
         with library:
             self.space = env.observation_space
 
-    def reset(self, result):
-        """Examine what reset() returned, and return the observation."""
-        if not isinstance(result, tuple) or len(result) != 2:
-            violate("reset() returned {}, not (observation, info)", _shown(result))
-        self._info("reset()", result[1])
-        self._observation("reset()", result[0])
-        return result[0]
+    def arity(self, call, result, parts):
+        """Examine how many values a call returned; `parts` are their names."""
+        if not isinstance(result, tuple) or len(result) != len(parts):
+            violate("{} returned {}, not ({})", call, shown(result), ", ".join(parts))
 
-    def step(self, result):
-        """Examine what step() returned, and return (observation, reward, terminated, truncated)."""
-        if not isinstance(result, tuple) or len(result) != 5:
-            promised = "(observation, reward, terminated, truncated, info)"
-            violate("step() returned {}, not {}", _shown(result), promised)
-        observation, reward, terminated, truncated, info = result
-        self._info("step()", info)
-        self._observation("step()", observation)
-        self._reward(reward)
-        self._flag("terminated", terminated)
-        self._flag("truncated", truncated)
-        return observation, reward, terminated, truncated
-
-    def _info(self, call, info):
+    def info(self, call, info):
+        """Examine an info, which is a dict."""
         if not isinstance(info, dict):
-            violate("{} returned {} as info, not a dict", call, _shown(info))
+            violate("{} returned {} as info, not a dict", call, shown(info))
 
-    def _observation(self, call, observation):
+    def observation(self, call, observation):
+        """Examine an observation against its space."""
         told = []
         self._conform(self.space, observation, call + " returned an observation that", told)
         for text in told:
@@ -60,15 +44,15 @@ class Examiner:
         elif isinstance(space, self.spaces.Tuple):
             self._tuple(space, value, where, told)
         elif isinstance(space, (self.spaces.Box, self.spaces.MultiDiscrete, self.spaces.MultiBinary)):
-            _array(value, space.shape, space.dtype, where, told)
+            array_of(value, space.shape, space.dtype, where, told)
         elif isinstance(space, self.spaces.Discrete):
             _integer(value, where)
         else:
-            _loose(value, where)
+            finite(value, where)
 
     def _dict(self, space, value, where, told):
         if not hasattr(value, "keys"):
-            violate("{} is {}, its space a Dict", where, _shown(value))
+            violate("{} is {}, its space a Dict", where, shown(value))
         missing, extra = set(space.spaces) - set(value.keys()), set(value.keys()) - set(space.spaces)
         if missing or extra:
             text = "{} has not the keys of its space: missing {}, not in the space {}"
@@ -78,7 +62,7 @@ class Examiner:
 
     def _tuple(self, space, value, where, told):
         if not isinstance(value, (tuple, list)):
-            violate("{} is {}, its space a Tuple", where, _shown(value))
+            violate("{} is {}, its space a Tuple", where, shown(value))
         if len(value) != len(space.spaces):
             violate("{} has {} parts, its space has {}", where, len(value), len(space.spaces))
         if not isinstance(value, tuple):
@@ -86,30 +70,43 @@ class Examiner:
         for number, (part, item) in enumerate(zip(space.spaces, value)):
             self._conform(part, item, "{} at {}".format(where, number), told)
 
-    def _reward(self, reward):
-        shape = () if self.batch is None else (self.batch,)
-        value = _numbers(reward, "step() returned a reward that")
-        if value.shape != shape:
-            violate("step() returned a reward of shape {}, not {}", value.shape, shape)
-        _finite(value, "step() returned a reward that")
+    def reward(self, reward):
+        """Examine a reward, or a batch of them."""
+        scalar(reward, "step() returned a reward", () if self.batch is None else (self.batch,))
 
-    def _flag(self, name, flag):
-        shape = () if self.batch is None else (self.batch,)
-        value = _numbers(flag, "step() returned {} that".format(name))
-        if value.shape != shape:
-            violate("step() returned {} of shape {}, not {}", name, value.shape, shape)
-        if value.dtype.kind != "b":
-            if not bool(np.all((value == 0) | (value == 1))):
-                violate("step() returned {} = {}, not a bool", name, _short(flag))
-            self.tell("type", "step() returned {} as {}, not as bool".format(name, _shown(flag)))
+    def flag(self, name, value):
+        """Examine a truth value, or a batch of them."""
+        flag(name, value, self.tell, () if self.batch is None else (self.batch,))
 
 
-def _array(value, shape, dtype, where, told):
-    array = _numbers(value, where)
+def scalar(value, where, shape=()):
+    """Examine a number, or numbers of this shape: it has to be finite."""
+    array = numbers(value, where + " that")
+    if array.shape != shape:
+        violate("{} of shape {}, not {}", where, array.shape, shape)
+    _finite(array, where + " that")
+
+
+def flag(name, value, tell, shape=()):
+    """Examine a truth value, or several of this shape."""
+    array = numbers(value, "step() returned {} that".format(name))
+    if array.shape != shape:
+        violate("step() returned {} of shape {}, not {}", name, array.shape, shape)
+    if array.dtype.kind != "b":
+        if not bool(((array == 0) | (array == 1)).all()):
+            violate("step() returned {} = {}, not a bool", name, _short(value))
+        tell("type", "step() returned {} as {}, not as bool".format(name, shown(value)))
+
+
+def array_of(value, shape, dtype, where, told):
+    """Examine an array of this shape and dtype; lesser things are appended to `told`."""
+    import numpy as np
+
+    array = numbers(value, where)
     if array.shape != tuple(shape):
         violate("{} has shape {}, its space {}", where, array.shape, tuple(shape))
     if not isinstance(value, (np.ndarray, np.generic)):
-        told.append("{} is {} where an array was promised".format(where, _shown(value)))
+        told.append("{} is {} where an array was promised".format(where, shown(value)))
     elif array.dtype != dtype:
         if not np.can_cast(array.dtype, dtype):
             violate("{} has dtype {}, its space {}", where, array.dtype, dtype)
@@ -118,42 +115,50 @@ def _array(value, shape, dtype, where, told):
 
 
 def _integer(value, where):
-    array = _numbers(value, where)
+    array = numbers(value, where)
     if array.shape != () or array.dtype.kind not in "biu":
-        violate("{} is {}, its space Discrete", where, _shown(value))
+        violate("{} is {}, its space Discrete", where, shown(value))
 
 
-def _loose(value, where):
-    """Examine a value whose space promises no one shape (Sequence, Graph, OneOf): its numbers have to be finite."""
+def finite(value, where):
+    """Examine a value of which no one shape is promised (Sequence, Graph, OneOf): its numbers have to be finite."""
+    import numpy as np
+
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, (tuple, list)):
         for item in value:
-            _loose(item, where)
+            finite(item, where)
     elif isinstance(value, (np.ndarray, np.generic, float)):
         _finite(np.asarray(value), where)
 
 
-def _numbers(value, where):
+def numbers(value, where):
     """Return the value as an array of numbers or truth values."""
+    import numpy as np
+
     try:
         with library:
             array = np.asarray(value)
     except Exception:  # told below, without the chain of causes that points elsewhere
         array = None
     if array is None or array.dtype.kind not in "biufc":
-        violate("{} is {}, not numbers", where, _shown(value))
+        violate("{} is {}, not numbers", where, shown(value))
     return array
 
 
 def _finite(array, where):
+    import numpy as np
+
     if array.dtype.kind in "fc" and not bool(np.isfinite(array).all()):
         count = int(array.size - np.isfinite(array).sum())
         violate("{} is not finite ({} of {} values)", where, count, array.size)
 
 
-def _shown(value):
+def shown(value):
     """What kind of thing a value is, in words."""
+    import numpy as np
+
     if isinstance(value, np.ndarray):
         return "an array of dtype {} and shape {}".format(value.dtype, value.shape)
     if isinstance(value, (tuple, list)):

@@ -17,7 +17,7 @@ class Maker:
     """Makes one environment. In a worker, whatever happens to it is also written to files of the worker's own."""
 
     def __init__(self, probe, check):
-        self.make = probe.api.make
+        self.make = probe.api.bare
         self.case = probe.case
         self.folder = probe.folder
         self.parent = probe.reply.pid

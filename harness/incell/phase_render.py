@@ -6,8 +6,8 @@ import sys
 
 import numpy as np
 
-from .cell_episode import opened
-from .cell_errors import Skip, library, violate
+from .cell_episode import single
+from .cell_errors import Skip, violate
 
 STEPS = 10
 LARGEST = 64 << 20
@@ -20,8 +20,10 @@ def rgb_array(probe, facts):
     """Render after the reset and after some steps; both frames are kept."""
     try:
         _render(probe, facts)
+    except Skip:
+        raise
     except Exception:
-        if _declares(probe):
+        if probe.api.declares_pictures(probe.case):
             raise
         message = "the environment declares no render mode rgb_array"
         raise Skip(message) from None
@@ -34,24 +36,19 @@ def rgb_array(probe, facts):
 
 def _render(probe, facts):
     seed = probe.case["seed"]
-    with opened(probe, "render", probe.api.make, probe.case, render_mode="rgb_array") as env:
-        with library:
-            env.action_space.seed(seed)
-            env.reset(seed=seed)
-            frame = env.render()
+    with single(probe, draw=True) as env:
+        env.seed_actions(seed)
+        env.reset(seed)
+        frame = env.render()
         gl = _context()
         if gl:
             facts["gl"] = gl
         _examine(probe, facts, frame, "first")
         for _ in range(min(STEPS, probe.case["steps"])):
-            with library:
-                result = env.step(env.action_space.sample())
-            if result[2] or result[3]:
-                with library:
-                    env.reset()
-        with library:
-            frame = env.render()
-        _examine(probe, facts, frame, "last")
+            values = env.step(env.action())
+            if values[2] or values[3]:
+                env.reset()
+        _examine(probe, facts, env.render(), "last")
 
 
 def _examine(probe, facts, frame, which):
@@ -69,17 +66,6 @@ def _examine(probe, facts, frame, which):
         probe.frame("render.rgb_array", which, name)
     if bool((frame == frame[0, 0]).all()):
         violate("blank frame: every pixel is {}", [int(v) for v in frame[0, 0]])
-
-
-def _declares(probe):
-    """Whether the environment says it can render arrays; yes where it cannot be asked."""
-    try:
-        env = probe.api.make(probe.case)
-        modes = env.metadata.get("render_modes", ())
-        env.close()
-    except Exception:
-        return True
-    return "rgb_array" in modes
 
 
 def _context():

@@ -2,17 +2,18 @@
 
 import warnings
 
-from .cell_episode import opened, rollout
-from .cell_errors import library
+from .cell_episode import onward, rollout, single
+from .cell_errors import Skip
+
+STEPS_WITH_ANOTHER_SEED = 10
+STEPS_FROM_A_STATE = 10
 
 
 def loop(probe, facts):
     """Make, reset with a seed, step, reset at episode ends, close."""
-    with opened(probe, "single", probe.api.make, probe.case) as env:
+    with single(probe) as env:
         trace = rollout(probe, env)
-        with library:
-            facts["observation_space"] = str(env.observation_space)[:500]
-            facts["action_space"] = str(env.action_space)[:500]
+        facts.update(env.describe())
     facts["trajectory"] = trace.steps()
     probe.memo["trace"] = trace
 
@@ -32,9 +33,10 @@ def fresh(probe, _facts):
 
 
 def same(probe, _facts):
-    """The same environment reset with the same seed again, and again."""
-    with opened(probe, "single", probe.api.make, probe.case) as env:
+    """The same environment reset with the same seed again, and again; then with another seed."""
+    with single(probe) as env:
         first, second, third = [rollout(probe, env) for _ in range(3)]
+        other = rollout(probe, env, probe.case["seed"] + 1, STEPS_WITH_ANOTHER_SEED)
     between = second.difference(third)
     if between:
         text = "the same environment, reset with the same seed, gives another trajectory, "
@@ -42,21 +44,39 @@ def same(probe, _facts):
     elif first.difference(second):
         text = "the first episode after make differs from later ones with the same seed, which agree, "
         probe.finding("single.repeat.first", text + first.difference(second))
+    elif other.digests[0] == first.digests[0]:
+        text = "another seed gives the same first observation: it starts always alike, or does not heed its seed"
+        probe.finding("single.repeat.seed", text, level="note")
+
+
+def state(probe, _facts):
+    """A state that was saved and restored goes on as it did the first time."""
+    with single(probe) as env:
+        if env.get_state is None:
+            message = "its state cannot be had"
+            raise Skip(message)
+        rollout(probe, env, steps=STEPS_FROM_A_STATE)
+        kept = env.get_state()
+        actions = [env.action() for _ in range(STEPS_FROM_A_STATE)]
+        first = onward(env, actions)
+        env.set_state(kept)
+        difference = first.difference(onward(env, actions))
+    if difference:
+        probe.finding("single.state", "a restored state goes on otherwise than it did, " + difference)
 
 
 def check_env(probe, _facts):
     """Run the library's own checker; its warnings and what it raises are findings."""
     probe.watch.take_warnings()
-    with opened(probe, "single", probe.api.make, probe.case) as env, warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.simplefilter("always")
-        with library:
-            probe.api.check_env(env)
+        probe.api.check_env(probe.case)
     for text in probe.watch.take_warnings():
         probe.finding("single.check_env", text)
 
 
 def _episode(probe):
-    with opened(probe, "single", probe.api.make, probe.case) as env:
+    with single(probe) as env:
         return rollout(probe, env)
 
 
@@ -65,6 +85,7 @@ CHECKS = {
     "single.repeat": repeat,
     "single.repeat.fresh": fresh,
     "single.repeat.same": same,
+    "single.state": state,
     "single.check_env": check_env,
 }
-FOLLOWERS = {"single.loop": ("single.repeat.fresh", "single.repeat.same", "single.check_env")}
+FOLLOWERS = {"single.loop": ("single.repeat.fresh", "single.repeat.same", "single.state", "single.check_env")}

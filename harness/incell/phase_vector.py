@@ -1,32 +1,50 @@
 """Phase vector: several environments as one, in this process and in workers."""
 
 import multiprocessing
+import os
 
 from .cell_episode import opened, tell
-from .cell_errors import Skip, library
-from .cell_values import Examiner
+from .cell_errors import Skip
 from .cell_workers import Maker, endings, finish, processes
 
 PATIENCE = 3.0
 """Seconds given to workers to end by themselves after a failure or a close."""
 
+FEWEST, MOST = 4, 16
+"""How many environments `vector.async.many` has at least and at most."""
+
 
 def sync(probe, facts):
     """All environments in this process."""
     makers = [Maker(probe, "vector.sync")] * probe.num_envs
-    with opened(probe, "vector", lambda: probe.api.vector.SyncVectorEnv(makers)) as env:
+    with opened(probe, "vector", lambda: probe.api.make_vector(makers, None, tell(probe, "vector"))) as env:
         _rollout(probe, env, facts)
 
 
-def async_fork(probe, facts):
-    """One forked worker for each environment."""
-    if "fork" not in multiprocessing.get_all_start_methods():
-        reason = "this system cannot fork"
-        raise Skip(reason)
-    makers = [Maker(probe, "vector.async.fork")] * probe.num_envs
+def many():
+    """More environments than this process may use cores."""
+    return min(max(FEWEST, 2 * len(os.sched_getaffinity(0))), MOST)
+
+
+def _in_workers(check, method, **more):
+    """Return the check of one worker for each environment."""
+
+    def run(probe, facts):
+        if method not in multiprocessing.get_all_start_methods():
+            message = "this system has no start method {}".format(method)
+            raise Skip(message)
+        number = many() if check.endswith(".many") else probe.num_envs
+        facts["environments"] = number
+        _watched(probe, [Maker(probe, check)] * number, dict(more, context=method), facts)
+
+    return run
+
+
+def _watched(probe, makers, way, facts):
+    """Run environments in workers, and see how these end."""
     env = None
     try:
-        with opened(probe, "vector", lambda: probe.api.vector.AsyncVectorEnv(makers, context="fork")) as env:
+        with opened(probe, "vector", lambda: probe.api.make_vector(makers, way, tell(probe, "vector"))) as env:
             _rollout(probe, env, facts)
     except BaseException as error:
         workers = processes(env, error)
@@ -46,18 +64,19 @@ def async_fork(probe, facts):
 
 
 def _rollout(probe, env, facts):
-    seed = probe.case["seed"]
-    examiner = Examiner(probe.api.spaces, env, tell(probe, "vector"), batch=probe.num_envs)
-    with library:
-        facts["observation_space"] = str(env.observation_space)[:500]
-        env.action_space.seed(seed)
-        result = env.reset(seed=seed)
-    examiner.reset(result)
+    env.seed_actions(probe.case["seed"])
+    facts.update(env.describe())
+    env.reset(probe.case["seed"])
     for _ in range(probe.vector_steps):
-        with library:
-            result = env.step(env.action_space.sample())
-        examiner.step(result)
+        env.step(env.action())
 
 
-CHECKS = {"vector.sync": sync, "vector.async.fork": async_fork}
+CHECKS = {
+    "vector.sync": sync,
+    "vector.async.fork": _in_workers("vector.async.fork", "fork"),
+    "vector.async.spawn": _in_workers("vector.async.spawn", "spawn"),
+    "vector.async.forkserver": _in_workers("vector.async.forkserver", "forkserver"),
+    "vector.async.unshared": _in_workers("vector.async.unshared", "fork", shared_memory=False),
+    "vector.async.many": _in_workers("vector.async.many", "fork"),
+}
 FOLLOWERS = {}

@@ -10,17 +10,21 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from harness import repairs
 from harness.errors import BadInput
 from harness.matrix import NO_CHANGES, CaseTable, Changes, Constraint, Matrix, SourceTable, SuiteTable
-from harness.model import Case, IndexSettings, Phase, Question, Subject, Suite
+from harness.model import Case, IndexSettings, Phase, Question, Repair, Subject, Suite
 from harness.plan.choices import Choice, Combination, Condition, condition
-from harness.schema import key_path
+from harness.schema import key_path, located
 from harness.vocabulary import ABSENT, IMPORT_CHECK, OF_SUBJECT, SELF, Kind, api_of, case_id, checks_of, required_name
 
 T = TypeVar("T")
 
 Rules = tuple[tuple[str, Condition], ...]
 CasesWhen = tuple[tuple[Case, "Condition | _InBaseline"], ...]
+
+Recipes = Mapping[str, tuple[Repair, ...]]
+NO_RECIPES: Recipes = {}
 
 IMPORTED = Case(id="import-subject", env=None, api="", checks=(IMPORT_CHECK,), packages=(SELF,))
 """What is tried of a subject where the matrix has no case: its modules are imported."""
@@ -65,8 +69,10 @@ class Contents:
         sources: Mapping[str, str],
         snapshot: str | None,
         baseline: frozenset[Combination] = frozenset(),
+        recipes: Recipes = NO_RECIPES,
     ) -> None:
         self.matrix = matrix
+        self.recipes = recipes
         self.baseline = baseline
         self.sources = sources
         self.snapshot = str(snapshot) if snapshot else None
@@ -151,7 +157,7 @@ class Contents:
         def holding(rules: Iterable[Rules]) -> tuple[str, ...]:
             return _distinct(text for each in rules for text, when in each if when.holds(combination))
 
-        return Question(
+        question = Question(
             requirements=_distinct([*asked, *pins]),
             constraints=holding(part.constraints for part in parts),
             overrides=holding(part.overrides for part in parts),
@@ -165,6 +171,9 @@ class Contents:
             torch_backend=str(self.matrix.torch_backend or "cpu"),
             snapshot=self.snapshot,
         )
+        names = _distinct(str(name) for part in parts for name in part.changes.overlay)
+        with located(self.matrix.path, "overlay"):
+            return replace(question, overlay=repairs.fitting(repairs.chosen(self.recipes, names), question))
 
     def _surroundings(self, combination: Combination) -> Surroundings:
         changes = [part.changes for part in self._parts(combination)]
@@ -230,7 +239,7 @@ def _case(table: CaseTable) -> Case:
     return Case(
         id=str(table.id or case_id(table.env, table.imports)),
         env=table.env,
-        api=api.value if api and table.env else "",
+        api=api if api and table.env else "",
         kwargs=table.kwargs,
         checks=checks_of(table.checks) if table.env else (IMPORT_CHECK,),
         required=table.required,

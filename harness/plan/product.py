@@ -13,7 +13,7 @@ from harness.expansion import NO_BREAKS, Breaks
 from harness.matrix import Expansion, ExpectTable, Matrix, Value
 from harness.model import Case, Cell, Dropped, Expectation, Plan
 from harness.plan.choices import Choice, Combination, Condition, as_folder, choice_of, choices, condition
-from harness.plan.contents import Contents
+from harness.plan.contents import NO_RECIPES, Contents, Recipes
 from harness.plan.strategies import Axes, Candidates, baseline_combinations
 from harness.schema import located
 from harness.vocabulary import LONGEST_LABEL, Kind
@@ -28,13 +28,15 @@ def expand(
     host_python: str,
     sources: Mapping[str, str] | None = None,
     breaks: Breaks = NO_BREAKS,
+    recipes: Recipes = NO_RECIPES,
 ) -> Plan:
     """Plan a matrix.
 
     `expansion` is what its ranges came to and what was chosen, where that is needed. `host_python` is the version that
-    `host` stands for, `sources` the texts of `matrixfile.sources(matrix)`, `breaks` the known API breaks.
+    `host` stands for, `sources` the texts of `matrixfile.sources(matrix)`, `breaks` the known API breaks, `recipes` how packages
+    that `overlay` names are repaired.
     """
-    axes, contents, sorted_out = _all(matrix, expansion, host_python, sources or {})
+    axes, contents, sorted_out = _all(matrix, expansion, host_python, sources or {}, recipes)
     known = _candidates(matrix, axes, contents, sorted_out, breaks)
     sorted_out.planned = known.chosen(expansion)
     for index, table in enumerate(matrix.include):
@@ -66,19 +68,20 @@ def candidates(
     host_python: str,
     sources: Mapping[str, str],
     breaks: Breaks = NO_BREAKS,
+    recipes: Recipes = NO_RECIPES,
 ) -> Candidates:
     """What the strategy of a matrix has to choose from."""
-    return _candidates(matrix, *_all(matrix, expansion, host_python, sources), breaks)
+    return _candidates(matrix, *_all(matrix, expansion, host_python, sources, recipes), breaks)
 
 
 def _all(
-    matrix: Matrix, expansion: Expansion | None, host_python: str, sources: Mapping[str, str]
+    matrix: Matrix, expansion: Expansion | None, host_python: str, sources: Mapping[str, str], recipes: Recipes
 ) -> tuple[Axes, Contents, _SortedOut]:
     """Every combination, sorted into what can be run and what cannot."""
     axes = choices(matrix, expansion, host_python)
     dated = expansion and (matrix.ranges or matrix.strategy.covering)
     snapshot = matrix.snapshot or (expansion.instant if expansion and dated else None)
-    contents = Contents(matrix, sources, snapshot, baseline_combinations(matrix, axes))
+    contents = Contents(matrix, sources, snapshot, baseline_combinations(matrix, axes), recipes)
     return axes, contents, _sort_out(matrix, axes, contents)
 
 

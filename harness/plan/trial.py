@@ -16,11 +16,13 @@ from harness.model import Case, Cell, Phase, Plan, Question, Subject
 from harness.plan.contents import IMPORTED
 from harness.schema import located, suggestion
 from harness.vocabulary import (
-    CHECKS,
+    APIS,
+    FAMILY,
+    GYM,
+    GYMNASIUM,
     IMPORT_CHECK,
     LONGEST_LABEL,
     SELF,
-    Api,
     Instant,
     ModuleName,
     PackageSelector,
@@ -29,12 +31,14 @@ from harness.vocabulary import (
     api_of,
     case_id,
     check_variable,
+    checks_of,
     parsed_requirement,
     required_name,
 )
 
 NAME = "try"
 SIMPLE = "CartPole-v1"
+USUAL = checks_of(())
 MUJOCO_EXTRAS = frozenset({"mujoco", "all"})
 DRAWING_EXTRAS = frozenset({"classic-control", "toy-text", "box2d", "all"})
 DRAWING_LIBRARIES = frozenset({"pygame", "pygame-ce"})
@@ -134,19 +138,19 @@ def cases_for(asked: Asked) -> tuple[Case, ...]:
     """
     imports = _words(ModuleName, asked.imports, "--import")
     api = named_api(asked)
-    envs = dict.fromkeys(asked.envs, CHECKS) or (_suggested(asked, api) if api else {})
+    envs = dict.fromkeys(asked.envs, USUAL) or (_suggested(asked, api) if api else {})
     if not envs and imports:
         return (_import_case(imports=imports),)
     asked_for = dict.fromkeys(map(required_name, asked.requirements))
     if not envs:
         return tuple(_import_case(packages=(name,)) for name in asked_for) + ((IMPORTED,) if asked.subject else ())
-    packages = tuple(name for name in asked_for if name not in set(Api)) + ((SELF,) if asked.subject else ())
+    packages = tuple(name for name in asked_for if name not in FAMILY) + ((SELF,) if asked.subject else ())
     cases: dict[str, Case] = {}
     for env, checks in envs.items():
         with located("--env"):
             name = _free(case_id(env, ()), cases)
-            spoken = api_of(env, asked.api) or api or Api.GYMNASIUM
-        cases[name] = Case(id=name, env=env, api=spoken.value, imports=imports, packages=packages, checks=checks)
+            spoken = api_of(env, asked.api) or api or GYMNASIUM
+        cases[name] = Case(id=name, env=env, api=spoken, imports=imports, packages=packages, checks=checks)
     return tuple(cases.values())
 
 
@@ -155,25 +159,25 @@ def _import_case(*, imports: tuple[str, ...] = (), packages: tuple[str, ...] = (
     return Case(id=name, env=None, api="", imports=imports, packages=packages, checks=(IMPORT_CHECK,))
 
 
-def named_api(asked: Asked) -> Api | None:
+def named_api(asked: Asked) -> str | None:
     """The API asked for, else that of the first requirement that is one."""
     if asked.api is not None:
-        if asked.api not in set(Api):
-            message = f'--api: unknown API "{asked.api}"{suggestion(asked.api, Api)}'
+        if asked.api not in APIS:
+            message = f'--api: unknown API "{asked.api}"{suggestion(asked.api, APIS)}'
             raise BadInput(message)
-        return Api(asked.api)
-    return next((Api(name) for name in map(required_name, asked.requirements) if name in set(Api)), None)
+        return asked.api
+    return next((name for name in map(required_name, asked.requirements) if name in FAMILY), None)
 
 
-def _suggested(asked: Asked, api: Api) -> dict[str, tuple[str, ...]]:
+def _suggested(asked: Asked, api: str) -> dict[str, tuple[str, ...]]:
     """Environments with their checks: CartPole is drawn only where its drawing library is asked for, too."""
     wanted = [parsed_requirement(text) for text in asked.requirements]
     names = set(map(required_name, asked.requirements))
-    extras = {required_name(e) for each in wanted if required_name(each.name) == api.value for e in each.extras}
+    extras = {required_name(e) for each in wanted if required_name(each.name) == api for e in each.extras}
     drawn = extras & DRAWING_EXTRAS or names & DRAWING_LIBRARIES
-    envs = {SIMPLE: CHECKS if drawn else tuple(check for check in CHECKS if not check.startswith(Phase.RENDER))}
-    if (extras & MUJOCO_EXTRAS or "mujoco" in names) and (api is not Api.GYM or _allows(asked, api, ">=0.26")):
-        envs["Ant-v5" if api is Api.GYMNASIUM and _has_ant_v5(asked) else "Ant-v4"] = CHECKS
+    envs = {SIMPLE: USUAL if drawn else tuple(check for check in USUAL if not check.startswith(Phase.RENDER))}
+    if (extras & MUJOCO_EXTRAS or "mujoco" in names) and (api != GYM or _allows(asked, api, ">=0.26")):
+        envs["Ant-v5" if api == GYMNASIUM and _has_ant_v5(asked) else "Ant-v4"] = USUAL
     return envs
 
 
@@ -183,7 +187,7 @@ def _has_ant_v5(asked: Asked) -> bool:
         return False
     if asked.as_of and _words(Instant, [asked.as_of], "--as-of")[0] < GYMNASIUM_1_UPLOADED:
         return False
-    return _allows(asked, Api.GYMNASIUM, ">=1.0")
+    return _allows(asked, GYMNASIUM, ">=1.0")
 
 
 def _allows(asked: Asked, package: str, versions: str) -> bool:

@@ -10,7 +10,7 @@ from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.scheduler.once import Once
 from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, digest
-from harness.vocabulary import Api
+from harness.vocabulary import FAMILY
 
 if TYPE_CHECKING:
     from harness.environments import Environment
@@ -85,7 +85,7 @@ class Pool:
             key=made.key,
             versions=made.installed,
             modules=environments.modules(made.path),
-            speaking={api: environments.requiring(made.path, api) for api in Api},
+            speaking={api: environments.requiring(made.path, api) for api in FAMILY},
             unheld=environments.unheld(made.path),
             seconds=round(made.seconds, 3),
             findings=made.findings,

@@ -10,7 +10,7 @@ import msgspec
 
 from harness import catalog
 from harness.commands import run
-from harness.model import Cell, Phase, Plan
+from harness.model import CASE_PHASES, Cell, Phase, Plan
 from harness.scheduler import Settings
 from harness.store import Store, open_store
 
@@ -25,7 +25,7 @@ class Frozen:
     offline: bool = False
     verify: bool = False
 
-    def settings(self, until: Phase = Phase.RENDER) -> Settings:
+    def settings(self, until: Phase = CASE_PHASES[-1]) -> Settings:
         """As the scheduler wants them."""
         return Settings(until=until, fresh=self.fresh, offline=self.offline, verify=self.verify)
 

@@ -66,7 +66,7 @@ def seen(record: CellRecord) -> dict[Phase, Seen]:
         at = Phase.INSTALL if record.resolve else Phase.RESOLVE
         found[at] = Seen(phase=at, outcome=Outcome.UNAVAILABLE, line=record.unavailable)
     for case in record.cases:
-        found |= {phase.phase: _probed(phase) for phase in verdict.case_phases(record.cell, case)}
+        found |= {phase.phase: _probed(phase) for phase in verdict.case_phases(record, case)}
     return found
 
 

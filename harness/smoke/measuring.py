@@ -76,12 +76,12 @@ class Measuring:
 
     def steps(self, cell: Cell) -> CellRecord:
         """Resolve and, unless nothing but that is wanted, install."""
-        until = Phase.RESOLVE if self.selection.resolved_only(cell) else Phase.RENDER
+        until = Phase.RESOLVE if self.selection.resolved_only(cell) else CASE_PHASES[-1]
         return self._measured(cell, ITSELF, replace(cell, cases=()), until)
 
     def case(self, cell: Cell, case: Case) -> CellRecord:
         """Run what is wanted of one case in one go, as `run` does."""
-        return self._measured(cell, case.id, replace(cell, cases=(self._wanted(cell, case),)), Phase.RENDER)
+        return self._measured(cell, case.id, replace(cell, cases=(self._wanted(cell, case),)), CASE_PHASES[-1])
 
     def suite(self, cell: Cell) -> CellRecord:
         """Run the suite of the cell's subject, after the imports that it needs."""
@@ -164,6 +164,7 @@ def combined(cell: Cell, steps: CellRecord, cases: Iterable[CellRecord], suite: 
         resolve=steps.resolve or base.resolve,
         cases=found,
         suite=tested,
+        controls={api: one for part in parts for api, one in part.controls.items()},
         measured=max((phase.measured for phase in probed if phase.measured), default=base.measured),
         reused=bool(made) and all(one.reused for one in made) and all(phase.reused for phase in probed),
         seconds=round(sum(one.seconds for one in made) + sum(phase.seconds for phase in probed), 3),

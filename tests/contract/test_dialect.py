@@ -12,6 +12,7 @@ import pytest
 import harness
 from harness import interpreters, wire
 from harness.model import Case, Outcome
+from harness.vocabulary import APIS
 
 INCELL = Path(harness.__file__).parent / "incell"
 FILES = sorted(INCELL.glob("**/*.py"))
@@ -48,6 +49,14 @@ def _imports(tree: ast.AST) -> list[tuple[str, int]]:
         elif isinstance(node, ast.ImportFrom):
             found.append((node.module or "", node.level))
     return found
+
+
+def _at_load(tree: ast.Module) -> ast.Module:
+    """The file without what its functions do when they are called."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            node.body = [ast.Pass()]
+    return tree
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
@@ -92,8 +101,8 @@ def test_imports(path: Path) -> None:
 
 def test_libraries_come_late() -> None:
     """Nothing that is loaded before the library under test imports a library."""
-    early = wire.closure("gymnasium", ["import"], lambda name: (INCELL / name).read_text())
-    found = {name.partition(".")[0] for file in early for name, _ in _imports(_tree(INCELL / file))}
+    early = {n for api in APIS for n in wire.closure(api, ["import"], lambda name: (INCELL / name).read_text())}
+    found = {name.partition(".")[0] for file in early for name, _ in _imports(_at_load(_tree(INCELL / file)))}
     assert found & LIBRARIES == set()
 
 

@@ -90,7 +90,12 @@ def test_good_environments_pass(site: str, env: str, tried) -> None:
     done = tried(site, env)
     assert outcomes(done) == dict.fromkeys(ALL, Outcome.PASSED)
     assert (done.reply.complete, done.reply.problems) == (True, ())
-    assert set(done.findings) <= {"single.check_env", "single.deprecation", "vector.deprecation"}
+    assert set(done.findings) <= {
+        "single.check_env",
+        "single.repeat.seed",
+        "single.deprecation",
+        "vector.deprecation",
+    }
     assert [name for _, name in done.reply.frames] == ["render.rgb_array-first.npy", "render.rgb_array-last.npy"]
     assert len(done["single.loop"].facts["trajectory"]) >= 31
     assert done.reply.modules == wire.closure(SITES[site][1], ALL, read)

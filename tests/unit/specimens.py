@@ -7,7 +7,6 @@ from typing import Any
 
 from harness import document
 from harness.model import (
-    CASE_PHASES,
     Case,
     CaseRecord,
     Cell,
@@ -33,6 +32,7 @@ CHECKS = {
     Phase.VECTOR: "vector.sync",
     Phase.RENDER: "render.rgb_array",
 }
+"""A check of each phase that every case goes through."""
 LETTERS = {
     "p": Outcome.PASSED,
     "f": Outcome.FAILED,
@@ -66,7 +66,7 @@ def case(outcomes: str, name: str = "ant", required: tuple[str, ...] = (), **rep
     """A case from one letter per phase: `ppfn` is import and single passed, vector failed, render not reached."""
     phases = {
         at.value: phase(at, LETTERS[letter], f"{name} {at}" if letter in "fctyiu" else None)
-        for at, letter in zip(CASE_PHASES, outcomes, strict=True)
+        for at, letter in zip(CHECKS, outcomes, strict=True)
     }
     return CaseRecord(
         case=name, env="Ant-v5", api="gymnasium", required=required, phases=tuple((phases | replaced).values())

@@ -12,7 +12,7 @@ from harness.drafts import Case, Draft, Project
 from harness.errors import BadInput
 from harness.matrix import Expansion
 from harness.model import Plan
-from harness.vocabulary import Api, Instant
+from harness.vocabulary import GYMNASIUM, Instant
 from harness.workflows import read
 
 TEMPLATE = (Path(present.__file__).parent / "templates" / "matrix.toml.j2").read_text(encoding="utf-8")
@@ -108,7 +108,7 @@ def test_environments_are_found_by_the_literals_that_register_them() -> None:
 def test_a_project_is_measured_at_what_it_claims() -> None:
     """Each package that counts is an axis with the project's own bounds; one axis is varied at a time."""
     project = drafts.read_project(PYPROJECT, "", "x")
-    draft = drafts.of_project(project, Case(env="A-v0", api=Api.GYMNASIUM, more=2))
+    draft = drafts.of_project(project, Case(env="A-v0", api=GYMNASIUM, more=2))
 
     found = planned(draft, gymnasium=("1.0.0", "1.2.3"), mujoco=("3.3.7",))
 

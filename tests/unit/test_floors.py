@@ -13,13 +13,13 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "merging", "normalise",
-        "notices", "outcomes", "pipelines", "plan", "present", "pytestsays", "reporttypes", "schema", "shards",
-        "drafts", "strategy", "tables", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "normalise",
+        "notices", "outcomes", "pipelines", "plan", "present", "pytestsays", "repairs", "reporttypes", "schema", "shards",
+        "drafts", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
-        "builds", "checkouts", "discovery", "downloads", "environments", "fetched", "filelocks", "frames", "garbage",
-        "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "process",
+        "builds", "checkouts", "controls", "discovery", "downloads", "environments", "fetched", "filelocks", "frames", "garbage",
+        "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "overlays", "process",
         "sdists", "store", "subjects", "supervisor", "uv", "uvcli",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},

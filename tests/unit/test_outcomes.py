@@ -97,6 +97,7 @@ def test_a_follower_that_ends_the_process_is_told() -> None:
     assert list(found_beside(ended, Ending(signal=11))) == [
         warning("single.repeat.fresh", "killed by SIGSEGV"),
         warning("single.repeat.same", "not looked at: the process ended before"),
+        warning("single.state", "not looked at: the process ended before"),
         warning("single.check_env", "not looked at: the process ended before"),
     ]
 

@@ -6,7 +6,7 @@ from harness import expansion, matrixfile, plan
 from harness.errors import BadInput
 from harness.matrix import Matrix
 from harness.model import Case, Cell, Dropped, Expectation, Phase, Plan, Question, Verdict
-from harness.vocabulary import CHECKS
+from harness.vocabulary import checks_of
 
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 
@@ -233,7 +233,7 @@ class TestCases:
                 env="gym:ALE/Pong-v5",
                 api="gym",
                 kwargs={"a": 1},
-                checks=CHECKS,
+                checks=checks_of(()),
                 timeouts={Phase.SINGLE: 60.0},
             ),
         )

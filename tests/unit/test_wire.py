@@ -10,7 +10,19 @@ from typing import Any
 import pytest
 
 from harness import wire
-from harness.model import Case, CheckReply, Finding, Level, Outcome, Phase, ProbeReply, ProbeRequest, Raised
+from harness.model import (
+    CASE_PHASES,
+    Case,
+    CheckReply,
+    Finding,
+    Level,
+    Outcome,
+    Phase,
+    ProbeReply,
+    ProbeRequest,
+    Raised,
+)
+from harness.vocabulary import APIS
 
 HELLO = {"kind": "hello", "python": "3.9.1", "implementation": "CPython", "executable": "/python"}
 START = {"kind": "start", "check": "single.loop"}
@@ -248,10 +260,6 @@ def test_closure(api: str, checks: tuple[str, ...], more: tuple[str, ...]) -> No
 def test_names_of_ours_are_known() -> None:
     """The closure of every adapter over all phases, and the door of suites, are all of the in-cell side."""
     folder = Path(sys.modules["harness"].__file__ or "").parent / "incell"
-    phases = ("import", "single", "vector", "render")
-    loaded = {
-        name
-        for api in ("gym", "gymnasium")
-        for name in wire.closure(api, phases, lambda name: (folder / name).read_text())
-    }
+    phases = CASE_PHASES
+    loaded = {name for api in APIS for name in wire.closure(api, phases, lambda name: (folder / name).read_text())}
     assert loaded | {"bootstrap_suite.py"} == {path.name for path in folder.glob("*.py")}

@@ -1,0 +1,113 @@
+"""What an adapter is: one API, and one environment of it as the phases drive it.
+
+`API` in each `api_NAME.py` is an `Adapter`. These files are loaded before the libraries under test: whatever a library
+may have forgotten to import itself (numpy, too) is imported inside functions.
+"""
+
+from .cell_errors import Skip, library
+from .cell_values import finite, flag, scalar
+
+
+class Adapter:
+    """One API: which modules it needs, and how its environments are made."""
+
+    imports = ()
+    """Modules to import before anything else."""
+
+    def modules(self, case):
+        """Names of modules to import first for a case."""
+        return list(self.imports)
+
+    def knows(self, case):
+        """Whether the environment of a case can be made without importing the modules that may register it."""
+        return True
+
+    def make(self, case, tell, draw=False):
+        """Make the environment of a case, one that draws if asked: an `Environment`."""
+        raise NotImplementedError
+
+    def bare(self, case):
+        """Make the library's own object, for its vector environments: what a worker does."""
+        message = "this API has no environments in batches"
+        raise Skip(message)
+
+    def make_vector(self, makers, way, tell):
+        """Make one environment of several, `way` None in this process, else the arguments of the library's async one.
+
+        Its `processes` are the workers.
+        """
+        message = "this API has no environments in batches"
+        raise Skip(message)
+
+    def check_env(self, case):
+        """Run the library's own checker."""
+        message = "this API has no checker"
+        raise Skip(message)
+
+    def declares_pictures(self, case):
+        """Whether the environment says that it can be drawn; yes where it cannot be asked."""
+        return True
+
+
+class Environment:
+    """One environment, driven as a user would; what comes back is examined.
+
+    An adapter without spaces to examine says how it is driven: `begin`, `advance`, `draw`. `tell` takes a kind (`type`,
+    `space`) and a text of something that does not stop a user's loop.
+    """
+
+    processes = ()
+    get_state = None
+    """Where the state can be had: a method that returns it, and `set_state` that takes it back."""
+
+    def __init__(self, tell):
+        self.tell = tell
+
+    def begin(self, seed):
+        """Start an episode, with this seed unless it is None, and return the observation."""
+        raise NotImplementedError
+
+    def advance(self, action):
+        """Make one step and return (observation, reward, terminated, truncated)."""
+        raise NotImplementedError
+
+    def draw(self):
+        """Return a picture: an array (height, width, 3) of uint8."""
+        message = "this environment draws no pictures"
+        raise Skip(message)
+
+    def reset(self, seed=None):
+        """Start an episode and return the observation, which has to be finite."""
+        with library:
+            observation = self.begin(seed)
+        finite(observation, "reset() returned an observation that")
+        return observation
+
+    def step(self, action):
+        """Make one step and return (observation, reward, terminated, truncated), all of them usable."""
+        with library:
+            observation, reward, terminated, truncated = self.advance(action)
+        finite(observation, "step() returned an observation that")
+        scalar(reward, "step() returned a reward")
+        flag("terminated", terminated, self.tell)
+        flag("truncated", truncated, self.tell)
+        return observation, reward, terminated, truncated
+
+    def render(self):
+        """Return a picture of the present state, not examined yet."""
+        with library:
+            return self.draw()
+
+    def seed_actions(self, seed):
+        """Make `action` give the same actions again."""
+
+    def action(self):
+        """Return a valid action."""
+        return
+
+    def describe(self):
+        """What it promises, as text by name."""
+        return {}
+
+    def close(self):
+        """Let go of everything."""
