@@ -113,6 +113,17 @@ class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
     evidence: str | None
 
 
+class ControlEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a known-good combination of an adapter came to on the same machine: the failed checks with their lines.
+
+    `untold` is why it could not be run: then nothing is known of the adapter, and failures stand as they were seen.
+    """
+
+    control: str
+    failed: dict[str, str] = {}
+    untold: str | None = None
+
+
 class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
     """A known cause that fits the evidence."""
 
@@ -127,7 +138,8 @@ class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
 class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One cell on one machine, measured or not. `phase` is the one that decided the verdict.
 
-    `asked` marks what it asks for besides its axes: the same for the same packages and cases.
+    `asked` marks what it asks for besides its axes: the same for the same packages and cases. `controls` has, by API,
+    those of the adapters with which something failed after the install.
     """
 
     id: str
@@ -164,6 +176,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     asked: str = ""
     subject: SubjectEntry | None = None
     suite: SuiteEntry | None = None
+    controls: dict[str, ControlEntry] | msgspec.UnsetType = msgspec.UNSET
 
 
 class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -206,7 +219,8 @@ class Row:
     """One cell as the list shows it: on one machine, or on all those that found the same.
 
     `versions` stand in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working
-    cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one.
+    cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one;
+    `repaired` the releases that nobody gets as they are here.
     """
 
     id: str
@@ -221,6 +235,7 @@ class Row:
     findings: int
     seconds: float
     machine: str
+    repaired: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -285,6 +300,7 @@ class Sheet:
     findings: tuple[Remark, ...]
     dropped: tuple[Remark, ...]
     locks: tuple[Remark, ...]
+    repairs: tuple[Remark, ...] = ()
     left_out: int = 0
 
 

@@ -6,7 +6,8 @@
 Cells of one question are prepared together, since one resolution and one install serve them all. The first stage runs
 ahead of the second by a few environments: probes never wait for the network, and no disk fills up with environments
 that nobody has come to yet. Of the ready cells the longest goes first, if there is memory for it and nobody else is
-measuring the same: then it waits, without a slot, and finds the result.
+measuring the same: then it waits, without a slot, and finds the result. A record with a failure waits for the control
+of its adapter, which a thread of its own runs once.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from typing import Any
 
 from harness import machine, process
 from harness.filelocks import Claim, claim
-from harness.model import Cell, CellRecord, Phase
+from harness.model import Cell, CellRecord, ControlRecord, Phase
+from harness.scheduler import control
 from harness.scheduler.past import Past
 from harness.scheduler.room import Room
 from harness.scheduler.runner import Prepared, Runner
@@ -84,6 +86,8 @@ class Flow:
         self.probing: dict[Future[CellRecord], _Probing] = {}
         self.behind: dict[str, list[_Ready]] = {}  # what is measured here now, and who waits for that
         self.elsewhere: list[_Ready] = []  # another process measures the same
+        self.controlling: dict[Future[ControlRecord], str] = {}
+        self.held: dict[str, list[CellRecord]] = {}  # what waits for a control, by that
 
     def told(self, cell: Cell) -> bool:
         """Keep the record of a cell, if all of it is known."""
@@ -97,8 +101,8 @@ class Flow:
         self.past = past
         self.order = {cell.id: (-past.seconds(cell), number) for number, cell in enumerate(cells)}
         self.groups.extend(self._grouped(cells))
-        with _threads(self.at_once, self.room.slots) as (self.first, self.second):
-            while self.groups or self.preparing or self.ready or self.probing or self.elsewhere:
+        with _threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
+            while self.groups or self.preparing or self.ready or self.probing or self.elsewhere or self.controlling:
                 self._prepare()
                 self._probe()
                 self._wait()
@@ -125,7 +129,7 @@ class Flow:
 
     def _arrived(self, prepared: Prepared) -> None:
         if not prepared.claims:
-            self._keep(self.runner.probe(prepared))
+            self._finish(self.runner.probe(prepared))
             return
         cell = prepared.record.cell
         self.runner.observer.step(cell, WAITING)
@@ -165,13 +169,31 @@ class Flow:
         for name in probed.ready.prepared.claims:
             for waiting in self.behind.pop(name):
                 self._push(waiting)
-        self._keep(future.result())
+        self._finish(future.result())
+
+    # --- controls --------------------------------------------------------------------------------------------------
+
+    def _finish(self, record: CellRecord) -> None:
+        """Keep a record, once the controls that it turns on were run."""
+        due = next(control.due(self.runner, record), None)
+        if due is None:
+            self._keep(control.controlled(self.runner, record))
+        elif due.id in self.held:
+            self.held[due.id].append(record)
+        else:
+            self.held[due.id] = [record]
+            self.controlling[self.third.submit(control.ran, self.runner, due)] = due.id
+
+    def _controlled(self, future: Future[ControlRecord]) -> None:
+        future.result()
+        for record in self.held.pop(self.controlling.pop(future)):
+            self._finish(record)
 
     # --- both ------------------------------------------------------------------------------------------------------
 
     def _wait(self) -> None:
         """Wait until something ended, or until it is time to look again."""
-        busy: set[Future[Any]] = {*self.preparing, *self.probing}
+        busy: set[Future[Any]] = {*self.preparing, *self.probing, *self.controlling}
         looking = LOOK_SECONDS if self.elsewhere or self.ready else None
         if busy:
             wait(busy, timeout=looking, return_when=FIRST_COMPLETED)
@@ -183,6 +205,8 @@ class Flow:
                 self._arrived(prepared)
         for probe in [one for one in self.probing if one.done()]:
             self._ended(probe)
+        for ran in [one for one in self.controlling if one.done()]:
+            self._controlled(ran)
         again, self.elsewhere = self.elsewhere, []
         for ready in again:
             self._push(ready)

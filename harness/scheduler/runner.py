@@ -8,13 +8,14 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness import cellrun, interpreters, launch, machine, process, uvcli
+from harness import cellrun, interpreters, launch, machine, process, repairs, uvcli
 from harness.errors import CouldNotTell
 from harness.filelocks import claim, exclusive
 from harness.model import (
     Case,
     Cell,
     CellRecord,
+    ControlRecord,
     Interpreter,
     Lock,
     Outcome,
@@ -23,6 +24,7 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.scheduler import control
 from harness.scheduler.lasting import lasts
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
@@ -58,7 +60,7 @@ class Prepared:
 class Runner:
     """Takes cells through their phases; what several of them need is done once.
 
-    Any thread may call it. `measured` is what came of every phase in this run.
+    Any thread may call it. `measured` is what came of every phase in this run, `controls` of every control asked for.
     """
 
     store: Store
@@ -73,16 +75,18 @@ class Runner:
     places: Mapping[str, str] = field(default_factory=uvcli.places)
     pythons: dict[str, Interpreter] = field(default_factory=dict)
     unchanged: set[str] = field(default_factory=set)
+    controls: dict[str, ControlRecord] = field(default_factory=dict)
 
     def measure(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases; its results are kept, its record is not."""
         ready = self.prepare(cell)
         held = claim([self.store.claim_file(key) for key in ready.claims], wait=True)
         try:
-            return self.probe(ready)
+            record = self.probe(ready)
         finally:
             if held:
                 held.release()
+        return control.controlled(self, record)  # it may wait for others, and so holds nothing that they wait for
 
     def keep(self, record: CellRecord) -> None:
         """Store the record of a cell, unless it tells less of the same than the one that is there."""
@@ -93,9 +97,9 @@ class Runner:
         """The record of a cell of which everything is known; None where something has to be done."""
         try:
             ready = self._prepared(cell, quick=True)
+            return control.controlled(self, ready.record if ready.told else finished(ready.record), quick=True)
         except Unknown:
             return None
-        return ready.record if ready.told else finished(ready.record)
 
     def prepare(self, cell: Cell) -> Prepared:
         """Resolve and install: mostly waiting, for the network and the disk."""
@@ -104,7 +108,7 @@ class Runner:
         return self._prepared(cell, quick=False)
 
     def probe(self, ready: Prepared) -> CellRecord:
-        """Run what is to be run of a prepared cell: mostly computing."""
+        """Run what is to be run of a prepared cell: mostly computing. The controls of its record are left to come."""
         record = ready.record
         if ready.context:
             try:

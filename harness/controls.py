@@ -1,0 +1,179 @@
+"""Controls: for each adapter a known-good lock with a case, from `matrices/controls/`.
+
+A control that fails on a machine says that its adapter, or the machine, is at fault: what else fails with the adapter
+there says nothing about packages. `HARNESS_CONTROLS` names another folder of them; set to the empty string, there are
+none.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from msgspec import Meta
+from packaging.utils import canonicalize_name
+
+from harness import locks, schema, verdict
+from harness.matrix import Table
+from harness.model import (
+    FAILING,
+    Case,
+    Cell,
+    CellRecord,
+    ControlRecord,
+    Outcome,
+    PhaseRecord,
+    Question,
+    Verdict,
+)
+from harness.vocabulary import Api, CheckName, Instant, Label, Requirement, checks_of, parsed_requirement, required_name
+
+MATRIX = "controls"
+"""What stands for a matrix in the ids of their cells."""
+
+VARIABLE = "HARNESS_CONTROLS"
+FILE = "controls.toml"
+
+
+class ControlTable(Table, frozen=True, kw_only=True):
+    """A known-good combination of one adapter; its lock is the file `ID.txt` beside this one."""
+
+    id: Label
+    api: Api
+    covers: Annotated[
+        Requirement | None, Meta(description="which cells it speaks for, by what they installed; default: all others")
+    ] = None
+    python: str
+    requirements: Annotated[tuple[Requirement, ...], Meta(min_length=1, description="what the lock was made of")]
+    build_constraints: tuple[Requirement, ...] = ()
+    env: str
+    kwargs: Annotated[dict[str, Any], Meta(description="arguments of make")] = {}
+    checks: Annotated[tuple[CheckName, ...], Meta(description="as in a case of a matrix")] = ()
+    reason: Annotated[str, Meta(description="why this one is known to be good, and what it stands for")]
+
+
+class ControlsFile(Table, frozen=True, kw_only=True):
+    """The file `controls.toml`. Of one adapter the first control that covers a cell speaks for it."""
+
+    snapshot: Instant
+    control: tuple[ControlTable, ...] = ()
+
+
+def folder() -> Path | None:
+    """Where the controls lie: beside the package in a checkout, inside it in a wheel; None for none at all."""
+    named = os.environ.get(VARIABLE)
+    if named is not None:
+        return Path(named) if named else None
+    package = Path(__file__).parent
+    inside = package / "matrices" / MATRIX
+    return inside if inside.is_dir() else package.parent / "matrices" / MATRIX
+
+
+@cache
+def read(place: Path) -> ControlsFile:
+    """The controls of a folder. Raises BadInput."""
+    path = place / FILE
+    return schema.load_toml(path.read_text(encoding="utf-8"), ControlsFile, str(path))
+
+
+@cache
+def _lock(place: Path, name: str) -> Mapping[str, tuple[str, tuple[str, ...]]]:
+    """The lock of a control: name to version and hashes of all files that it allows."""
+    return locks.pinned((place / f"{name}.txt").read_text(encoding="utf-8"))
+
+
+# --- from a cell to its controls, and from a control to its cell -----------------------------------------------
+
+
+def wanted(record: CellRecord) -> dict[str, Cell | str]:
+    """The control, as a cell, of each adapter with which something failed after the install; or why there is none."""
+    place = folder()
+    if place is None or record.installed is None or record.cell.matrix == MATRIX:
+        return {}
+    plain = replace(record, controls={}) if record.controls else record
+    failing = (case.api for case in record.cases if case.api and _fails(verdict.case_phases(plain, case)))
+    return {api: covering(api, record.installed) for api in dict.fromkeys(failing)}
+
+
+def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
+    """The control of an adapter that speaks for these versions, or why there is none."""
+    place = folder()
+    for table in read(place).control if place else ():
+        if table.api == api and _covers(table.covers, installed):
+            return _cell(place, table) if place else ""
+    return f"the adapter {api} has no control for these versions"
+
+
+def cells() -> tuple[Cell, ...]:
+    """All controls, as cells."""
+    place = folder()
+    return tuple(_cell(place, table) for table in read(place).control) if place else ()
+
+
+def _fails(phases: Iterable[PhaseRecord]) -> bool:
+    return any(phase.outcome in FAILING for phase in phases)
+
+
+def _covers(text: str | None, installed: Mapping[str, str]) -> bool:
+    if text is None:
+        return True
+    version = installed.get(required_name(text))
+    return version is not None and parsed_requirement(text).specifier.contains(version, prereleases=True)
+
+
+def _cell(place: Path, table: ControlTable) -> Cell:
+    pins = tuple(f"{name}=={version}" for name, (version, _) in _lock(place, table.id).items())
+    case = Case(
+        id=str(table.id), env=table.env, api=str(table.api), kwargs=table.kwargs, checks=checks_of(table.checks)
+    )
+    return Cell(
+        id=f"{MATRIX}/{table.id}",
+        matrix=MATRIX,
+        axes={"python": table.python},
+        python=table.python,
+        question=Question(
+            requirements=pins,
+            build_constraints=tuple(map(str, table.build_constraints)),
+            snapshot=str(read(place).snapshot),
+        ),
+        environment={},
+        cases=(case,),
+    )
+
+
+# --- from what became of a control to what that says -----------------------------------------------------------
+
+
+def said(record: CellRecord, lock: str | None) -> ControlRecord:
+    """What the record of a control's cell says of its adapter; `lock` is the text of the lock that it was run with."""
+    name = f"control {record.cell.label}"
+    judged = verdict.judge(record)
+    match judged.verdict:
+        case Verdict.WORKS | Verdict.PARTIAL | Verdict.BROKEN | Verdict.IMPORT_FAILS:
+            other = _differs(record.cell, lock or "")
+        case _:
+            other = f"{judged.phase or 'nothing'} {judged.phases[judged.phase] if judged.phase else 'ran'}"
+            other += f": {judged.decisive}" if judged.decisive else ""
+    if other:
+        return ControlRecord(control=name, untold=f"the {name} could not be run: {other}")
+    checks = [check for case in record.cases for phase in case.phases for check in phase.checks]
+    return ControlRecord(
+        control=name,
+        passed=tuple(check.check for check in checks if check.outcome is Outcome.PASSED),
+        failed={check.check: check.decisive or check.outcome for check in checks if check.outcome in FAILING},
+    )
+
+
+def _differs(cell: Cell, text: str) -> str | None:
+    """How a lock differs from the known-good one, which allows more files: those of other machines."""
+    place = folder()
+    known = _lock(place, cell.label) if place else {}
+    for name, (version, hashes) in locks.pinned(text).items():
+        good, allowed = known.get(str(canonicalize_name(name)), ("", ()))
+        if version != good or not set(hashes) <= set(allowed):
+            return f"{name} {version} from the package index is not the one that is known to be good"
+    return None

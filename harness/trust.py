@@ -1,0 +1,59 @@
+"""What a failure is worth while the control of its adapter fails: nothing, where the control fails there too.
+
+To the check: a control whose picture fails says nothing about `single`, and one whose `single` fails leaves nothing to
+be believed of what needs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from harness.model import FAILING, CheckRecord, ControlRecord, Outcome, Phase, PhaseRecord
+from harness.outcomes import NEEDS, phase_of
+
+
+def trusted(record: PhaseRecord, control: ControlRecord | None) -> PhaseRecord:
+    """The record of a phase as it counts: `infra` where all of its failures may be the adapter's, or the machine's."""
+    if control is None or not control.failed or record.outcome not in FAILING:
+        return record
+    failing = [check for check in record.checks if check.outcome in FAILING]
+    if not failing:  # a finding that the case requires not to be there
+        check = _suspect(record.phase.value, control)
+        return (
+            replace(record, outcome=Outcome.INFRA, decisive=_told(control, check, record.decisive)) if check else record
+        )
+    checks = tuple(_trusted(check, control) for check in record.checks)
+    worst = min((check.outcome for check in checks), key=list(Outcome).index)
+    decisive = next(check.decisive for check in checks if check.outcome is worst)
+    return replace(record, outcome=worst, decisive=decisive, checks=checks)
+
+
+def _trusted(record: CheckRecord, control: ControlRecord) -> CheckRecord:
+    check = _suspect(record.check, control) if record.outcome in FAILING else None
+    if check is None:
+        return record
+    return replace(record, outcome=Outcome.INFRA, decisive=_told(control, check, record.decisive))
+
+
+def _told(control: ControlRecord, check: str, own: str | None) -> str:
+    """The line of the control first: it is the one to look into."""
+    return f"{control.control} fails, too, in {check}: {control.failed[check]}" + (f" (here: {own})" if own else "")
+
+
+def _suspect(check: str, control: ControlRecord) -> str | None:
+    """The failed check of the control for which this one is not believed: itself, or one that stood in its way."""
+    if check in control.failed:
+        return check
+    if check in control.passed:
+        return None
+    doubtful = set(_reached_over(phase_of(check)))
+    return next((failed for failed in control.failed if phase_of(failed) in doubtful), None)
+
+
+def _reached_over(phase: Phase) -> Iterator[Phase]:
+    """The phase, and those that it needs."""
+    needed: Phase | None = phase
+    while needed:
+        yield needed
+        needed = NEEDS.get(needed)
