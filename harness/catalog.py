@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness import expansion, interpreters, matrixfile, plan
+from harness import expansion, interpreters, matrixfile, plan, repairs
 from harness.errors import BadInput, CouldNotTell
 from harness.matrix import Expansion, Matrix
-from harness.model import Cell, IndexSettings, Plan, Question, Subject, Suite
+from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
 from harness.schema import suggestion
 from harness.store import Store, now, write_atomic
 
@@ -21,13 +21,25 @@ if TYPE_CHECKING:
     from harness.fetched import Fetched
 
 PACKAGE = Path(__file__).parent
+OVERLAYS = "overlays"
 
 
 def built_in() -> dict[str, Path]:
-    """The matrices that come with the harness: beside the package in a checkout, inside it in a wheel."""
+    """The matrices that come with the harness."""
+    return {path.stem: path for path in sorted(_matrices().glob("*.toml"))}
+
+
+def recipes(folder: Path) -> dict[str, tuple[Repair, ...]]:
+    """How packages are repaired, by name: recipes in `overlays/` beside a matrix go before those of the harness."""
+    files = [path for place in (_matrices(), folder) for path in sorted((place / OVERLAYS).glob("*.toml"))]
+    found = [repairs.read(_text(path), str(path)) for path in files]
+    return {made[0].name: made for made in found}
+
+
+def _matrices() -> Path:
+    """Where matrices lie: beside the package in a checkout, inside it in a wheel."""
     folders = (PACKAGE / "matrices", PACKAGE.parent / "matrices")
-    folder = next((folder for folder in folders if folder.is_dir()), folders[0])
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return next((folder for folder in folders if folder.is_dir()), folders[0])
 
 
 def load(
@@ -49,10 +61,13 @@ def load(
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew)
     sources = {source: _text(path.parent / source, place) for source, place in matrixfile.sources(matrix).items()}
     index = _located(plan.index_settings(matrix), path.parent)
+    repairing = recipes(path.parent) if matrixfile.repairing(matrix) else {}
     if ask and expanded and matrix.strategy.covering and (renew or not expanded.chosen):
-        known = plan.candidates(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks)
+        known = plan.candidates(
+            matrix, expanded, host_python=_host(), sources=sources, breaks=breaks, recipes=repairing
+        )
         expanded = _chosen(known, expanded, partial(_asked, ask, matrix, path.parent), say)
-    planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks)
+    planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks, recipes=repairing)
     if matrix.snapshot and str(matrix.snapshot) > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
     planned = _with_subjects(planned, partial(_placed, matrix, path.parent))
@@ -85,6 +100,8 @@ def files(name: str) -> dict[str, Path]:
     matrix = matrixfile.read(_text(path), str(path))
     expanded = _expanded(path)
     beside = [Path(expanded.name)] if matrix.expands and expanded.exists() else []
+    beside += [file.relative_to(path.parent) for file in sorted((path.parent / OVERLAYS).glob("*.toml"))
+               if matrixfile.repairing(matrix)]  # fmt: skip
     names = [Path(path.name), *beside, *map(Path, matrixfile.sources(matrix))]
     return {one.as_posix(): path.parent / one for one in names}
 

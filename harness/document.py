@@ -23,6 +23,7 @@ from harness.model import (
     Phase,
     PhaseRecord,
     Plan,
+    Repair,
     Step,
     Verdict,
 )
@@ -126,7 +127,7 @@ def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell]
         unverified=judged.unverified,
         expected=cell.expect.verdict if cell.expect else Verdict.WORKS,
         as_expected=as_expected,
-        repairs=(),
+        repairs=tuple(map(_repair, record.repairs)),
         findings=_findings(record),
         phases={phase: judged.phases[phase] for phase in Phase if phase in judged.phases},
         cases=tuple(_case(record, case, locate) for case in record.cases),
@@ -146,6 +147,20 @@ def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell]
         or msgspec.UNSET,
     )
     return entry, stale
+
+
+def _repair(repair: Repair) -> dict[str, Any]:
+    """What was changed of a release, so that anybody can make the same wheel."""
+    return {
+        "package": repair.name,
+        "version": repair.version,
+        "edits": [{"field": edit.field, "from": edit.old, "to": edit.new} for edit in repair.edits],
+        "reason": repair.reason,
+        "link": repair.link,
+        "sdist_sha256": repair.sdist,
+        "wheel_sha256": repair.wheel,
+        "build": list(repair.build),
+    }
 
 
 def _subject(record: CellRecord) -> SubjectEntry | None:

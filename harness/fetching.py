@@ -17,7 +17,7 @@ from threading import Thread
 
 import msgspec
 
-from harness import downloads, environments, fetched, index, interpreters
+from harness import downloads, environments, fetched, index, interpreters, overlays
 from harness.errors import CouldNotTell
 from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
@@ -121,6 +121,10 @@ class Bringing:
         lock = self.store.load_lock(question_key(record.cell.question, interpreter))
         if record.lock is None or not isinstance(lock, Lock):
             return replace(asked, step=record.resolve)
+        supplied = overlays.supplied(lock, record.cell.question)
+        if isinstance(supplied, Step):
+            return replace(asked, step=supplied)
+        lock = supplied
         if not all(pin.artifact.is_wheel for pin in lock.pins):
             self.say(f"{record.cell.id}: building what has no wheel")
         wheels = environments.wheels_of(lock, interpreter, record.cell.question)

@@ -7,6 +7,7 @@ folder or a page of links. A trouble of the network is `IndexUnreachable`, never
 from __future__ import annotations
 
 import hashlib
+import re
 import shutil
 import tempfile
 import time
@@ -73,6 +74,8 @@ class _File:
     yanked: bool = False
     requires_python: str | None = None
     linked: bool = False
+    address: str = ""
+    sha256: str | None = None
 
 
 def releases(
@@ -86,20 +89,45 @@ def releases(
     """
     places = combined(matrix)
     with closing(_Client(places, offline=offline)) as client:
-        linked = (file for link in places.find_links for file in client.linked(link))
-        files = [replace(file, linked=True) for file in linked if _version(file.name, name) is not None]
-        known = bool(files)
-        for address in () if places.no_index else (*places.extra, places.default):
-            page = client.project(address, name)
-            if page is not None:
-                known = True
-                files += page
-                if places.strategy == "first-index":
-                    break
+        return _grouped(_listed(client, places, name), name, cutoff)
+
+
+def find(name: str, sha256: str, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Artifact:
+    """Where the file of a package with this SHA-256 lies. Raises IndexUnreachable where no place lists it."""
+    places = combined(matrix)
+    with closing(_Client(places, offline=offline)) as client:
+        for file in _listed(client, places, name):
+            if _version(file.name, name) is not None and _sha256(file) == sha256:
+                return Artifact(filename=file.name, sha256=sha256, source=file.address)
+    message = f"no index or find-links place that was asked has the file of {name} with the SHA-256 {sha256}"
+    raise IndexUnreachable(message)
+
+
+def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:
+    """All files of a package. Raises UnknownPackage when no place has one."""
+    linked = (file for link in places.find_links for file in client.linked(link))
+    files = [replace(file, linked=True) for file in linked if _version(file.name, name) is not None]
+    known = bool(files)
+    for address in () if places.no_index else (*places.extra, places.default):
+        page = client.project(address, name)
+        if page is not None:
+            known = True
+            files += page
+            if places.strategy == "first-index":
+                break
     if not known:
         message = f"none of the package indexes and find-links places asked has a package '{name}'; check the name"
         raise UnknownPackage(message)
-    return _grouped(files, name, cutoff)
+    return files
+
+
+def _sha256(file: _File) -> str | None:
+    """The hash that is told of a file, or its own where it lies on this machine."""
+    path = _local(file.address)
+    if file.sha256 or path is None:
+        return file.sha256
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Path:
@@ -153,7 +181,7 @@ class _Client:
         path = _local(link)
         if path is not None:
             if _there(path).is_dir():
-                return [_File(name=file.name) for file in path.iterdir()]
+                return [_File(name=file.name, address=str(file)) for file in path.iterdir()]
             return _from_html(path.read_bytes(), path.absolute().as_uri())
 
         def work() -> list[_File]:
@@ -288,6 +316,8 @@ def _from_response(response: requests.Response, name: str) -> list[_File]:
             uploaded=package.upload_time,
             yanked=package.is_yanked,
             requires_python=package.requires_python,
+            address=package.url,
+            sha256=package.digests.get("sha256"),
         )
         for package in ProjectPage.from_response(response, name).packages
     ]
@@ -303,6 +333,8 @@ def _from_html(content: bytes, address: str) -> list[_File]:
             uploaded=datetime.fromisoformat(at) if (at := link.get_str_attrib("data-upload-time")) else None,
             yanked=link.get_str_attrib("data-yanked") is not None,
             requires_python=link.get_str_attrib("data-requires-python"),
+            address=link.url.partition("#")[0],
+            sha256=next(iter(re.findall(r"#(?:.*&)?sha256=([0-9a-f]{64})", link.url)), None),
         )
         for link in RepositoryPage.from_html(content, base_url=address).links
     ]

@@ -122,6 +122,8 @@ def _sheet(sheet: Sheet) -> Iterable[RenderableType]:
         yield ""
     yield _list(sheet)
     yield ""
+    if sheet.repairs:
+        yield from _remarks("repaired, as nobody else has them", sheet.repairs)
     if sheet.findings:
         yield from _remarks("findings, which stop no user's loop", sheet.findings)
     if sheet.dropped:
@@ -186,7 +188,7 @@ def _plain(row: Row) -> bool:
 
 
 def _verdict(row: Row) -> Text:
-    phase = f"\n  in {row.phase}" if row.phase else ""
+    phase = (f"\n  in {row.phase}" if row.phase else "") + ("\n  repaired" if row.repaired else "")
     return _styled((f"{SYMBOLS[row.verdict]} {word(row.verdict)}", f"bold {_colour(row.verdict)}"), (phase, GREY))
 
 

@@ -83,6 +83,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         dropped=_grouped(dropped),
         left_out=sum(gone.count for gone in document.dropped if gone.id.partition("/")[0] == name),
         locks=_grouped(locks),
+        repairs=_grouped((_repaired(one), str(one["link"]), cell.id) for cell in cells for one in cell.repairs),
     )
 
 
@@ -120,7 +121,14 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
         findings=len(cell.findings),
         seconds=cell.seconds,
         machine=cell.machine or NOTHING,
+        repaired=tuple(f"{repair['package']} {repair['version']}" for repair in cell.repairs),
     )
+
+
+def _repaired(repair: Mapping[str, Any]) -> str:
+    """What was changed of a release, and why."""
+    changes = ", ".join(f"`{edit['field']}: {edit['from']}` to `{edit['to']}`" for edit in repair["edits"])
+    return f"{repair['package']} {repair['version']}, {changes}: {repair['reason']}"
 
 
 def _label(cell_id: str) -> str:

@@ -43,6 +43,12 @@ def _lock() -> type:
     return Locked
 
 
+def _overlay() -> type:
+    from harness.repairs import RecipeTable  # noqa: PLC0415
+
+    return RecipeTable
+
+
 def _manifest() -> type:
     from harness.fetched import Manifest  # noqa: PLC0415
 
@@ -64,6 +70,7 @@ def _collected() -> type:
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
+    "overlay": ("how a package is repaired, `overlays/PACKAGE.toml`", _overlay),
     "report": ("`report.json`, and `--json` of run, try, report, show and merge", _report),
     "plan": ("`plan --json`", _plan),
     "lock": ("`lock --json`", _lock),

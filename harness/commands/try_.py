@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import checkouts, document, inputs, interpreters, machine, plan, scheduler, store, subjects, verdict
+from harness import (
+    catalog,
+    checkouts,
+    document,
+    inputs,
+    interpreters,
+    machine,
+    plan,
+    repairs,
+    scheduler,
+    store,
+    subjects,
+    verdict,
+)
 from harness.commands import progress, reporting
 from harness.commands.run import VERIFYING, tell
 from harness.errors import BadInput
 from harness.inputfiles import Inputs
-from harness.model import CaseRecord, Cell, CellRecord, Outcome, Phase, Plan, Subject, Verdict
+from harness.model import CaseRecord, Cell, CellRecord, Outcome, Phase, Plan, Repair, Subject, Verdict
 from harness.reporttypes import UNTOLD, word
 from harness.schema import located
 from harness.store import Store
@@ -51,6 +66,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", metavar="N=V", action="append", default=[], help="an environment variable of the cell")
     for option, meaning in RESOLVER_OPTIONS.items():
         parser.add_argument(option, metavar="R", action="append", default=[], help=meaning)
+    parser.add_argument(
+        "--overlay",
+        metavar="PACKAGE",
+        nargs="?",
+        action="append",
+        const=EVERY,
+        default=[],
+        help="repair releases that no resolver accepts: of this package, or of every one that has a recipe",
+    )
     parser.add_argument("--as-of", metavar="INSTANT", help="resolve as the index stood then (UTC), e.g. 2024-01-31")
     parser.add_argument("--torch-backend", metavar="B", default="cpu", help="uv's: cpu, auto, cu126, ... [%(default)s]")
     parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
@@ -58,6 +82,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--verify", action="store_true", help=VERIFYING)
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
+
+EVERY = ":all:"
+"""What `--overlay` means that names no package."""
 
 RESOLVER_OPTIONS = {
     "--constraint": "bound a package without asking for it",
@@ -107,8 +134,10 @@ def _plan(
     args: argparse.Namespace, given: Inputs, tested: Subject | None, opened: Store, runner: scheduler.Runner
 ) -> Plan:
     """The one-cell plan, its Python chosen and its instant set; what is wrong is said before anything is kept."""
+    overlay, taken = _overlay(args.overlay)
     asked = plan.Asked(
-        requirements=(*args.requirements, *given.requirements),
+        requirements=(*args.requirements, *taken, *given.requirements),
+        overlay=overlay,
         python="host",
         envs=tuple(args.env),
         api=args.api,
@@ -150,6 +179,18 @@ def _api(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -
         )
         raise BadInput(message)
     return brought[0] if brought else None
+
+
+def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]:
+    """The repairs that `--overlay` asks for; and requirements, which follow it where it names no package."""
+    if not given:
+        return (), ()
+    known = catalog.recipes(Path("matrices"))
+    names = [text for text in given if re.fullmatch(r"[A-Za-z0-9._-]+", text)]
+    with located("--overlay"):
+        wanted = [PackageName.canonical(name) for name in names]
+        found = repairs.chosen(known, wanted if len(names) == len(given) else tuple(known))
+    return found, tuple(text for text in given if text not in names and text != EVERY)
 
 
 def _variable(text: str) -> tuple[str, str]:
@@ -234,7 +275,10 @@ def _tried(record: CellRecord, judged: Judgement) -> str:
         parts.append(f"{judged.phase} {told}" + (f" of {' and '.join(failed)}" if failed else ""))
     where = f" on Python {record.python}" if record.python else ""
     tried = "; ".join(parts or ["nothing was tried"]) + where
-    return "; ".join([tried, *(f"{name} not verified: {_why(record, Phase(name))}" for name in judged.unverified)])
+    mended = [f"repaired: {repairs.described(one)}" for one in record.repairs]
+    return "; ".join(
+        [tried, *mended, *(f"{name} not verified: {_why(record, Phase(name))}" for name in judged.unverified)]
+    )
 
 
 def _name(case: CaseRecord) -> str:

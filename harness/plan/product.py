@@ -33,8 +33,8 @@ def expand(
     """Plan a matrix.
 
     `expansion` is what its ranges came to and what was chosen, where that is needed. `host_python` is the version that
-    `host` stands for, `sources` the texts of `matrixfile.sources(matrix)`, `breaks` the known API breaks, `recipes` how packages
-    that `overlay` names are repaired.
+    `host` stands for, `sources` the texts of `matrixfile.sources(matrix)`, `breaks` the known API breaks, `recipes` how
+    packages that `overlay` names are repaired.
     """
     axes, contents, sorted_out = _all(matrix, expansion, host_python, sources or {}, recipes)
     known = _candidates(matrix, axes, contents, sorted_out, breaks)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
+from harness import repairs
 from harness.errors import BadInput
-from harness.model import Case, Cell, Phase, Plan, Question, Subject
+from harness.model import Case, Cell, Phase, Plan, Question, Repair, Subject
 from harness.plan.contents import IMPORTED
 from harness.schema import located, suggestion
 from harness.vocabulary import (
@@ -62,6 +63,7 @@ class Asked:
     only_binary: tuple[str, ...] = ()
     as_of: str | None = None
     torch_backend: str = "cpu"
+    overlay: tuple[Repair, ...] = ()
     subject: Subject | None = None
 
 
@@ -89,7 +91,7 @@ def _question(asked: Asked) -> Question:
     if not asked.requirements and asked.subject is None:
         message = "try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'"
         raise BadInput(message)
-    return Question(
+    question = Question(
         requirements=_words(Requirement, asked.requirements, "try"),
         constraints=_words(Requirement, asked.constraints, "--constraint"),
         overrides=_words(Requirement, asked.overrides, "--override"),
@@ -98,6 +100,7 @@ def _question(asked: Asked) -> Question:
         torch_backend=asked.torch_backend,
         snapshot=_words(Instant, [asked.as_of], "--as-of")[0] if asked.as_of else None,
     )
+    return replace(question, overlay=repairs.fitting(asked.overlay, question))
 
 
 def _words(kind: type[Word], texts: Iterable[str], option: str) -> tuple[str, ...]:

@@ -108,14 +108,17 @@ class Pool:
         return self.owner.environments[self.key]
 
     def _ensured(self) -> Environment | Step:
-        from harness import environments  # noqa: PLC0415 - start-up
+        from harness import environments, overlays  # noqa: PLC0415 - start-up
 
         settings = self.owner.settings
         if settings.fetched:
             failed = settings.fetched.supply(self.cell, self.lock, self.interpreter)
             if failed:
                 return failed
-        return environments.ensure(self.lock, self.interpreter, self.cell.question, offline=settings.offline)
+        lock = overlays.supplied(self.lock, self.cell.question, offline=settings.offline)
+        if isinstance(lock, Step):
+            return lock
+        return environments.ensure(lock, self.interpreter, self.cell.question, offline=settings.offline)
 
 
 def conditioned(step: Step) -> Step:

@@ -157,7 +157,7 @@ class Runner:
     ) -> tuple[Lock | None, Step]:
         if quick:
             raise Unknown
-        from harness import uv  # noqa: PLC0415 - start-up
+        from harness import overlays  # noqa: PLC0415 - start-up
 
         with exclusive(self.store.claim_file(key)):
             kept = self._kept_lock(key, question)  # another process may have answered while we waited
@@ -165,7 +165,7 @@ class Runner:
                 return kept
             start = monotonic()
             folder = self.store.evidence(f"lock-{key[:16]}")
-            answer = uv.resolve(question, interpreter, folder, offline=self.settings.offline)
+            answer = overlays.resolve(question, interpreter, folder, offline=self.settings.offline)
             if self.settings.offline:
                 key = digest("offline", key)  # what the caches hold is no answer for a run with the network
             if isinstance(answer, Step):
@@ -178,7 +178,7 @@ class Runner:
     # --- the way of a cell -----------------------------------------------------------------------------------------
 
     def _prepared(self, cell: Cell, *, quick: bool) -> Prepared:
-        record = CellRecord(cell=cell, machine=machine.facts().id, supplied=machine.supplied(cell.environment))
+        record = CellRecord(cell=cell, machine=machine.facts().id)
         interpreter = self._interpreter(cell, quick=quick)
         missing = interpreter if isinstance(interpreter, str) else machine.missing_for(cell.needs)
         if isinstance(interpreter, str) or missing:
@@ -193,8 +193,12 @@ class Runner:
         record = replace(record, resolve=step)
         if lock is None:
             return Prepared(record=stopped(record, step))
+        record = replace(
+            record, repairs=repairs.used(asked.question.overlay, (one.artifact.sha256 for one in lock.pins))
+        )
         file = self.store.relative(self.store.lock_file(lock))
-        record = replace(record, lock=file, lock_sha256=lock.sha256)
+        supplied = machine.supplied(cell.environment, cell.needs, lock.versions)
+        record = replace(record, lock=file, lock_sha256=lock.sha256, supplied=supplied)
         if self.settings.until is Phase.RESOLVE:
             return Prepared(record=record)
         return self._installed(record, Pool(self, asked, lock, interpreter), tested, quick=quick)
@@ -331,9 +335,8 @@ class Runner:
         return undertest.on_top(self, pool, tested), pool.environment().path
 
     def _variables(self, record: CellRecord) -> dict[str, str]:
-        given = {**record.supplied, **record.cell.environment}
-        needs = (*record.cell.needs, *machine.drawing_needs(given))
-        return {name: value for name, value in {**machine.base_environment(needs), **given}.items() if value != ""}
+        given = {**machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}
+        return {name: value for name, value in given.items() if value != ""}
 
     def _identity(self, record: CellRecord) -> tuple[object, ...]:
         """What the keys of results hold of a cell besides its environment."""
@@ -358,7 +361,7 @@ class Runner:
             python=record.python or "",
             site=lambda: self._site(record, *self._place(pool, tested)),
             identity=(record.key, *self._identity(record), *on_top),
-            undrawable=machine.undrawable({**record.supplied, **cell.environment}),
+            undrawable=machine.undrawable({**record.supplied, **cell.environment}, pool.lock.versions),
             conditions=machine.conditions(),
             places=self.places,
             until=self.settings.until,

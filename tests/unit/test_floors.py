@@ -18,7 +18,7 @@ FLOORS = {
         "drafts", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
-        "builds", "checkouts", "controls", "discovery", "downloads", "environments", "fetched", "filelocks", "frames", "garbage",
+        "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched", "filelocks", "frames", "garbage",
         "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "overlays", "process",
         "sdists", "store", "subjects", "supervisor", "uv", "uvcli",
     },

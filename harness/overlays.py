@@ -1,0 +1,136 @@
+"""Wheels of repaired releases: built here from the index's own sdist, mended, found by resolutions, locked by hash.
+
+They lie among the wheels that were built here, each in a folder of its own that a resolution is led to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
+
+from harness import builds, environments, index, interpreters, locks, mending, repairs, uv
+from harness.errors import BadInput, CouldNotTell
+from harness.filelocks import exclusive
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
+from harness.store import cache_folder, digest, write_atomic
+
+
+def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:
+    """As `uv.resolve`, with the repaired releases of the question to choose from."""
+    led = _led(question, offline=offline)
+    return led if isinstance(led, Step) else _dated(uv.resolve(led, interpreter, folder, offline=offline), question)
+
+
+def restore(
+    requirements: str, question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False
+) -> Lock | Step:
+    """As `uv.restore`, with the repaired wheels that the lock holds made here."""
+    hashes = [mark for _, marks in locks.pinned(requirements).values() for mark in marks]
+    led = _led(replace(question, overlay=repairs.used(question.overlay, hashes)), offline=offline)
+    if isinstance(led, Step):
+        return led
+    return _dated(uv.restore(requirements, led, interpreter, folder, offline=offline), question)
+
+
+def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock | Step:
+    """The lock with its repaired wheels in their places, made anew where they are gone."""
+    made = {}
+    pins = {pin.artifact.sha256: pin for pin in lock.pins if not Path(pin.artifact.source).is_file()}
+    for repair in repairs.used(question.overlay, pins):
+        path = wheel(repair, question.index, offline=offline)
+        if isinstance(path, Step):
+            return replace(path, phase=Phase.INSTALL)
+        pin = pins[repair.wheel]
+        made[pin.name] = replace(pin, artifact=replace(pin.artifact, source=str(path)))
+    return replace(lock, pins=tuple(made.get(pin.name, pin) for pin in lock.pins)) if made else lock
+
+
+def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> Path | Step:
+    """The repaired wheel, made now or before; what gets in the way of that is never the fault of a package."""
+    key = digest("overlay", repair.wheel)
+    with exclusive(cache_folder() / "wheels" / "requests" / f"{key}.lock"):
+        known = builds.kept(key)
+        if known and known.sha256 == repair.wheel:
+            return known.path
+        made = _made(repair, settings, offline=offline)
+        if isinstance(made, Step):
+            return made
+        name, content = made
+        path = cache_folder() / "wheels" / key / name
+        write_atomic(path, content)
+        return path
+
+
+def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes] | Step:
+    """File name and content of the repaired wheel."""
+    builder = _builder(repair)
+    if builder is None:
+        told = f"its repaired wheel is built by a Python {repair.python}, and there is none here"
+        return _failed(repair, told, Outcome.UNAVAILABLE)
+    question = Question(requirements=(), build_constraints=repair.build, index=settings)
+    try:
+        artifact = index.find(repair.name, repair.sdist, settings, offline=offline)
+    except (BadInput, CouldNotTell) as error:
+        return _failed(repair, str(error))
+    pin = Pin(name=repair.name, version=repair.version, artifact=artifact, hashes=(repair.sdist,))
+
+    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> environments.Environment | Step:
+        return environments.ensure(lock, builder, question, offline=offline, chain=chain)
+
+    built = builds.build(pin, builder, question, provide, offline=offline)
+    if isinstance(built, Step):
+        return replace(_failed(repair, built.decisive or "its build failed"), log=built.log)
+    try:
+        content = mending.mended(built.path.read_bytes(), repair)
+    except mending.Unrepairable as error:
+        return _failed(repair, str(error))
+    found = mending.sha256(content)
+    if found != repair.wheel:
+        told = f"the SHA-256 is {found} (built by Python {builder.version}), and the recipe says {repair.wheel}"
+        return _failed(repair, told)
+    return built.path.name, content
+
+
+def _failed(repair: Repair, told: str, outcome: Outcome = Outcome.INFRA) -> Step:
+    decisive = f"{repair.name} {repair.version} could not be repaired: {told}"
+    return Step(phase=Phase.RESOLVE, outcome=outcome, decisive=decisive)
+
+
+def _builder(repair: Repair) -> Interpreter | None:
+    """The newest Python here that can build it."""
+    allowed = SpecifierSet(repair.python)
+    found = [
+        one
+        for one in interpreters.available()
+        if allowed.contains(one.version) and one.implementation.partition("+")[0] == "cpython"
+    ]
+    return max(found, key=lambda one: Version(one.version), default=None)
+
+
+def _led(question: Question, *, offline: bool) -> Question | Step:
+    """The question with the folders of its repaired wheels among the places to look at."""
+    links = []
+    for repair in repairs.fitting(question.overlay, question):
+        path = wheel(repair, question.index, offline=offline)
+        if isinstance(path, Step):
+            return path
+        links.append(str(path.parent))
+    settings = replace(question.index, find_links=(*links, *question.index.find_links))
+    return replace(question, index=settings, overlay=()) if links else question
+
+
+def _dated(answer: Lock | Step, question: Question) -> Lock | Step:
+    """The lock in which a repaired wheel is as old as its sdist: so it did not escape the cutoff."""
+    if isinstance(answer, Step) or not question.overlay:
+        return answer
+    uploaded = {repair.wheel: repair.uploaded for repair in question.overlay}
+    pins = [
+        replace(pin, artifact=replace(pin.artifact, uploaded=uploaded[pin.artifact.sha256]))
+        if pin.artifact.sha256 in uploaded
+        else pin
+        for pin in answer.pins
+    ]
+    return locks.assembled(pins, answer.instant)

@@ -1,0 +1,141 @@
+"""Releases that no resolver accepts any more, and lines of their metadata that make them acceptable: recipes as data.
+
+A recipe (`overlays/PACKAGE.toml`) names the sdist and the repaired wheel by their hashes; `mending` changes the lines.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Literal
+
+import msgspec
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.version import InvalidVersion, Version
+
+from harness.model import Edit, Question, Repair
+from harness.schema import load_toml, located, suggestion
+from harness.vocabulary import Instant, PackageName, Requirement, parsed_requirement, required_name
+
+Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$")]
+
+
+RENAMED = {"old": "from", "new": "to"}
+
+
+class EditTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename=RENAMED):
+    """What the lines of a field begin with, and what they begin with once they are repaired."""
+
+    old: Annotated[str, msgspec.Meta(min_length=1)]
+    new: str
+    field: Literal["Requires-Dist", "Requires-Python"] = "Requires-Dist"
+
+
+class ReleaseTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One release: its sdist, when that was uploaded, and the wheel that comes out."""
+
+    version: str
+    uploaded: Annotated[Instant, msgspec.Meta(description="when the index got the sdist")]
+    sdist: Annotated[Sha256, msgspec.Meta(description="SHA-256 of the index's sdist")]
+    wheel: Annotated[Sha256, msgspec.Meta(description="SHA-256 of the repaired wheel, the same on every machine")]
+
+
+class RecipeTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How releases of one package that no resolver accepts are repaired: `overlays/PACKAGE.toml`."""
+
+    package: PackageName
+    reason: Annotated[str, msgspec.Meta(min_length=1)]
+    link: str
+    build: Annotated[
+        tuple[Requirement, ...], msgspec.Meta(min_length=1, description="all that the sdist is built with, pinned")
+    ]
+    python: Annotated[str, msgspec.Meta(description="the Pythons that can build it, as a specifier")]
+    edits: Annotated[tuple[EditTable, ...], msgspec.Meta(min_length=1)]
+    releases: Annotated[tuple[ReleaseTable, ...], msgspec.Meta(min_length=1)]
+
+
+def read(text: str, file: str) -> tuple[Repair, ...]:
+    """The repairs of a recipe, oldest release first; `file` stands in messages."""
+    table = load_toml(text, RecipeTable, file)
+    with located(file, "python"):
+        try:
+            SpecifierSet(table.python)
+        except InvalidSpecifier:
+            message = f'"{table.python}" is not a specifier such as ">=3.7,<3.12"'
+            raise ValueError(message) from None
+    for index, line in enumerate(table.build):
+        with located(file, "build", index):
+            if not re.fullmatch(r"[\w.-]+==[\w.!+-]+", line):
+                message = f'"{line}" is not pinned; write it as in "setuptools==66.1.1"'
+                raise ValueError(message)
+    edits = tuple(Edit(field=edit.field, old=edit.old, new=edit.new) for edit in table.edits)
+    made = {}
+    for index, release in enumerate(table.releases):
+        with located(file, "releases", index, "version"):
+            try:
+                version = Version(release.version)
+            except InvalidVersion:
+                message = f'"{release.version}" is not a version'
+                raise ValueError(message) from None
+            if version in made:
+                message = f'"{release.version}" is listed twice'
+                raise ValueError(message)
+        made[version] = Repair(
+            name=str(table.package),
+            version=str(version),
+            uploaded=str(release.uploaded),
+            sdist=release.sdist,
+            wheel=release.wheel,
+            build=tuple(map(str, table.build)),
+            python=table.python,
+            edits=edits,
+            reason=table.reason,
+            link=table.link,
+        )
+    return tuple(made[version] for version in sorted(made))
+
+
+def fitting(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
+    """The repairs of releases that a question may come to: its bounds allow them, and there were their sdists."""
+    lines = (*question.requirements, *question.constraints)
+    bounds = _bounds(lines) | _bounds(question.overrides)
+    absent = set(question.absent)
+    return tuple(
+        one
+        for one in repairs
+        if bounds.get(one.name, SpecifierSet()).contains(one.version, prereleases=True)
+        and one.name not in absent
+        and one.uploaded <= (question.snapshot or one.uploaded)
+    )
+
+
+def used(repairs: Iterable[Repair], hashes: Iterable[str]) -> tuple[Repair, ...]:
+    """The repairs whose wheels are among these."""
+    known = set(hashes)
+    return tuple(one for one in repairs if one.wheel in known)
+
+
+def described(repair: Repair) -> str:
+    """What was changed, in a few words."""
+    changes = ", ".join(f"`{edit.field}: {edit.old}` to `{edit.new}`" for edit in repair.edits)
+    return f"{repair.name} {repair.version}: {changes}"
+
+
+def chosen(known: Mapping[str, tuple[Repair, ...]], names: Sequence[str]) -> tuple[Repair, ...]:
+    """The repairs of these packages; a ValueError says of which there are none."""
+    unknown = next((name for name in names if name not in known), None)
+    if unknown is not None:
+        message = f'no recipe repairs "{unknown}"{suggestion(unknown, known)}'
+        raise ValueError(message)
+    return tuple(repair for name in names for repair in known[name])
+
+
+def _bounds(lines: Iterable[str]) -> dict[str, SpecifierSet]:
+    """What unconditional requirements say of versions."""
+    found: dict[str, SpecifierSet] = {}
+    for line in lines:
+        requirement = parsed_requirement(line)
+        if requirement.marker is None:
+            name = required_name(line)
+            found[name] = found.get(name, SpecifierSet()) & requirement.specifier
+    return found
