@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from msgspec import Meta
+from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
 from harness import locks, schema, verdict
@@ -51,7 +51,7 @@ class ControlTable(Table, frozen=True, kw_only=True):
     requirements: Annotated[tuple[Requirement, ...], Meta(min_length=1, description="what the lock was made of")]
     build_constraints: tuple[Requirement, ...] = ()
     env: str
-    kwargs: Annotated[dict[str, Any], Meta(description="arguments of make")] = {}
+    kwargs: Annotated[dict[str, Any], Meta(description="arguments of make")] = field(default_factory=dict)
     checks: Annotated[tuple[CheckName, ...], Meta(description="as in a case of a matrix")] = ()
     reason: Annotated[str, Meta(description="why this one is known to be good, and what it stands for")]
 
@@ -102,10 +102,18 @@ def wanted(record: CellRecord) -> dict[str, Cell | str]:
 def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
     """The control of an adapter that speaks for these versions, or why there is none."""
     place = folder()
-    for table in read(place).control if place else ():
-        if table.api == api and _covers(table.covers, installed):
-            return _cell(place, table) if place else ""
+    if place:
+        for table in read(place).control:
+            if table.api == api and _covers(table.covers, installed):
+                return _cell(place, table)
     return f"the adapter {api} has no control for these versions"
+
+
+def possible(cell: Cell, lock: str) -> tuple[Cell, ...]:
+    """The controls that a failure of a cell with this lock (its text) would turn on."""
+    versions = {str(canonicalize_name(name)): version for name, (version, _) in locks.pinned(lock).items()}
+    found = (covering(api, versions) for api in dict.fromkeys(case.api for case in cell.cases if case.api))
+    return tuple(one for one in found if isinstance(one, Cell))
 
 
 def cells() -> tuple[Cell, ...]:

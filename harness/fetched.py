@@ -20,7 +20,7 @@ from typing import Literal
 
 import msgspec
 
-from harness import builds, interpreters, locks, schema
+from harness import builds, controls, interpreters, locks, schema
 from harness.errors import BadInput
 from harness.filelocks import exclusive
 from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step
@@ -191,7 +191,8 @@ class Fetched:
         """The very Python that a cell was locked for, or why the cell cannot be run."""
         entry = self._cells.get(cell.id)
         if entry is None:
-            return f"was not fetched; `simmatrix fetch {cell.matrix} --to {self.folder.name}` brings it"
+            matrix = "MATRIX" if cell.matrix == controls.MATRIX else cell.matrix
+            return f"was not fetched; `simmatrix fetch {matrix} --to {self.folder.name}` brings it"
         if entry.question != question_mark(cell):
             return "was fetched by another simmatrix, which asked otherwise; fetch it again"
         if entry.python is None or entry.implementation is None:

@@ -17,7 +17,7 @@ from threading import Thread
 
 import msgspec
 
-from harness import downloads, environments, fetched, index, interpreters, overlays
+from harness import controls, downloads, environments, fetched, index, interpreters, overlays
 from harness.errors import CouldNotTell
 from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
@@ -46,7 +46,7 @@ def intact(folder: Path) -> Manifest | None:
     for name in old.files.keys() - sound:
         (folder / name).unlink(missing_ok=True)
     matrices = tuple(one for one in old.matrices if {one.file, *one.beside} <= sound)
-    names = {one.name for one in matrices}
+    names = {one.name for one in matrices} | {controls.MATRIX}
     cells = tuple(one for one in old.cells if one.matrix in names and _files(one) <= sound)
     pythons = tuple(one for one in old.pythons if one.file is None or one.file in sound)
     kept = msgspec.structs.replace(old, matrices=matrices, cells=cells, pythons=pythons)

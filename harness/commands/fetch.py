@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, fetched, fetching, scheduler, store, verdict
+from harness import catalog, controls, fetched, fetching, scheduler, store, verdict
 from harness.commands import progress
 from harness.commands.choosing import JOBS, committed_report, durations, jobs
 from harness.commands.run import selected, tell
@@ -50,11 +50,15 @@ def main(args: argparse.Namespace) -> int:
         with progress.Progress(len(cells), args.jobs, _headline) as board:
             settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE)
             records = scheduler.run([replace(cell, needs=()) for cell in cells], opened, settings, board)
+        beside = scheduler.run(_controls(records, opened), opened, settings, scheduler.Beside(board))
         bringing = fetching.Bringing(folder, opened, tell)
-        found = bringing.cells(records)
-        manifest = _manifest(bringing, args.matrix, plan, earlier, found)
+        found, known_good = bringing.cells(records), bringing.cells(beside)
+        manifest = _manifest(bringing, args.matrix, plan, earlier, (*found, *known_good))
         fetching.write(folder, manifest)
     _tell_pythons(manifest, found)
+    for one in known_good:
+        if one.lock is None:
+            tell(f"{one.id}: not fetched, and so cannot be run when a cell fails: {one.decisive}")
     if args.json:
         sys.stdout.buffer.write((folder / fetched.MANIFEST).read_bytes())
     else:
@@ -67,6 +71,13 @@ def _check_no_subject(name: str, cells: Sequence[Cell]) -> None:
     if any(cell.subject for cell in cells):
         message = f"{name}: fetch does not bring a package under test; build its wheel and name that as a requirement"
         raise BadInput(message)
+
+
+def _controls(records: Sequence[CellRecord], opened: store.Store) -> tuple[Cell, ...]:
+    """What has to be run where one of these cells fails."""
+    locked = ((one.cell, (opened.folder / one.lock).read_text(encoding="utf-8")) for one in records if one.lock)
+    found = (control for cell, lock in locked for control in controls.possible(cell, lock))
+    return tuple({control.id: control for control in found}.values())
 
 
 def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:

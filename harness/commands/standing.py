@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import document, present, reporttypes, store, tables, verdict
+from harness import document, present, reporttypes, store, tables, trust, verdict
 from harness.errors import HarnessError
 from harness.machine import Machine
 from harness.model import CellRecord, Plan
@@ -27,7 +27,7 @@ class _Note(msgspec.Struct, frozen=True):
 def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path, asked: object) -> str:
     """Equal for two reports into one folder, made on one day, exactly when they say the same."""
     told = [
-        (one.cell.id, one.mark, one.measured, one.seconds, one.reused) if one.mark else (one.cell.id, one)
+        (one.cell.id, one.mark, one.measured, one.seconds, one.reused, one.controls) if one.mark else (one.cell.id, one)
         for one in records
     ]
     return store.digest(plan, told, here.id, here.facts, str(folder.absolute()), asked, store.now()[:10], _ourselves())
@@ -58,7 +58,7 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
     """Another version of what makes reports makes another report."""
-    modules = (document, present, reporttypes, tables, verdict)
+    modules = (document, present, reporttypes, tables, trust, verdict)
     files = [*(Path(str(module.__file__)) for module in modules), template()]
     return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)
 

@@ -47,7 +47,7 @@ def ran(runner: Runner, control: Cell, *, quick: bool = False) -> ControlRecord:
 
 
 def _ran(runner: Runner, control: Cell, *, quick: bool) -> ControlRecord:
-    beside = replace(runner, settings=replace(runner.settings, until=Phase.SUITE), observer=_Beside(runner.observer))
+    beside = replace(runner, settings=replace(runner.settings, until=Phase.SUITE), observer=Beside(runner.observer))
     record = beside.known(control)
     if record is None:
         if quick:
@@ -64,8 +64,8 @@ def _name(control: Cell) -> str:
     return f"control {control.label}"
 
 
-class _Beside:
-    """Tells of a control's run nothing but what a user has to know: its cell is none of those that are counted."""
+class Beside:
+    """Tells of controls nothing but what a user has to know: their cells are none of those that are counted."""
 
     def __init__(self, observer: Observer) -> None:
         self.say = observer.say

@@ -111,6 +111,7 @@ class Desk:
             "XDG_CONFIG_HOME": str(self.folder / "config"),
             "PIP_CONFIG_FILE": os.devnull,
             "COLUMNS": "200",
+            "HARNESS_CONTROLS": "",  # real packages, which no closed network brings
         }
         return kept | own | variables
 
