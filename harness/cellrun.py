@@ -48,14 +48,15 @@ class Context:
     is all that a result's key holds besides case, phase and probe: environment key, variables, sandbox mode, machine.
     `conditions` marks the system: what failed under others is measured again, with `again` whatever failed. `measured`
     is what the whole run has measured so far, whatever came of it: that is never measured a second time.
-    `undrawable` is why nothing can be drawn by OpenGL here, `places` names this machine's folders, for evidence.
+    `undrawable` is why nothing can be drawn by OpenGL here (`machine.undrawable`), `places` names this machine's
+    folders, for evidence.
     """
 
     store: Store
     python: str
     site: Callable[[], launch.Site]
     identity: tuple[object, ...]
-    undrawable: str | None
+    undrawable: Mapping[str, str]
     conditions: str | None
     places: Mapping[str, str]
     until: Phase = CASE_PHASES[-1]

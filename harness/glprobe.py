@@ -1,7 +1,8 @@
 """Asks one way of rendering what it is, by really making a context: `python -I -S glprobe.py WAY ANSWER`.
 
-WAY is `egl`, `osmesa` or `display`. The answer is a JSON object in the file ANSWER: what the driver says of itself, or
-`missing`: why there is none. Standard library only; run in a process of its own, since drivers crash, hang and print.
+WAY is `egl`, `osmesa`, `display` or `glu`. The answer is a JSON object in the file ANSWER: what the driver says of
+itself, or `missing`: why there is none. Standard library only; run in a process of its own, since drivers crash, hang
+and print.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ EGL_NONE, EGL_PLATFORM_DEVICE, EGL_OPENGL_API = 0x3038, 0x313F, 0x30A2
 EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT = 0x3033, 1, 0x3040, 8
 EGL_RED, EGL_GREEN, EGL_BLUE, EGL_ALPHA, EGL_DEPTH, EGL_STENCIL = 0x3024, 0x3023, 0x3022, 0x3021, 0x3025, 0x3026
 OSMESA_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
+GLX_DRAWABLE_TYPE, GLX_PBUFFER_BIT, GLX_RENDER_TYPE, GLX_RGBA_BIT, GLX_RGBA_TYPE = 0x8010, 4, 0x8011, 1, 0x8014
+GLX_PBUFFER_WIDTH, GLX_PBUFFER_HEIGHT = 0x8041, 0x8040
 STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02}
 
 
@@ -128,22 +131,50 @@ def osmesa() -> dict[str, str]:
 
 
 def display() -> dict[str, str]:
-    """The X server that DISPLAY names."""
+    """OpenGL at the X server that DISPLAY names."""
     if not os.environ.get("DISPLAY"):
         message = "DISPLAY is not set"
         raise MissingError(message)
     library = load("libX11.so.6")
     library.XOpenDisplay.restype = c_void_p
-    library.XServerVendor.restype = c_char_p
-    library.XServerVendor.argtypes = [c_void_p]
+    library.XDefaultScreen.argtypes = [c_void_p]
     server = library.XOpenDisplay(None)
     if not server:
         message = f"nothing answers at DISPLAY={os.environ['DISPLAY']}"
         raise MissingError(message)
-    return {"vendor": (library.XServerVendor(server) or b"").decode("utf-8", "replace")}
+    return glx(server, library.XDefaultScreen(server))
 
 
-WAYS = {"egl": egl, "osmesa": osmesa, "display": display}
+def glx(server: int, screen: int) -> dict[str, str]:
+    """Make a context that draws into memory current, and ask it."""
+    library = load("libGL.so.1", "libGLX.so.0")
+    library.glXChooseFBConfig.restype = POINTER(c_void_p)
+    library.glXChooseFBConfig.argtypes = [c_void_p, c_int, c_void_p, c_void_p]
+    library.glXCreateNewContext.restype = c_void_p
+    library.glXCreateNewContext.argtypes = [c_void_p, c_void_p, c_int, c_void_p, c_int]
+    library.glXCreatePbuffer.restype = c_void_p
+    library.glXCreatePbuffer.argtypes = [c_void_p, c_void_p, c_void_p]
+    library.glXMakeContextCurrent.argtypes = [c_void_p] * 4
+    library.glXGetProcAddress.restype = c_void_p
+    count = c_int()
+    wanted = array((GLX_DRAWABLE_TYPE, GLX_PBUFFER_BIT, GLX_RENDER_TYPE, GLX_RGBA_BIT, 0))
+    configs = library.glXChooseFBConfig(server, screen, wanted, byref(count))
+    context = library.glXCreateNewContext(server, configs[0], GLX_RGBA_TYPE, None, 1) if count.value else None
+    size = array((GLX_PBUFFER_WIDTH, 64, GLX_PBUFFER_HEIGHT, 64, 0))
+    surface = library.glXCreatePbuffer(server, configs[0], size) if context else None
+    if not surface or not library.glXMakeContextCurrent(server, surface, surface, context):
+        message = "its server makes no OpenGL context"
+        raise MissingError(message)
+    return strings(function(library.glXGetProcAddress(b"glGetString"), c_char_p, c_uint))
+
+
+def glu() -> dict[str, str]:
+    """The library of utilities that pyglet 1 loads beside OpenGL."""
+    load("libGLU.so.1", "libGLU.so")
+    return {}
+
+
+WAYS = {"egl": egl, "osmesa": osmesa, "display": display, "glu": glu}
 
 
 def main(way: str, answer: str) -> None:

@@ -17,7 +17,7 @@ from time import monotonic
 
 import msgspec
 
-from harness import outcomes, process, wire
+from harness import display, outcomes, process, wire
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
 
 INCELL = Path(__file__).parent / "incell"
@@ -56,7 +56,8 @@ class Site:
 class ProbeRun:
     """What came of one probe process.
 
-    `overran` is the limit (seconds) that ended it, `replies` where it wrote to, `full` whether that disk is.
+    `overran` is the limit (seconds) that ended it, `replies` where it wrote to, `full` whether that disk is,
+    `lost` how the display that it drew on ended.
     """
 
     reply: ProbeReply
@@ -68,6 +69,7 @@ class ProbeRun:
     last_lines: str
     memory_mb: int
     places: Mapping[str, str]
+    lost: str | None = None
 
     def ending(self) -> outcomes.Ending:
         """What the end of the process says about the check that was running then."""
@@ -80,6 +82,7 @@ class ProbeRun:
             overran=overran,
             trouble=trouble if done.out_of_memory else None if overran is not None else done.killed,
             full=self.full,
+            lost=self.lost,
             stacks=self.last_lines + self.stacks,
         )
 
@@ -125,7 +128,12 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         home=home,
         sealed=sealed,
     )
-    completed, overran = _watch(command, replies / "reply.jsonl", allowed)
+    try:
+        with display.shown(command, scratch / "display") as seen:
+            completed, overran = _watch(seen.command, replies / "reply.jsonl", allowed)
+            lost = seen.lost()
+    except display.NoDisplayError as error:
+        completed, overran, lost = process.unstarted(command, str(error)), None, None
     completed = watched(site, folder, completed)
     return ProbeRun(
         reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
@@ -136,6 +144,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
         full=_full(scratch),
         last_lines=_tail(command.log),
         memory_mb=case.memory_mb,
+        lost=lost,
         places={
             **{str(one): "$ENV" for one in site.folders},
             str(folder): "$ENV",
@@ -144,6 +153,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
             str(home / "tmp"): "$TMP",
             str(replies): "$REPLY",
             str(INCELL): "$INCELL",
+            str(scratch): "$SCRATCH",
         },
     )
 

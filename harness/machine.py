@@ -9,24 +9,27 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
 
-from harness import process
+from harness import display, process
 from harness.process import Command, Completed, Limits, Profile, run
 from harness.store import cache_folder, digest, write_atomic
 
+NOTHING: Mapping[str, str] = MappingProxyType({})
 PROBE = Path(__file__).parent / "glprobe.py"
 
 HINTS = {
     "egl": ("EGL", "install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver"),
     "osmesa": ("OSMesa", "install Debian's libosmesa6"),
-    "display": ("X display", "run where DISPLAY names an X server"),
+    "display": ("X display", "install Debian's xvfb and libgl1-mesa-dri, or run where DISPLAY names an X server"),
+    "glu": ("GLU", "install Debian's libglu1-mesa"),
     "gpu": ("NVIDIA GPU", "run on a machine that has one, with its driver"),
 }
 """What a matrix may name under `needs`: what it is called, and what to do where it is missing."""
@@ -43,7 +46,6 @@ PASSED = {
         "__EGL_VENDOR_LIBRARY_DIRS",
         "LIBGL_DRIVERS_PATH",
     ),
-    "display": ("DISPLAY", "XAUTHORITY"),
     "gpu": ("CUDA_VISIBLE_DEVICES", "CUDA_DEVICE_ORDER"),  # which GPU of a shared machine is ours
 }
 """The user's variables that a cell sees: always, or if it has that need. Not LD_LIBRARY_PATH, which would put other
@@ -94,17 +96,32 @@ SYSTEM = (
 DRAWN_WITH = {"egl": "egl", "osmesa": "osmesa", "glfw": "display", "glx": "display", "": "display"}
 """Values of MUJOCO_GL, and what each draws with; where it stays unset on purpose, a window is tried first."""
 
+WAYS = {"egl": "egl", "osmesa": "osmesa", "display": "glfw"}
+"""Capabilities with which MuJoCo can draw, the best first, and the value of MUJOCO_GL that asks for each."""
 
-def supplied(given: Mapping[str, str]) -> dict[str, str]:
-    """The variables that rendering needs here, never over one that was given, be it empty."""
+PYGLET = "pyglet"
+
+
+def supplied(
+    given: Mapping[str, str], needs: Collection[str] = (), packages: Mapping[str, str] = NOTHING
+) -> dict[str, str]:
+    """The variables that rendering needs here, never over one that was given, be it empty.
+
+    A display is among them only where something draws on one: `needs` and `packages` (with their versions) tell.
+    """
     capabilities = facts().capabilities
     found: dict[str, str] = {}
-    way = next((way for way in ("egl", "osmesa") if way in capabilities), None)
+    way = next((value for name, value in WAYS.items() if name in capabilities), None)
     if way:
         found["MUJOCO_GL"] = way
     if given.get("MUJOCO_GL", way) == "osmesa":
         found["PYOPENGL_PLATFORM"] = "osmesa"
     found["SDL_VIDEODRIVER"] = "dummy"
+    shown = {*needs, *drawing_needs({**found, **given}), *_pyglet_needs(packages)}
+    if given.get("SDL_VIDEODRIVER") == "x11":
+        shown.add("display")
+    if "display" in shown and "display" in capabilities:
+        found[display.VARIABLE] = facts().facts["display"]["server"]
     return {name: value for name, value in found.items() if name not in given}
 
 
@@ -121,20 +138,29 @@ def drawing_needs(variables: Mapping[str, str]) -> tuple[str, ...]:
     return (need,) if need else ()
 
 
-def undrawable(variables: Mapping[str, str]) -> str | None:
-    """Why nothing that needs OpenGL can be drawn here with these variables, in a sentence; None if it can."""
+def undrawable(variables: Mapping[str, str], packages: Mapping[str, str] = NOTHING) -> dict[str, str]:
+    """Why nothing can be drawn by OpenGL here with these variables, in a sentence; by the module that draws.
+
+    That of pyglet has its own reason, all others that of the empty name; empty where there is none.
+    """
     anything = facts().capabilities & set(DRAWN_WITH.values())
-    return missing_for(drawing_needs(variables) or (() if anything else ("egl",)))
+    reasons = {
+        "": missing_for(drawing_needs(variables) or (() if anything else ("egl",))),
+        PYGLET: missing_for(_pyglet_needs(packages)),
+    }
+    return {module: reason for module, reason in reasons.items() if reason}
+
+
+def _pyglet_needs(packages: Mapping[str, str]) -> tuple[str, ...]:
+    """What pyglet, with which old gym draws, needs of the machine."""
+    version = packages.get(PYGLET)
+    return ("display", *(("glu",) if version.startswith("1.") else ())) if version else ()
 
 
 def base_environment(needs: Sequence[str] = ()) -> dict[str, str]:
     """The variables of this machine that a cell with these needs, or a build, may see."""
     names = [name for need in ("", *needs) for name in PASSED.get(need, ())]
-    found = ENVIRONMENT | {name: os.environ[name] for name in names if name in os.environ}
-    usual = Path(os.environ.get("HOME", "/"), ".Xauthority")  # which a cell with a HOME of its own would not find
-    if "display" in needs and "XAUTHORITY" not in found and usual.exists():
-        found["XAUTHORITY"] = str(usual)
-    return found
+    return ENVIRONMENT | {name: os.environ[name] for name in names if name in os.environ}
 
 
 def missing_for(needs: Iterable[str]) -> str | None:
@@ -166,10 +192,12 @@ def _parts() -> dict[str, dict[str, str]]:
         return kept.parts
     from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415 - start-up
 
-    ways = ("egl", "osmesa", "display")
+    ways = ("egl", "osmesa", "glu")
     process.sandbox_mode()  # found out once, not by each thread
-    with ThreadPoolExecutor(len(ways)) as pool:
-        answers = {**dict(zip(ways, pool.map(_ask, ways), strict=True)), "gpu": _gpu(Path("/"))}
+    with ThreadPoolExecutor(len(ways) + 1) as pool:
+        shown = pool.submit(_ask_display)
+        asked = dict(zip(ways, pool.map(_ask, ways), strict=True))
+        answers = {**asked, "display": shown.result(), "gpu": _gpu(Path("/"))}
     parts = {name: answer for name, (answer, _) in answers.items()}
     if all(certain for _, certain in answers.values()):
         sandbox = "" if os.environ.get(process.FORCED) else process.sandbox_mode()
@@ -194,35 +222,55 @@ def _marks() -> list[str]:
         "proc/driver/nvidia/version",
         "dev/nvidia[0-9]*",
         "dev/dxg",
-        "tmp/.X11-unix/*",
     )
-    paths = [PROBE, *(path for pattern in patterns for path in sorted(Path("/").glob(pattern)))]
+    users = re.match(r":(\d+)", display.users() or "")
+    socket = [Path(f"/tmp/.X11-unix/X{users[1]}")] if users else []
+    paths = [PROBE, *socket, *(path for pattern in patterns for path in sorted(Path("/").glob(pattern)))]
     boot = Path("/proc/sys/kernel/random/boot_id")
     return [
         platform.release(),
         boot.read_text() if boot.exists() else "",
         *(f"{path} {path.stat().st_mtime_ns}" for path in paths if path.exists()),
-        *(f"{name}={value}" for name, value in base_environment(("display",)).items()),
-        shutil.which("nvidia-smi") or "",
+        *(f"{name}={value}" for name, value in {**base_environment(), **display.authority()}.items()),
+        *(str(found) for found in (display.users(), display.program(), shutil.which("nvidia-smi"))),
         *process.confinement(),
     ]
 
 
-def _ask(way: str) -> tuple[dict[str, str], bool]:
+def _ask_display() -> tuple[dict[str, str], bool]:
+    """What a display of our own says; the user's where there is none: results are not to depend on a desk."""
+    answer, certain = _ask("display", display.VIRTUAL)
+    if "missing" not in answer:
+        return {"server": display.VIRTUAL, **answer}, certain
+    if not display.users():
+        return answer, certain
+    theirs, sure = _ask("display", display.OWN)
+    if "missing" not in theirs:
+        return {"server": display.OWN, **theirs}, certain and sure
+    return {"missing": f"{answer['missing']}, and {theirs['missing']}"}, certain and sure
+
+
+def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
     """What the probe says from within the sandbox that cells have, and whether it would say so again."""
     with tempfile.TemporaryDirectory(prefix="simmatrix-", ignore_cleanup_errors=True) as name:
         home = Path(name)
         answer = home / "answer.json"
         argv = (sys.executable, "-I", "-S", str(PROBE), way, str(answer))
-        done = _run(argv, base_environment(("display",)), home, Profile.CELL)
+        command = _command(argv, {**base_environment(), display.VARIABLE: screen}, home, Profile.CELL)
+        try:
+            with display.shown(command, home / "display") as seen:
+                done = run(seen.command)
+        except display.NoDisplayError as error:
+            return {"missing": str(error)}, True
         if answer.exists():
             return msgspec.json.decode(answer.read_bytes(), type=dict[str, str]), True
         return {"missing": f"its driver {_death(done)}"}, done.killed is None and not done.timed_out
 
 
-def _run(argv: tuple[str, ...], env: Mapping[str, str], home: Path, profile: Profile) -> Completed:
-    limits = Limits(seconds=60)
-    return run(Command(argv=argv, cwd=home, env=env, limits=limits, log=home / "log", profile=profile, home=home))
+def _command(argv: tuple[str, ...], env: Mapping[str, str], home: Path, profile: Profile) -> Command:
+    return Command(
+        argv=argv, cwd=home, env=env, limits=Limits(seconds=60), log=home / "log", profile=profile, home=home
+    )
 
 
 def _death(done: Completed) -> str:
@@ -246,7 +294,7 @@ def _gpu(root: Path) -> tuple[dict[str, str], bool]:
         return {"missing": "no driver of NVIDIA's"}, True
     with tempfile.TemporaryDirectory(prefix="simmatrix-") as name:
         argv = (tool, "--query-gpu=name,driver_version", "--format=csv,noheader")
-        done = _run(argv, ENVIRONMENT, Path(name), Profile.HOST)
+        done = run(_command(argv, ENVIRONMENT, Path(name), Profile.HOST))
         lines = done.log.read_text().splitlines() if done.exit_code == 0 else []
     pairs = [tuple(line.split(", ")) for line in lines if line.count(", ") == 1]
     if not pairs:

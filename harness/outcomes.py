@@ -19,8 +19,9 @@ MACHINE_TROUBLE = re.compile(
 )
 """What the operating system says when this machine or its network is short of something, whatever the package."""
 
+PYGLET_CODE = re.compile(r"/pyglet/")
 DRAWING_CODE = re.compile(r"/(?:OpenGL|glfw)/|/mujoco/(?:egl|osmesa|glfw|gl_context|rendering|renderer)\b")
-"""Files of a traceback in which something was about to draw by OpenGL."""
+"""Files of a traceback in which something was about to draw by OpenGL, in a way of their own or by MUJOCO_GL."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -28,7 +29,8 @@ class Ending:
     """How a probe's process ended, as far as it matters to the check that was running then.
 
     `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason, `full` is
-    whether the disk that it wrote to had no room left. `stacks` are what it printed last, and faulthandler's.
+    whether the disk that it wrote to had no room left, `lost` how the display that it drew on ended. `stacks` are what
+    it printed last, and faulthandler's.
     """
 
     exit_code: int | None = None
@@ -36,6 +38,7 @@ class Ending:
     overran: float | None = None
     trouble: str | None = None
     full: bool = False
+    lost: str | None = None
     stacks: str = ""
 
 
@@ -54,10 +57,10 @@ def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
     return True
 
 
-def check_record(reply: CheckReply, ending: Ending, undrawable: str | None) -> CheckRecord:
-    """The record of one check; `undrawable` is why nothing can be drawn by OpenGL here, if that is so."""
+def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -> CheckRecord:
+    """The record of one check; `undrawable` is why nothing can be drawn by OpenGL here (`machine.undrawable`)."""
     outcome, decisive, mask = _outcome(reply, ending, undrawable)
-    shortage = _shortage(decisive or "", ending) if outcome in FAILING else None
+    shortage = ending.lost or _shortage(decisive or "", ending) if outcome in FAILING else None
     if shortage:
         outcome, decisive = Outcome.INFRA, shortage
     return CheckRecord(
@@ -97,7 +100,11 @@ def _last_gasp(ending: Ending, *, complete: bool) -> str | None:
     return None if complete else "Python ended before its exit handlers had run"
 
 
-def _outcome(reply: CheckReply, ending: Ending, undrawable: str | None) -> tuple[Outcome, str | None, str | None]:
+Said = tuple[Outcome, str | None, str | None]
+"""An outcome, the decisive line, and what hid it."""
+
+
+def _outcome(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -> Said:
     match reply.outcome:
         case Outcome.PASSED:
             return Outcome.PASSED, None, None
@@ -109,13 +116,14 @@ def _outcome(reply: CheckReply, ending: Ending, undrawable: str | None) -> tuple
             return other, reply.reason, None
 
 
-def _failed(reply: CheckReply, undrawable: str | None) -> tuple[Outcome, str | None, str | None]:
+def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
     decisive, mask = normalise.decisive_of_check(reply)
     told = decisive or ""
     if reply.raised and reply.raised.blame == "harness":
         return Outcome.INFRA, f"a fault of the harness, not of the packages: {told}", mask
-    if undrawable and _draws(reply):
-        return Outcome.UNAVAILABLE, f"{undrawable} ({told})", mask
+    way = _drawing(reply)
+    if way is not None and way in undrawable:
+        return Outcome.UNAVAILABLE, f"{undrawable[way]} ({told})", mask
     return Outcome.FAILED, decisive, mask
 
 
@@ -128,13 +136,16 @@ def _shortage(decisive: str, ending: Ending) -> str | None:
     return (f"{found[0]}: {decisive}" if silent else decisive) if found else None
 
 
-def _draws(reply: CheckReply) -> bool:
-    """Whether it failed at drawing by OpenGL, or at getting ready for it."""
-    at_rendering = phase_of(reply.check) is Phase.RENDER and bool(reply.facts.get("gl"))
-    return at_rendering or bool(reply.raised and DRAWING_CODE.search(reply.raised.traceback))
+def _drawing(reply: CheckReply) -> str | None:
+    """What it failed at drawing with, or at getting ready for it: `pyglet`, empty for another way; None for neither."""
+    traceback = reply.raised.traceback if reply.raised else ""
+    gl = reply.facts.get("gl") if phase_of(reply.check) is Phase.RENDER else None
+    if PYGLET_CODE.search(traceback) or (isinstance(gl, dict) and gl.get("modules") == ["pyglet"]):
+        return "pyglet"
+    return "" if gl or DRAWING_CODE.search(traceback) else None
 
 
-def _died(reply: CheckReply, ending: Ending) -> tuple[Outcome, str | None, str | None]:
+def _died(reply: CheckReply, ending: Ending) -> Said:
     """A check that was started and never ended: its process died, or was ended."""
     child, mask = normalise.decisive_of_check(reply)
     if ending.trouble:

@@ -53,7 +53,7 @@ FOREIGN: Mapping[Provider, tuple[str, ...]] = {
 }
 """Options of `ci` that mean nothing to a platform."""
 
-LIBRARIES = ("libegl1", "libgl1-mesa-dri", "libosmesa6")
+LIBRARIES = ("libegl1", "libgl1-mesa-dri", "libglu1-mesa", "libosmesa6", "xvfb")
 """Packages of Debian and Ubuntu that rendering without a screen needs."""
 
 

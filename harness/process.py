@@ -231,6 +231,24 @@ def run(command: Command) -> Completed:
         return running.wait()
 
 
+def unstarted(command: Command, reason: str) -> Completed:
+    """What came of a command that could not even be started."""
+    return Completed(
+        argv=command.argv,
+        exit_code=None,
+        signal=None,
+        timed_out=False,
+        out_of_memory=False,
+        killed=reason,
+        seconds=0.0,
+        log=command.log,
+        truncated=False,
+        written=(),
+        sandbox="",
+        stray=0,
+    )
+
+
 def stop() -> None:
     """End all that runs, whichever thread waits for it, and let nothing start any more."""
     with _gate:

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from harness import launch, normalise, process, pytestsays, subjects
+from harness import display, launch, normalise, process, pytestsays, subjects
 from harness.errors import CouldNotTell
 from harness.model import (
     FAILING,
@@ -173,7 +173,7 @@ def _run(bench: Bench, seconds: float) -> _Ran:
         site, places = bench.site, {**bench.places, str(source): "$SUBJECT", str(scratch): "$SCRATCH"}
         launch.furnish(site, scratch / "home")
         folder, sealed = launch.entered(site, scratch)
-        ran = process.run(_command(bench, seconds, scratch, source, folder, sealed))
+        ran = _shown(_command(bench, seconds, scratch, source, folder, sealed), scratch)
         completed = launch.watched(site, folder, ran)
         places |= {str(one): "$ENV" for one in (*site.folders, folder)}
 
@@ -225,6 +225,16 @@ def _command(
         home=scratch / "home",
         sealed=sealed,
     )
+
+
+def _shown(command: process.Command, scratch: Path) -> process.Completed:
+    """Run it at its display, if it has one; what a display that died has made of it says nothing."""
+    try:
+        with display.shown(command, scratch / "display") as seen:
+            ran, lost = process.run(seen.command), seen.lost()
+    except display.NoDisplayError as error:
+        return process.unstarted(command, str(error))
+    return replace(ran, killed=lost) if lost and ran.exit_code != 0 else ran
 
 
 def without(source: Path, known: Ready) -> None:

@@ -28,6 +28,7 @@ class Capability(StrEnum):
     EGL = "egl"
     OSMESA = "osmesa"
     DISPLAY = "display"
+    GLU = "glu"
     GPU = "gpu"
 
 

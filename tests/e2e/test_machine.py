@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import machine, process
+from harness import display, machine, process
+
+NO_DISPLAY = "no X display here: install Debian's xvfb and libgl1-mesa-dri, or run where DISPLAY names an X server"
 
 
 @pytest.fixture(autouse=True)
@@ -30,6 +32,13 @@ def egl() -> None:
     """The test needs Mesa's EGL."""
     if "egl" not in machine.facts().capabilities:
         pytest.skip("missing library: libegl1")
+
+
+@pytest.fixture
+def xvfb() -> None:
+    """The test needs an X server without a screen."""
+    if display.program() is None:
+        pytest.skip("missing library: xvfb")
 
 
 class TestFacts:
@@ -59,11 +68,35 @@ class TestFacts:
         assert "egl" not in found.capabilities
         assert set(found.facts["egl"]) == {"missing"}
 
-    def test_display_that_does_not_answer(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A DISPLAY at which no server answers is no display."""
+    @pytest.mark.usefixtures("xvfb")
+    def test_display_of_our_own_comes_first(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """What a display draws with is asked of a virtual one, whatever the user sits at."""
         monkeypatch.setenv("DISPLAY", ":4077")
 
-        assert machine.facts().facts["display"]["missing"] in {"nothing answers at DISPLAY=:4077", "no libX11.so.6"}
+        said = machine.facts().facts["display"]
+
+        assert said["server"] == "virtual"
+        assert said.keys() == {"server", "vendor", "renderer", "version"}
+
+    @pytest.mark.usefixtures("xvfb")
+    def test_the_user_s_own_display(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Without Xvfb the user's display is taken, which opens itself to those who know its cookie."""
+        with display.shown(_command(tmp_path, DISPLAY="virtual"), tmp_path / "display") as seen:
+            for name in ("DISPLAY", "XAUTHORITY"):
+                monkeypatch.setenv(name, seen.command.env[name])
+            monkeypatch.setenv("PATH", str(tmp_path))
+
+            found = machine.facts()
+
+        assert found.facts["display"]["server"] == "own"
+        assert machine.supplied({"MUJOCO_GL": "glfw"}) == {"DISPLAY": "own", "SDL_VIDEODRIVER": "dummy"}
+
+    def test_display_that_does_not_answer(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A DISPLAY at which no server answers is no display."""
+        monkeypatch.setenv("DISPLAY", ":4077")
+        monkeypatch.setenv("PATH", str(tmp_path))
+
+        assert machine.facts().facts["display"] == {"missing": "no Xvfb, and nothing answers at DISPLAY=:4077"}
 
     def test_remembered_until_something_changes(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A second call starts no process (it would be refused here); with another driver setting it asks again."""
@@ -144,28 +177,60 @@ def test_gl_label(version: str, renderer: str, label: str) -> None:
 
 
 class TestSupplied:
-    @pytest.mark.usefixtures("egl")
     @pytest.mark.parametrize(
         ("given", "expected"),
         [
             ({}, {"MUJOCO_GL": "egl", "SDL_VIDEODRIVER": "dummy"}),
-            ({"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "x11"}, {}),
-            ({"MUJOCO_GL": "", "SDL_VIDEODRIVER": ""}, {}),
+            ({"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "x11", "DISPLAY": ":1"}, {}),
+            ({"MUJOCO_GL": "", "SDL_VIDEODRIVER": "", "DISPLAY": ""}, {}),
             ({"MUJOCO_GL": "osmesa"}, {"PYOPENGL_PLATFORM": "osmesa", "SDL_VIDEODRIVER": "dummy"}),
             ({"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": ""}, {"SDL_VIDEODRIVER": "dummy"}),
         ],
     )
-    def test_with_egl(self, given: dict[str, str], expected: dict[str, str]) -> None:
+    def test_with_egl(self, given: dict[str, str], expected: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
         """What rendering needs is supplied, never over a value that was given, be it empty."""
+        _here(monkeypatch, egl={}, display={"server": "virtual"})
+
         assert machine.supplied(given) == expected
+
+    @pytest.mark.parametrize(
+        ("given", "needs", "packages", "shown"),
+        [
+            ({"MUJOCO_GL": "glfw"}, (), {}, True),
+            ({"MUJOCO_GL": "GLX"}, (), {}, True),
+            ({"MUJOCO_GL": ""}, (), {}, True),
+            ({"SDL_VIDEODRIVER": "x11"}, (), {}, True),
+            ({"MUJOCO_GL": "egl"}, ("display",), {}, True),
+            ({"MUJOCO_GL": "egl"}, (), {"pyglet": "1.5.27"}, True),
+            ({"MUJOCO_GL": "egl"}, ("gpu",), {"pygame": "2.1.0"}, False),
+            ({"MUJOCO_GL": "glfw", "DISPLAY": ""}, ("display",), {"pyglet": "1.5.27"}, False),
+        ],
+    )
+    def test_a_display(
+        self,
+        given: dict[str, str],
+        needs: tuple[str, ...],
+        packages: dict[str, str],
+        shown: bool,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """A display is supplied where something draws on one, and called by a word that is the same everywhere."""
+        _here(monkeypatch, egl={}, display={"server": "virtual"})
+
+        assert machine.supplied(given, needs, packages).get("DISPLAY") == ("virtual" if shown else None)
 
     def test_without_any(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Where nothing renders, no way of rendering is claimed."""
-        monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
-        if "osmesa" in machine.facts().capabilities:
-            pytest.skip("unavailable: a machine without OSMesa")
+        _here(monkeypatch)
 
-        assert machine.supplied({}) == {"SDL_VIDEODRIVER": "dummy"}
+        assert machine.supplied({"MUJOCO_GL": "glfw"}) == {"SDL_VIDEODRIVER": "dummy"}
+
+    def test_with_a_display_alone(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Where neither EGL nor OSMesa is, MuJoCo is to draw on the display."""
+        _here(monkeypatch, display={"server": "virtual"})
+
+        expected = {"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "dummy", "DISPLAY": "virtual"}
+        assert machine.supplied({}) == expected
 
 
 class TestEnvironment:
@@ -181,15 +246,7 @@ class TestEnvironment:
 
         assert machine.base_environment() == always
         assert machine.base_environment(("gpu",)) == always | {"CUDA_VISIBLE_DEVICES": "3"}
-        assert machine.base_environment(("display",)) == always | {"DISPLAY": ":1"}
-
-    def test_authority_of_the_usual_place(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A cell that needs the display finds the user's authority, though its HOME is another."""
-        monkeypatch.setenv("HOME", str(tmp_path))
-        monkeypatch.delenv("XAUTHORITY", raising=False)
-        (tmp_path / ".Xauthority").touch()
-
-        assert machine.base_environment(("display",))["XAUTHORITY"] == str(tmp_path / ".Xauthority")
+        assert machine.base_environment(("display",)) == always
 
 
 class TestMissing:
@@ -199,35 +256,60 @@ class TestMissing:
         assert machine.missing_for(()) is None
         assert machine.missing_for(("egl",)) is None
 
-    def test_says_why_and_what_to_do(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_says_why_and_what_to_do(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Each missing need is named with its reason and a remedy."""
+        monkeypatch.setenv("PATH", str(tmp_path))
         monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
         machine.facts.cache_clear()
         reason = machine.facts().facts["egl"]["missing"]
 
         assert machine.missing_for(("display", "egl", "gpus")) == (
-            "no X display here (DISPLAY is not set): run where DISPLAY names an X server; "
+            "no X display here (no Xvfb): install Debian's xvfb and libgl1-mesa-dri, "
+            "or run where DISPLAY names an X server; "
             f"no EGL here ({reason}): install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver; "
-            "nothing here is known as 'gpus': a need is one of egl, osmesa, display, gpu"
+            "nothing here is known as 'gpus': a need is one of egl, osmesa, display, glu, gpu"
         )
 
 
 @pytest.mark.parametrize(
-    ("variables", "capabilities", "told"),
+    ("variables", "packages", "capabilities", "told"),
     [
-        ({"MUJOCO_GL": "egl"}, {"egl"}, None),
-        ({"MUJOCO_GL": "osmesa"}, {"egl"}, "no OSMesa here"),
-        ({"MUJOCO_GL": "glfw"}, {"egl", "osmesa"}, "no X display here"),
-        ({"MUJOCO_GL": ""}, {"egl", "osmesa"}, "no X display here"),
-        ({}, {"egl"}, None),
-        ({}, set(), "no EGL here"),
+        ({"MUJOCO_GL": "egl"}, {}, {"egl"}, {}),
+        ({"MUJOCO_GL": "osmesa"}, {}, {"egl"}, {"": "no OSMesa here: install Debian's libosmesa6"}),
+        ({"MUJOCO_GL": "glfw"}, {}, {"egl", "osmesa"}, {"": NO_DISPLAY}),
+        ({"MUJOCO_GL": ""}, {}, {"egl", "osmesa"}, {"": NO_DISPLAY}),
+        ({}, {}, {"egl"}, {}),
+        ({}, {}, set(), {"": "no EGL here: install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver"}),
+        ({"MUJOCO_GL": "egl"}, {"pyglet": "1.5.27"}, {"egl", "glu"}, {"pyglet": NO_DISPLAY}),
+        ({}, {"pyglet": "1.3.2"}, {"egl", "display"}, {"pyglet": "no GLU here: install Debian's libglu1-mesa"}),
+        ({}, {"pyglet": "2.0.1"}, {"egl", "display"}, {}),
     ],
 )
-def test_what_cannot_be_drawn_with_these_variables(
-    variables: dict[str, str], capabilities: set[str], told: str | None, monkeypatch: pytest.MonkeyPatch
+def test_what_cannot_be_drawn(
+    variables: dict[str, str],
+    packages: dict[str, str],
+    capabilities: set[str],
+    told: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A way of drawing that the variables choose and the machine lacks is the machine's fault."""
-    here = machine.Machine(id="here", facts={}, capabilities=frozenset(capabilities))
+    """A way of drawing that the variables or the packages choose and the machine lacks is the machine's fault."""
+    _here(monkeypatch, **{name: {} for name in capabilities})
+
+    assert machine.undrawable(variables, packages) == told
+
+
+def _here(monkeypatch: pytest.MonkeyPatch, **parts: dict[str, str]) -> None:
+    """Take this machine for one that has these parts and no other."""
+    here = machine.Machine(id="here", facts=parts, capabilities=frozenset(parts))
     monkeypatch.setattr(machine, "facts", cache(lambda: here))
 
-    assert (machine.undrawable(variables) or "").partition(":")[0] == (told or "")
+
+def _command(folder: Path, **variables: str) -> process.Command:
+    return process.Command(
+        argv=("/bin/true",),
+        cwd=folder,
+        env=variables,
+        limits=process.Limits(seconds=20),
+        log=folder / "log.txt",
+        profile=process.Profile.HOST,
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -14,7 +14,8 @@ from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.outcomes import Ending, check_record, found_beside, reachable
 
 PASSED = Outcome.PASSED
-NO_GL = "no EGL here: install it"
+NO_GL = {"": "no EGL here: install it"}
+NO_DISPLAY = {"pyglet": "no X display here: install it"}
 
 
 def reply(checks: Mapping[str, Outcome | None], *, complete: bool = False) -> ProbeReply:
@@ -23,10 +24,17 @@ def reply(checks: Mapping[str, Outcome | None], *, complete: bool = False) -> Pr
     return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=complete)
 
 
-def raised(text: str, *, check: str = "render.rgb_array", file: str = "x.py", blame: str = "library") -> CheckReply:
+def raised(
+    text: str,
+    *,
+    check: str = "render.rgb_array",
+    file: str = "x.py",
+    blame: str = "library",
+    modules: Sequence[str] = ("x",),
+) -> CheckReply:
     """A check that failed by an exception raised in a file of the library; when rendering, OpenGL is loaded."""
     error = Raised(type="RuntimeError", message=text, traceback=f'  File "$ENV/site-packages/{file}"', blame=blame)
-    facts = {"gl": {"modules": ["x"]}} if check.startswith("render") else {}
+    facts = {"gl": {"modules": list(modules)}} if check.startswith("render") else {}
     return CheckReply(check=check, outcome=Outcome.FAILED, raised=error, facts=facts)
 
 
@@ -76,19 +84,32 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
 @pytest.mark.parametrize(
     ("check", "undrawable", "outcome"),
     [
-        (raised("[Errno 28] No space left on device"), None, Outcome.INFRA),
-        (raised("[Errno 30] Read-only file system: 'cache.txt'"), None, Outcome.INFRA),
-        (raised("list index out of range", blame="harness"), None, Outcome.INFRA),
-        (raised("no context"), None, Outcome.FAILED),
+        (raised("[Errno 28] No space left on device"), {}, Outcome.INFRA),
+        (raised("[Errno 30] Read-only file system: 'cache.txt'"), {}, Outcome.INFRA),
+        (raised("list index out of range", blame="harness"), {}, Outcome.INFRA),
+        (raised("no context"), {}, Outcome.FAILED),
         (raised("no context"), NO_GL, Outcome.UNAVAILABLE),
         (raised("no context", check="single.loop"), NO_GL, Outcome.FAILED),
         (raised("no context", check="single.loop", file="mujoco/osmesa/__init__.py"), NO_GL, Outcome.UNAVAILABLE),
         (raised("no context", check="single.loop", file="OpenGL/GL/__init__.py"), NO_GL, Outcome.UNAVAILABLE),
+        (raised("no context", check="single.loop", file="pyglet/canvas/xlib.py"), NO_DISPLAY, Outcome.UNAVAILABLE),
+        (raised("no context", check="single.loop", file="pyglet/canvas/xlib.py"), NO_GL, Outcome.FAILED),
+        (raised("no context", modules=["pyglet"]), NO_DISPLAY, Outcome.UNAVAILABLE),
+        (raised("no context", modules=["mujoco", "pyglet"]), NO_DISPLAY, Outcome.FAILED),
     ],
 )
-def test_whose_fault_an_exception_is(check: CheckReply, undrawable: str | None, outcome: Outcome) -> None:
+def test_whose_fault_an_exception_is(check: CheckReply, undrawable: Mapping[str, str], outcome: Outcome) -> None:
     """A full disk, a fault of ours and a machine that cannot draw are none of the packages'."""
     assert check_record(check, Ending(), undrawable).outcome is outcome
+
+
+@pytest.mark.parametrize("check", [raised("BadWindow"), CheckReply(check="render.rgb_array", outcome=None)])
+def test_a_display_that_died(check: CheckReply) -> None:
+    """What failed while the display of ours died says nothing about packages."""
+    lost = "the virtual display crashed with signal 11"
+    record = check_record(check, Ending(signal=6, lost=lost), {})
+
+    assert (record.outcome, record.decisive) == (Outcome.INFRA, lost)
 
 
 def test_a_follower_that_ends_the_process_is_told() -> None:

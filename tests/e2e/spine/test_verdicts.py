@@ -160,7 +160,7 @@ def _probed(
             files={},
         ),
         identity=(),
-        undrawable=None,
+        undrawable={},
         conditions=None,
         places={},
     )

@@ -1,0 +1,135 @@
+"""A display for one run: an X server of our own without a screen, which ends with it; or the one the user sits at.
+
+Records and keys hold a word for it, `virtual` or `own`, never a number: what was measured is the same at each.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic, sleep
+
+from harness.process import Command, Completed, Limits, Profile, Running, start
+
+VARIABLE, AUTHORITY = "DISPLAY", "XAUTHORITY"
+VIRTUAL, OWN = "virtual", "own"
+SERVER = "Xvfb"
+SCREEN = "1280x1024x24"
+"""As large as what gym and its like open windows for, in the depth that OpenGL needs."""
+
+PATIENCE_SECONDS, POLL_SECONDS = 20.0, 0.005
+LONGEST_SECONDS = 30 * 86400.0
+MEMORY_MB = 2000
+
+
+class NoDisplayError(Exception):
+    """The X server did not start."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Shown:
+    """A command whose display is there; `server` where it has one of its own."""
+
+    command: Command
+    server: Running | None = None
+
+    def lost(self) -> str | None:
+        """How the server ended, if it has: what could not be drawn then says nothing about who drew."""
+        ended = self.server.poll() if self.server else None
+        return f"the virtual display {_end(ended)}" if ended else None
+
+
+@contextmanager
+def shown(command: Command, folder: Path) -> Iterator[Shown]:
+    """Make true what `DISPLAY` of a command names, while the block lasts; files of a server come to lie in `folder`.
+
+    Raises NoDisplayError.
+    """
+    word = command.env.get(VARIABLE)
+    if word == VIRTUAL:
+        with _server(folder) as (running, number):
+            yield Shown(command=_with(command, number, {AUTHORITY: str(folder / "authority")}), server=running)
+    elif word:
+        yield Shown(command=_with(command, (users() or "") if word == OWN else word, authority()))
+    else:
+        yield Shown(command=command)
+
+
+def _with(command: Command, name: str, authority: Mapping[str, str]) -> Command:
+    return replace(command, env={**authority, **command.env, VARIABLE: name})
+
+
+def program() -> str | None:
+    """The program that a virtual display takes, where it is installed."""
+    return shutil.which(SERVER)
+
+
+def users() -> str | None:
+    """The display that the user sits at."""
+    return os.environ.get(VARIABLE) or None
+
+
+def authority() -> dict[str, str]:
+    """What opens the user's display to a run, whose HOME is another."""
+    usual = Path(os.environ.get("HOME", "/"), ".Xauthority")
+    found = os.environ.get(AUTHORITY) or (str(usual) if usual.exists() else None)
+    return {AUTHORITY: found} if found else {}
+
+
+@contextmanager
+def _server(folder: Path) -> Iterator[tuple[Running, str]]:
+    """Start a server, reached by its socket alone and by those who know its cookie; it chooses its number itself."""
+    found = program()
+    if not found:
+        message = f"no {SERVER}"
+        raise NoDisplayError(message)
+    folder.mkdir(parents=True, exist_ok=True)
+    number = folder / "number"
+    number.unlink(missing_ok=True)
+    (folder / "authority").write_bytes(_entry(secrets.token_bytes(16)))
+    arguments = ("-displayfd", "3", "-screen", "0", SCREEN, "-nolisten", "tcp", "-noreset", "-auth", "authority")
+    command = Command(
+        argv=("/bin/sh", "-c", f'exec "$0" "$@" 3> {number.name}', found, *arguments),
+        cwd=folder,
+        env=os.environ,
+        limits=Limits(seconds=LONGEST_SECONDS, memory_mb=MEMORY_MB),
+        log=folder / "log.txt",
+        profile=Profile.HOST,
+    )
+    with start(command) as running:
+        yield running, _told(running, number)
+
+
+def _told(running: Running, number: Path) -> str:
+    """The name of the display that the server chose, which it tells once it can be reached."""
+    until = monotonic() + PATIENCE_SECONDS
+    while monotonic() < until:
+        text = number.read_text() if number.exists() else ""
+        if text.endswith("\n"):
+            return f":{text.strip()}"
+        ended = running.poll()
+        if ended:
+            last = [*running.log.read_text(errors="replace").split("\n"), ""]
+            words = next((line.strip() for line in reversed(last) if line.strip()), "")
+            message = f"{SERVER} {_end(ended)}{f': {words}' if words else ''}"
+            raise NoDisplayError(message)
+        sleep(POLL_SECONDS)
+    message = f"{SERVER} could not be reached within {PATIENCE_SECONDS:g} s"
+    raise NoDisplayError(message)
+
+
+def _end(done: Completed) -> str:
+    if done.killed:
+        return f"was ended: {done.killed}"
+    return f"crashed with signal {done.signal}" if done.signal else f"ended with exit code {done.exit_code}"
+
+
+def _entry(cookie: bytes) -> bytes:
+    """An entry of an authority file that holds for every host and number: family, then counted texts."""
+    texts = (b"", b"", b"MIT-MAGIC-COOKIE-1", cookie)
+    return b"\xff\xff" + b"".join(len(text).to_bytes(2, "big") + text for text in texts)

@@ -1,0 +1,142 @@
+"""A display of our own: reached from within a cell's sandbox, and gone with whoever started it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from spine.commandline import processes_of
+
+from harness import display, glprobe, machine
+from harness.process import Command, Limits, Profile, run
+
+PROBE = str(Path(glprobe.__file__))
+KEEPING = """
+import sys, time
+from pathlib import Path
+from harness.display import shown
+from harness.process import Command, Limits, Profile
+
+folder = Path(sys.argv[1])
+env, limits = {"DISPLAY": "virtual"}, Limits(seconds=1)
+with shown(Command(argv=(), cwd=folder, env=env, limits=limits, log=folder / "log", profile=Profile.HOST), folder):
+    print("there", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def xvfb() -> None:
+    """The test needs an X server without a screen."""
+    if display.program() is None:
+        pytest.skip("missing library: xvfb")
+
+
+def asking(folder: Path) -> Command:
+    """A command that asks OpenGL on its display, in a sandbox like a cell's; it answers in `answer.json`."""
+    (folder / "home").mkdir()
+    return Command(
+        argv=(sys.executable, "-I", "-S", PROBE, "display", str(folder / "answer.json")),
+        cwd=folder / "home",
+        env={**machine.base_environment(), "DISPLAY": "virtual"},
+        limits=Limits(seconds=60),
+        log=folder / "log.txt",
+        profile=Profile.CELL,
+        home=folder / "home",
+    )
+
+
+def server(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put a program called Xvfb before all others."""
+    program = folder / "Xvfb"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder))
+
+
+@pytest.mark.usefixtures("xvfb")
+class TestReach:
+    def test_from_the_sandbox(self, tmp_path: Path) -> None:
+        """A cell with processes, mounts and a TMPDIR of its own makes an OpenGL context on it."""
+        with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+            run(seen.command)
+            lost = seen.lost()
+
+        assert '"version":' in (tmp_path / "answer.json").read_text()
+        assert lost is None
+
+    def test_not_by_others(self, tmp_path: Path) -> None:
+        """Who does not know the cookie is turned away."""
+        with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+            run(replace(seen.command, env={**seen.command.env, "XAUTHORITY": "/nowhere"}))
+            name = seen.command.env["DISPLAY"]
+
+        assert (tmp_path / "answer.json").read_text() == f'{{"missing": "nothing answers at DISPLAY={name}"}}'
+
+    def test_two_at_once(self, tmp_path: Path) -> None:
+        """Each probe has one of its own, with a number that it chose itself."""
+        told = asking(tmp_path)
+        with display.shown(told, tmp_path / "a") as one, display.shown(told, tmp_path / "b") as other:
+            assert one.command.env["DISPLAY"] != other.command.env["DISPLAY"]
+
+
+@pytest.mark.usefixtures("xvfb")
+def test_ends_with_the_harness(tmp_path: Path) -> None:
+    """Nothing is left of it when the harness is killed."""
+    mark = f"MARK={tmp_path}"
+    argv = (sys.executable, "-c", KEEPING, str(tmp_path))
+    with subprocess.Popen(
+        argv, stdout=subprocess.PIPE, text=True, env={"MARK": str(tmp_path), "PATH": "/usr/bin"}
+    ) as one:
+        assert one.stdout
+        assert one.stdout.readline() == "there\n"
+        before = processes_of(mark)
+        one.kill()
+    until = time.monotonic() + 10
+    while processes_of(mark) and time.monotonic() < until:
+        time.sleep(0.05)
+
+    assert len(before) >= 2
+    assert processes_of(mark) == []
+
+
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("echo starting; echo 'no screens found' >&2; exit 1", "Xvfb ended with exit code 1: no screens found"),
+        ("kill -11 $$", "Xvfb crashed with signal 11"),
+    ],
+)
+def test_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, reason: str) -> None:
+    """Why there is none is told in the server's own words."""
+    server(tmp_path, script, monkeypatch)
+
+    with pytest.raises(display.NoDisplayError) as caught, display.shown(asking(tmp_path), tmp_path / "display"):
+        pass
+
+    assert str(caught.value) == reason
+
+
+def test_that_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that ends before its time is lost, and says how."""
+    server(tmp_path, "echo 77 >&3; exit 3", monkeypatch)
+
+    with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+        while not seen.lost():
+            time.sleep(0.01)
+
+        assert (seen.command.env["DISPLAY"], seen.lost()) == (":77", "the virtual display ended with exit code 3")
+
+
+def test_one_that_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A display that a matrix names is opened with the user's authority, of the usual place where no other is named."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XAUTHORITY", raising=False)
+    (tmp_path / ".Xauthority").touch()
+
+    with display.shown(replace(asking(tmp_path), env={"DISPLAY": ":4"}), tmp_path / "display") as seen:
+        assert seen.command.env == {"DISPLAY": ":4", "XAUTHORITY": str(tmp_path / ".Xauthority")}
