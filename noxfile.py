@@ -36,9 +36,17 @@ def tests(session: nox.Session) -> None:
 
 @nox.session(python="3.11")
 def endurance(session: nox.Session) -> None:
-    """Every combination measured by hand against the harness; writes the table of agreement."""
+    """Every combination measured by hand against the harness, with the table of agreement; every adapter."""
     session.install("-e", ".[dev]")
     session.run("python", "tests/real/agreement.py", *session.posargs)
+    session.run("pytest", "tests/real/test_adapters.py", env={"ENDURANCE": "1"})
+
+
+@nox.session(python="3.11")
+def controls(session: nox.Session) -> None:
+    """Every control of `matrices/controls/` for real; `-- --lock ID` makes a lock anew."""
+    session.install("-e", ".[dev]")
+    session.run("python", "tests/real/controls.py", *session.posargs)
 
 
 @nox.session(python="3.11")

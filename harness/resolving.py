@@ -13,7 +13,7 @@ from harness.plan import Ask
 from harness.store import Store
 
 
-class _Unobserved:
+class Unobserved:
     """Tells nobody: whoever asks tells how many questions there are."""
 
     def started(self, cell: Cell) -> None:
@@ -36,7 +36,7 @@ def asking(store: Store, settings: scheduler.Settings) -> Ask:
     or where a build failed: those are for the run to measure. A trouble of the network is CouldNotTell.
     """
     sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
-    runner = scheduler.Runner(store, settings, _Unobserved())
+    runner = scheduler.Runner(store, settings, Unobserved())
 
     def reason(cell: Cell) -> str | None:
         step = runner.prepare(cell).record.resolve

@@ -1,0 +1,141 @@
+"""Adapters on real releases: every check passes, and what an adapter gives is what a user's own loop gives.
+
+The releases are those of `adapters.toml`, which says how to add one. With ENDURANCE in the environment the heavy ones
+are run, too.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from harness import catalog, interpreters, launch, resolving, store
+from harness.model import Cell, CellRecord, Level, Outcome, Phase
+from harness.scheduler import Runner, Settings
+from harness.smoke.tried import CellUnderTest
+
+HERE = Path(__file__).parent
+DATA = tomllib.loads((HERE / "adapters.toml").read_text(encoding="utf-8"))
+RELEASES = [one for one in DATA["release"] if os.environ.get("ENDURANCE") or not one.get("endurance")]
+SEED, STEPS = 7, 20
+
+
+def name(release: dict[str, Any]) -> str:
+    """What a release is called in a test's id."""
+    return f"{release['api']}-{release['requirements'][0]}-py{release['python']}-{release['env']}"
+
+
+@pytest.fixture(scope="module")
+def runner(tmp_path_factory: pytest.TempPathFactory) -> Runner:
+    """Takes cells through their phases, in a state and a cache of these tests alone."""
+    folder = tmp_path_factory.mktemp("adapters")
+    patch = pytest.MonkeyPatch()
+    patch.setenv("HARNESS_STATE", str(folder / "state"))
+    patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
+    yield Runner(store.open_store(), Settings(), resolving.Unobserved())
+    patch.undo()
+
+
+CASE = ("api", "env", "kwargs", "imports", "checks", "timeouts", "memory_mb")
+OWN = ("python", "skipped", "observation", "by_hand", "findings", "endurance")
+
+
+def cell(release: dict[str, Any], folder: Path) -> Cell:
+    """A release as a matrix of one cell would have it."""
+    if interpreters.find(release["python"]) is None:
+        pytest.skip(f"unavailable: python{release['python']}")
+    case = {key: release[key] for key in CASE if key in release}
+    table = {
+        "snapshot": DATA["snapshot"],
+        "axes": {"python": [release["python"]]},
+        "cases": [{"id": "c", "steps": 30, **case}],
+        **{key: value for key, value in release.items() if key not in (*CASE, *OWN)},
+    }
+    path = folder / "adapters.toml"
+    path.write_text("".join(f"{key} = {toml(value)}\n" for key, value in table.items()), encoding="utf-8")
+    (found,) = catalog.load(str(path), print).cells
+    return found
+
+
+def toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    match value:
+        case dict():
+            return "{" + ", ".join(f"{json.dumps(key)} = {toml(one)}" for key, one in value.items()) + "}"
+        case list():
+            return f"[{', '.join(map(toml, value))}]"
+        case _:
+            return json.dumps(value)
+
+
+@pytest.mark.parametrize("release", RELEASES, ids=name)
+def test_a_release_is_driven_as_a_user_drives_it(release: dict[str, Any], runner: Runner, tmp_path: Path) -> None:
+    """Every check passes without a finding but those that are known, and each value is that of a loop by hand."""
+    asked = cell(release, tmp_path)
+    record = runner.measure(asked)
+    assert seen(record) == {check: wanted(check, release) for check in asked.cases[0].checks}
+    assert surprising(record, release) == []
+    told = witnessed(runner, asked, release)
+    assert told["complaints"] == []
+    assert len(told["adapter"]) > 1
+    assert told["adapter"] == told["by_hand"]
+    assert described(told["adapter"][0][0]) == release["observation"]
+
+
+def wanted(check: str, release: dict[str, Any]) -> tuple[str, str | None]:
+    """How a check has to end."""
+    return ("skipped" if check in release.get("skipped", ()) else "passed"), None
+
+
+def seen(record: CellRecord) -> dict[str, tuple[str, str | None]]:
+    """How each check ended; why, where it went wrong."""
+    steps = [step for step in (record.resolve, record.install) if step and step.outcome is not Outcome.PASSED]
+    assert not steps, steps[0].decisive
+    assert not record.unavailable, record.unavailable
+    checks = [check for case in record.cases for phase in case.phases for check in phase.checks]
+    fine = {Outcome.PASSED, Outcome.SKIPPED}
+    return {one.check: (one.outcome.value, None if one.outcome in fine else one.decisive) for one in checks}
+
+
+def surprising(record: CellRecord, release: dict[str, Any]) -> list[str]:
+    """Warnings that the data file does not know."""
+    known = release.get("findings", ())
+    found = [finding for case in record.cases for phase in case.phases for finding in phase.findings]
+    texts = [f"{one.check}: {one.text}" for one in found if one.level is Level.WARNING]
+    return [text for text in texts if not any(re.search(pattern, text) for pattern in known)]
+
+
+def witnessed(runner: Runner, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
+    """What the adapter and the loop by hand give, told from inside the cell."""
+    installing = replace(runner, settings=Settings(until=Phase.INSTALL))
+    ready = installing.prepare(replace(asked, cases=()))
+    assert ready.site
+    inside = CellUnderTest(
+        id=asked.id, axes={}, version="", installed=ready.record.installed or {}, expect=None, site=ready.site
+    )
+    question = {
+        "incell": str(launch.INCELL),
+        "case": msgspec.to_builtins(asked.cases[0]),
+        "by_hand": DATA["by_hand"][release["by_hand"]],
+        "seed": SEED,
+        "steps": STEPS,
+    }
+    source = (HERE / "witness.py").read_text(encoding="utf-8")
+    ran = inside.run(f"import json\nASKED = json.loads({json.dumps(question)!r})\n{source}", timeout=300)
+    line = next(line for line in ran.output.splitlines() if line.startswith("WITNESS "))
+    return dict(json.loads(line.removeprefix("WITNESS ")))
+
+
+def described(observation: Any) -> str:
+    """Shape and dtype, of each part of a dict."""
+    if isinstance(observation, dict):
+        return ", ".join(f"{key}: {described(part)}" for key, part in observation.items())
+    return str(observation[0])

@@ -1,0 +1,74 @@
+"""Runs in a cell: what an adapter gives, and what a loop by hand gives for the same actions, as one line of JSON.
+
+The harness writes `ASKED` before it.
+"""
+
+import copy
+import importlib
+import json
+import sys
+
+
+def enter(folder):
+    """Come into the cell's side as a probe does."""
+    sys.path.insert(0, folder)
+    importlib.import_module("bootstrap").enter()
+
+
+def plain(value):
+    """Shape, dtype and values, by key or position."""
+    if hasattr(value, "items"):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [plain(item) for item in value]
+    numpy = importlib.import_module("numpy")
+    array = numpy.asarray(value)
+    return [f"{array.shape} {array.dtype}", array.tolist() if array.dtype.kind != "O" else repr(value)]
+
+
+def entry(observation, reward=None, terminated=None, truncated=None):
+    """One reset or step."""
+    return [plain(copy.deepcopy(observation))] + [
+        None if one is None else float(one) for one in (reward, terminated, truncated)
+    ]
+
+
+def by_adapter(case, seed, steps):
+    """The entries that the adapter gives, its actions, and what it complains of."""
+    adapter = importlib.import_module("_simmatrix_cell.api_" + case["api"]).API
+    complaints = []
+    for name in case["imports"] + adapter.modules(case):
+        importlib.import_module(name)
+    env = adapter.make(case, lambda kind, text: complaints.append(text))
+    env.seed_actions(seed)
+    entries, actions = [entry(env.reset(seed))], []
+    while len(actions) < steps:
+        actions.append(copy.deepcopy(env.action()))
+        values = env.step(actions[-1])
+        entries.append(entry(*values))
+        if values[2] or values[3]:
+            break
+    env.close()
+    return entries, actions, complaints
+
+
+def by_hand(source, case, seed, actions):
+    """The entries that a loop without the harness gives."""
+    entries = []
+    prefix, colon, rest = case["env"].partition(":")
+    names = {"API": case["api"], "ENV": rest if colon and prefix == case["api"] else case["env"], "SEED": seed}
+    names.update(KWARGS=case["kwargs"], ACTIONS=actions, tell=lambda *values: entries.append(entry(*values)))
+    exec(compile(source, "by hand", "exec"), names)
+    return entries
+
+
+def main(asked):
+    """Tell of both."""
+    enter(asked["incell"])
+    adapted, actions, complaints = by_adapter(asked["case"], asked["seed"], asked["steps"])
+    made = by_hand(asked["by_hand"], asked["case"], asked["seed"], actions)
+    print("\nWITNESS " + json.dumps({"adapter": adapted, "by_hand": made, "complaints": complaints}), flush=True)
+
+
+if __name__ == "__main__":
+    main(ASKED)  # noqa: F821
