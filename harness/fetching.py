@@ -120,7 +120,7 @@ class Bringing:
         asked = _Resolved(record=record, interpreter=interpreter)
         lock = self.store.load_lock(question_key(record.cell.question, interpreter))
         if record.lock is None or not isinstance(lock, Lock):
-            return replace(asked, step=record.resolve)
+            return replace(asked, step=record.install or record.resolve)  # metadata may be what a build makes
         supplied = overlays.supplied(lock, record.cell.question)
         if isinstance(supplied, Step):
             return replace(asked, step=supplied)

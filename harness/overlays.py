@@ -12,7 +12,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness import builds, environments, index, interpreters, locks, mending, repairs, uv
-from harness.errors import BadInput, CouldNotTell
+from harness.errors import CouldNotTell
 from harness.filelocks import exclusive
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
 from harness.store import cache_folder, digest, write_atomic
@@ -40,7 +40,10 @@ def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock |
     made = {}
     pins = {pin.artifact.sha256: pin for pin in lock.pins if not Path(pin.artifact.source).is_file()}
     for repair in repairs.used(question.overlay, pins):
-        path = wheel(repair, question.index, offline=offline)
+        try:
+            path = wheel(repair, question.index, offline=offline)
+        except index.UnknownPackage as error:
+            path = _failed(repair, str(error))
         if isinstance(path, Step):
             return replace(path, phase=Phase.INSTALL)
         pin = pins[repair.wheel]
@@ -49,19 +52,21 @@ def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock |
 
 
 def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> Path | Step:
-    """The repaired wheel, made now or before; what gets in the way of that is never the fault of a package."""
-    key = digest("overlay", repair.wheel)
-    with exclusive(cache_folder() / "wheels" / "requests" / f"{key}.lock"):
-        known = builds.kept(key)
+    """The repaired wheel, made now or before; what gets in the way of that is never the fault of a package.
+
+    Raises index.UnknownPackage where no place has a package of its name.
+    """
+    folder = _folder(repair)
+    with exclusive(folder.with_name("requests") / f"{folder.name}.lock"):
+        known = builds.kept(folder.name)
         if known and known.sha256 == repair.wheel:
             return known.path
         made = _made(repair, settings, offline=offline)
         if isinstance(made, Step):
             return made
         name, content = made
-        path = cache_folder() / "wheels" / key / name
-        write_atomic(path, content)
-        return path
+        write_atomic(folder / name, content)
+        return folder / name
 
 
 def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes] | Step:
@@ -73,7 +78,7 @@ def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[st
     question = Question(requirements=(), build_constraints=repair.build, index=settings)
     try:
         artifact = index.find(repair.name, repair.sdist, settings, offline=offline)
-    except (BadInput, CouldNotTell) as error:
+    except CouldNotTell as error:
         return _failed(repair, str(error))
     pin = Pin(name=repair.name, version=repair.version, artifact=artifact, hashes=(repair.sdist,))
 
@@ -114,7 +119,10 @@ def _led(question: Question, *, offline: bool) -> Question | Step:
     """The question with the folders of its repaired wheels among the places to look at."""
     links = []
     for repair in repairs.fitting(question.overlay, question):
-        path = wheel(repair, question.index, offline=offline)
+        try:
+            path = wheel(repair, question.index, offline=offline)
+        except index.UnknownPackage:
+            continue  # a resolution cannot come to it: `try --overlay` offers all that there are
         if isinstance(path, Step):
             return path
         links.append(str(path.parent))
@@ -126,11 +134,18 @@ def _dated(answer: Lock | Step, question: Question) -> Lock | Step:
     """The lock in which a repaired wheel is as old as its sdist: so it did not escape the cutoff."""
     if isinstance(answer, Step) or not question.overlay:
         return answer
-    uploaded = {repair.wheel: repair.uploaded for repair in question.overlay}
-    pins = [
-        replace(pin, artifact=replace(pin.artifact, uploaded=uploaded[pin.artifact.sha256]))
-        if pin.artifact.sha256 in uploaded
-        else pin
-        for pin in answer.pins
-    ]
-    return locks.assembled(pins, answer.instant)
+    known = {repair.wheel: repair for repair in question.overlay}
+    return locks.assembled((_as_made(pin, known.get(pin.artifact.sha256)) for pin in answer.pins), answer.instant)
+
+
+def _as_made(pin: Pin, repair: Repair | None) -> Pin:
+    """A pin with the age of its sdist and the path of its wheel, where that was repaired."""
+    if repair is None:
+        return pin
+    source = str(_folder(repair) / pin.artifact.filename)
+    return replace(pin, artifact=replace(pin.artifact, source=source, uploaded=repair.uploaded))
+
+
+def _folder(repair: Repair) -> Path:
+    """Where the repaired wheel lies, and nothing else."""
+    return cache_folder() / "wheels" / digest("overlay", repair.wheel)

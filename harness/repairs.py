@@ -46,9 +46,7 @@ class RecipeTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     package: PackageName
     reason: Annotated[str, msgspec.Meta(min_length=1)]
     link: str
-    build: Annotated[
-        tuple[Requirement, ...], msgspec.Meta(min_length=1, description="all that the sdist is built with, pinned")
-    ]
+    build: Annotated[tuple[Requirement, ...], msgspec.Meta(description="all that the sdist is built with, pinned")]
     python: Annotated[str, msgspec.Meta(description="the Pythons that can build it, as a specifier")]
     edits: Annotated[tuple[EditTable, ...], msgspec.Meta(min_length=1)]
     releases: Annotated[tuple[ReleaseTable, ...], msgspec.Meta(min_length=1)]

@@ -1,0 +1,156 @@
+"""Repaired releases: made from the index's own sdist, resolved, locked by hash, restored elsewhere."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import recipes
+
+from harness import environments, interpreters, overlays, repairs
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
+
+INVALID, NARROW = recipes.WHEELS
+
+
+@pytest.fixture
+def asked(workplace: Path, wheelhouse: Path, offline_index: IndexSettings) -> Question:
+    """Both fakes that have a recipe, repaired."""
+    overlay = [repairs.read(recipes.recipe(name, wheelhouse), "x.toml")[0] for name in recipes.WHEELS]
+    return Question(requirements=(INVALID, NARROW), index=offline_index, overlay=tuple(overlay))
+
+
+def resolved(question: Question, python: Interpreter, folder: Path) -> Lock:
+    """The lock of a question."""
+    lock = overlays.resolve(question, python, folder)
+    assert isinstance(lock, Lock), lock.decisive
+    return lock
+
+
+def test_a_repaired_release_is_found_locked_and_installed(asked: Question, host: Interpreter, tmp_path: Path) -> None:
+    """The lock names the repaired wheels by the hashes that the recipes promise; what they require comes along."""
+    lock = resolved(asked, host, tmp_path / "state" / "x")
+
+    assert {pin.name: pin.artifact.sha256 for pin in lock.pins if pin.name in recipes.WHEELS} == recipes.WHEELS
+    assert lock.versions == {"fake-metadata-invalid": "1.0", "fake-plain": "3.0", "fake-too-narrow": "1.0"}
+    assert all(mark in lock.requirements for mark in recipes.WHEELS.values())
+
+    made = environments.ensure(lock, host, asked)
+
+    assert isinstance(made, environments.Environment), made.decisive
+    assert (environments.verify(made), made.findings) == ((), ())
+
+
+def test_the_wheel_is_the_same_by_whatever_python(
+    asked: Question, host: Interpreter, other: Interpreter, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Built by another Python, on a machine with an empty cache, it has the hash that the recipe promises."""
+    monkeypatch.setattr(interpreters, "available", lambda minor=None: (other,))
+
+    assert resolved(asked, host, tmp_path / "state" / "x").versions[INVALID] == "1.0"
+    requests = {path.name for path in (tmp_path / "cache" / "wheels" / "requests").glob("*.txt")}
+    assert len(requests) == 2
+
+
+def test_a_lock_is_restored_where_the_wheel_was_never_made(
+    asked: Question, host: Interpreter, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A committed lock and the recipe are enough for another machine; without the recipe it says what is missing."""
+    lock = resolved(asked, host, tmp_path / "state" / "x")
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "elsewhere"))
+
+    restored = overlays.restore(lock.requirements, asked, host, tmp_path / "state" / "y")
+    assert isinstance(restored, Lock)
+    assert restored.requirements == lock.requirements
+    assert all((tmp_path / "elsewhere") in Path(pin.artifact.source).parents for pin in restored.pins[::2])
+
+    bare = overlays.restore(lock.requirements, replace(asked, overlay=()), host, tmp_path / "state" / "z")
+    assert isinstance(bare, Step)
+    assert (bare.outcome, bare.decisive) == (
+        Outcome.INFRA,
+        "no index or find-links place that was asked has fake-metadata-invalid 1.0 with a hash of the lock; lock anew",
+    )
+
+
+def test_a_wheel_that_is_gone_is_made_anew(asked: Question, host: Interpreter, tmp_path: Path) -> None:
+    """A lock of before outlives the cache; a wheel that is there is not made again."""
+    lock = resolved(asked, host, tmp_path / "state" / "x")
+    sources = {pin.name: Path(pin.artifact.source) for pin in lock.pins}
+    before = sources[NARROW].stat().st_mtime_ns
+    sources[INVALID].unlink()
+
+    supplied = overlays.supplied(lock, asked)
+
+    assert isinstance(supplied, Lock)
+    assert {pin.name: Path(pin.artifact.source) for pin in supplied.pins} == sources
+    assert sources[INVALID].is_file()
+    assert sources[NARROW].stat().st_mtime_ns == before
+
+
+def test_nothing_is_repaired_before_it_was_released(asked: Question, host: Interpreter, tmp_path: Path) -> None:
+    """A repaired wheel is as old as its sdist: the cutoff keeps it out, or it did not escape the cutoff."""
+    early = replace(asked, requirements=(NARROW,), snapshot="2021-10-06T22:04:24Z")
+    step = overlays.resolve(early, host, tmp_path / "state" / "x")
+    assert isinstance(step, Step)
+    assert (step.phase, step.outcome) == (Phase.RESOLVE, Outcome.FAILED)
+    assert not list((tmp_path / "cache").glob("wheels/*/*.whl"))
+
+    late = replace(asked, requirements=(NARROW,), snapshot=recipes.UPLOADED)
+    lock = resolved(late, host, tmp_path / "state" / "y")
+    assert lock.escaped == ()
+    assert [pin.artifact.uploaded for pin in lock.pins] == [recipes.UPLOADED]
+
+
+def test_a_wheel_that_is_not_the_promised_one_is_refused(
+    asked: Question, host: Interpreter, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It is nobody's fault but ours, and both hashes are told."""
+    monkeypatch.setattr(interpreters, "available", lambda minor=None: (host,))
+    wrong = replace(asked, overlay=(replace(asked.overlay[1], wheel="f" * 64),), requirements=(NARROW,))
+
+    step = overlays.resolve(wrong, host, tmp_path / "state" / "x")
+
+    assert isinstance(step, Step)
+    assert (step.outcome, step.decisive) == (
+        Outcome.INFRA,
+        f"fake-too-narrow 1.0 could not be repaired: the SHA-256 is {recipes.WHEELS[NARROW]} "
+        f"(built by Python {host.version}), and the recipe says {'f' * 64}",
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "ended"),
+    [
+        ({"sdist": "e" * 64},
+         (Outcome.INFRA, "no index or find-links place that was asked has the file of fake-too-narrow "
+                         f"with the SHA-256 {'e' * 64}")),
+        ({"python": ">=4"},
+         (Outcome.UNAVAILABLE, "its repaired wheel is built by a Python >=4, and there is none here")),
+    ],
+)  # fmt: skip
+def test_what_it_cannot_be_made_of_is_named(
+    more: dict[str, Any], ended: tuple[Outcome, str], asked: Question, host: Interpreter, tmp_path: Path
+) -> None:
+    """Another sdist than the recipe's, or no Python to build it, says nothing about packages."""
+    wrong = replace(asked, overlay=(replace(asked.overlay[1], **more),), requirements=(NARROW,))
+
+    step = overlays.resolve(wrong, host, tmp_path / "state" / "x")
+
+    assert isinstance(step, Step)
+    assert (step.outcome, step.decisive) == (ended[0], f"fake-too-narrow 1.0 could not be repaired: {ended[1]}")
+
+
+def test_only_the_named_lines_change(asked: Question, host: Interpreter, tmp_path: Path) -> None:
+    """The metadata of the repaired wheel is that of the sdist but for the line of the recipe."""
+    lock = resolved(asked, host, tmp_path / "state" / "x")
+    path = next(pin.artifact.source for pin in lock.pins if pin.name == INVALID)
+
+    with zipfile.ZipFile(path) as wheel:
+        metadata = wheel.read("fake_metadata_invalid-1.0.dist-info/METADATA").decode()
+
+    assert metadata == (
+        "Metadata-Version: 2.1\nName: fake-metadata-invalid\nVersion: 1.0\nRequires-Dist: fake-plain (>=3)\n"
+    )

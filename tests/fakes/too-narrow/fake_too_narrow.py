@@ -1,0 +1,1 @@
+WORD = "too narrow by its metadata"
