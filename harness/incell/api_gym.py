@@ -1,5 +1,5 @@
-"""The adapter of gym."""
+"""The adapter of gym, every generation."""
 
-from .cell_family import Family
+from .cell_classic import Gym
 
-API = Family("gym")
+API = Gym()

@@ -26,7 +26,11 @@ class Family(Adapter):
         """Make the environment of a case."""
         with library:
             raw = self.bare(case, **({"render_mode": "rgb_array"} if draw else {}))
-        return Modern(raw, Examiner(self._part("spaces"), raw, tell))
+        return self.driven(raw, tell)
+
+    def driven(self, raw, tell, batch=None):
+        """Drive the library's object as users do; `batch` is how many environments it holds."""
+        return Modern(raw, Examiner(self._part("spaces"), raw, tell, batch))
 
     def bare(self, case, **more):
         """Make the library's own object."""
@@ -37,7 +41,7 @@ class Family(Adapter):
         with library:
             vector = self._part("vector")
             raw = vector.SyncVectorEnv(makers) if way is None else vector.AsyncVectorEnv(makers, **way)
-        return Modern(raw, Examiner(self._part("spaces"), raw, tell, batch=len(makers)))
+        return self.driven(raw, tell, batch=len(makers))
 
     def check_env(self, case):
         """Run the library's own checker."""
@@ -50,11 +54,15 @@ class Family(Adapter):
         """Whether the environment names the render mode rgb_array."""
         try:
             raw = self.bare(case)
-            modes = raw.metadata.get("render_modes", ())
+            modes = self.pictures(raw)
             raw.close()
         except Exception:
             return True
         return "rgb_array" in modes
+
+    def pictures(self, raw):
+        """The render modes that an environment names."""
+        return raw.metadata.get("render_modes", ())
 
     def _part(self, name):
         return importlib.import_module("{}.{}".format(self.name, name))

@@ -7,8 +7,10 @@ class Examiner:
     """Looks at the values of one environment: raises where a user could not go on, tells of lesser things.
 
     `batch` is None for a single environment, else the number of them in a vector environment. `tell` takes a kind
-    (`type`, `space`) and a text.
+    (`type`, `space`) and a text. `casting` is how another dtype than that of the space may be cast to it.
     """
+
+    casting = "safe"
 
     def __init__(self, spaces, env, tell, batch=None):
         self.spaces = spaces
@@ -44,7 +46,7 @@ class Examiner:
         elif isinstance(space, self.spaces.Tuple):
             self._tuple(space, value, where, told)
         elif isinstance(space, (self.spaces.Box, self.spaces.MultiDiscrete, self.spaces.MultiBinary)):
-            array_of(value, space.shape, space.dtype, where, told)
+            array_of(value, space.shape, space.dtype, where, told, casting=self.casting)
         elif isinstance(space, self.spaces.Discrete):
             _integer(value, where)
         else:
@@ -98,19 +100,22 @@ def flag(name, value, tell, shape=()):
         tell("type", "step() returned {} as {}, not as bool".format(name, shown(value)))
 
 
-def array_of(value, shape, dtype, where, told):
-    """Examine an array of this shape and dtype; lesser things are appended to `told`."""
+def array_of(value, shape, dtype, where, told, promise="space", *, casting="safe"):  # noqa: PLR0913 - of one promise
+    """Examine an array of this shape and dtype, promised by a `promise`; lesser things are appended to `told`.
+
+    Another dtype that can be cast in this way is one of them.
+    """
     import numpy as np
 
     array = numbers(value, where)
     if array.shape != tuple(shape):
-        violate("{} has shape {}, its space {}", where, array.shape, tuple(shape))
+        violate("{} has shape {}, its {} {}", where, array.shape, promise, tuple(shape))
     if not isinstance(value, (np.ndarray, np.generic)):
         told.append("{} is {} where an array was promised".format(where, shown(value)))
     elif array.dtype != dtype:
-        if not np.can_cast(array.dtype, dtype):
-            violate("{} has dtype {}, its space {}", where, array.dtype, dtype)
-        told.append("{} has dtype {}, its space {}".format(where, array.dtype, dtype))
+        if not np.can_cast(array.dtype, dtype, casting):
+            violate("{} has dtype {}, its {} {}", where, array.dtype, promise, dtype)
+        told.append("{} has dtype {}, its {} {}".format(where, array.dtype, promise, dtype))
     _finite(array, where)
 
 
