@@ -1,5 +1,9 @@
 """Scenes for simulators that bring none, as texts that MuJoCo, MJX and MuJoCo-Warp read alike."""
 
+import os
+
+from .cell_errors import library
+
 SPHERE = """
 <mujoco model="sphere">
   <option timestep="0.002"/>
@@ -30,15 +34,54 @@ SPHERE = """
 After 50 steps of 2 ms the first is at 0.949969 m in every simulator.
 """
 
-SCENES = {"sphere": SPHERE}
+MARKERS = """
+<mujoco model="markers">
+  <visual>
+    <headlight ambient="0 0 0" diffuse="0 0 0" specular="0 0 0"/>
+  </visual>
+  <asset>
+    <material name="red" rgba="1 0 0 1" emission="1"/>
+    <material name="green" rgba="0 1 0 1" emission="1"/>
+    <material name="blue" rgba="0 0 1 1" emission="1"/>
+  </asset>
+  <worldbody>
+    <camera name="front" pos="0 -3 0" xyaxes="1 0 0 0 0 1"/>
+    <geom type="box" size="0.6 0.1 0.2" pos="0 0 0.8" material="red" contype="0" conaffinity="0"/>
+    <geom type="box" size="0.6 0.1 0.2" pos="0 0 -0.8" material="blue" contype="0" conaffinity="0"/>
+    <body name="arm">
+      <joint name="turn" type="hinge" axis="0 1 0" damping="0.02"/>
+      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.05" mass="0.1" material="green" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="turn" gear="1" ctrllimited="true" ctrlrange="-1 1"/>
+  </actuator>
+  <sensor>
+    <jointpos joint="turn"/>
+    <jointvel joint="turn"/>
+  </sensor>
+</mujoco>
+"""
+"""A red box above and a blue one below, which light from themselves, and an arm with a motor that turns between them."""
+
+SCENES = {"sphere": SPHERE, "markers": MARKERS}
+PICTURES = {"markers": {"above": "#ff0000", "below": "#0000ff"}}
+"""Two colours of a right picture."""
+
+
+def named(case):
+    """What a case is about: its environment without the name of the API before it."""
+    return case["env"].partition(":")[2] or case["env"]
 
 
 def load(mujoco, case):
     """Make the MjModel of a case: `PREFIX:NAME` is a scene of ours, `PREFIX:FILE.xml` a file where the cell runs."""
-    name = case["env"].partition(":")[2] or case["env"]
-    if name.endswith(".xml"):
-        return mujoco.MjModel.from_xml_path(name)
+    name = named(case)
+    if name.endswith(".xml") and os.path.isfile(name):
+        with library:
+            return mujoco.MjModel.from_xml_path(name)
     if name not in SCENES:
-        message = "there is no scene {!r}: write {}, or the name of an .xml file".format(name, ", ".join(SCENES))
-        raise LookupError(message)
-    return mujoco.MjModel.from_xml_string(SCENES[name])
+        message = "no scene and no file: {!r}; write {}, or a file that `files` of the matrix puts into HOME"
+        raise LookupError(message.format(name, ", ".join(SCENES)))
+    with library:
+        return mujoco.MjModel.from_xml_string(SCENES[name])

@@ -1,0 +1,121 @@
+"""The adapter of dm_control's suite: `dm_control:cheetah/run` is a domain and a task, and environments speak dm_env."""
+
+import importlib
+
+from .cell_adapter import Adapter, Environment
+from .cell_errors import library, violate
+from .cell_values import array_of, scalar, shown
+
+FIELDS = ("step_type", "reward", "discount", "observation")
+UNBOUNDED = 1e9
+"""A bound beyond this (MuJoCo's own largest is 1e10) is none."""
+
+
+class Suite(Adapter):
+    """The calls of a user: `suite.load`, reset, step, `physics.render`."""
+
+    imports = ("dm_control.suite",)
+
+    def make(self, case, tell, draw=False):
+        """Load the task, which takes its randomness then; any task draws."""
+        domain, _, task = case["env"].rpartition(":")[2].partition("/")
+        options = dict(case["kwargs"])
+        options["task_kwargs"] = dict({"random": case["seed"]}, **options.get("task_kwargs", {}))
+        with library:
+            raw = importlib.import_module("dm_control.suite").load(domain, task, **options)
+        return Task(raw, tell)
+
+
+class Task(Environment):
+    """An environment of dm_env whose physics can be asked and drawn."""
+
+    def __init__(self, raw, tell):
+        import numpy as np
+
+        super().__init__(tell)
+        self.raw = raw
+        self.random = np.random.RandomState(0)
+        with library:
+            self.promised = raw.observation_spec()
+            self.actions = raw.action_spec()
+
+    def reset(self, seed=None):
+        """Start an episode; the seed is given to the generator that the task was loaded with."""
+        with library:
+            if seed is not None:
+                self.raw.task.random.seed(seed)
+            first = self.raw.reset()
+        self._examine("reset()", first, ("FIRST",))
+        if first.reward is not None or first.discount is not None:
+            self.tell("type", "reset() returned a time step that has a reward or a discount")
+        return first.observation
+
+    def step(self, action):
+        """Make one step; the end of an episode with a discount is a truncation."""
+        with library:
+            result = self.raw.step(action)
+        self._examine("step()", result, ("MID", "LAST"))
+        scalar(result.reward, "step() returned a reward")
+        scalar(result.discount, "step() returned a discount")
+        if not 0 <= result.discount <= 1:
+            violate("step() returned a discount of {}, not between 0 and 1", result.discount)
+        ended = result.step_type.name == "LAST"
+        return result.observation, result.reward, ended and result.discount == 0, ended and result.discount != 0
+
+    def _examine(self, call, result, types):
+        """Examine the parts of a time step, its observation against the specs."""
+        if not isinstance(result, tuple) or getattr(result, "_fields", None) != FIELDS:
+            violate("{} returned {}, not a time step of dm_env", call, shown(result))
+        named = getattr(result.step_type, "name", None)
+        if named not in types:
+            violate("{} returned a time step of type {}, not {}", call, result.step_type, " or ".join(types))
+        found, promised = result.observation, self.promised
+        if not hasattr(found, "keys") or set(found) != set(promised):
+            violate("{} returned {} as observation, not {}", call, shown(found), ", ".join(promised))
+        told = []
+        for name, spec in promised.items():
+            where = "{} returned an observation that at {!r}".format(call, name)
+            array_of(found[name], spec.shape, spec.dtype, where, told, "spec")
+        for text in told:
+            self.tell("type", text)
+
+    def draw(self):
+        """Draw what the first camera of the model sees, or the free one."""
+        camera = 0 if self.raw.physics.model.ncam else -1
+        return self.raw.physics.render(height=240, width=320, camera_id=camera)
+
+    def get_state(self):
+        """Positions, velocities and activations."""
+        with library:
+            return self.raw.physics.get_state()
+
+    def set_state(self, state):
+        """Put a state back as the documentation has it: after a reset of the physics, all derived values made anew."""
+        with library, self.raw.physics.reset_context():
+            self.raw.physics.set_state(state)
+
+    def seed_actions(self, seed):
+        """Seed what draws actions."""
+        self.random.seed(seed)
+
+    def action(self):
+        """Draw an action within its bounds, from a normal distribution where it has none."""
+        low, high = self.actions.minimum, self.actions.maximum
+        bounded = (abs(low) < UNBOUNDED) & (abs(high) < UNBOUNDED)
+        values = self.random.standard_normal(self.actions.shape)
+        uniform = self.random.uniform(low * bounded, high * bounded)
+        values[bounded] = uniform[bounded]
+        return values.astype(self.actions.dtype)
+
+    def describe(self):
+        """The specs."""
+        with library:
+            specs = {"observation_space": self.promised, "action_space": self.actions}
+            return {name: str(spec)[:500] for name, spec in specs.items()}
+
+    def close(self):
+        """Close the environment."""
+        self.raw.close()
+
+
+API = Suite()
