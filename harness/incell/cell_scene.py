@@ -62,7 +62,7 @@ MARKERS = """
   </sensor>
 </mujoco>
 """
-"""A red box above and a blue one below, which light from themselves, and an arm with a motor that turns between them."""
+"""A red box above and a blue one below, which shine by themselves, and an arm with a motor that turns between them."""
 
 SCENES = {"sphere": SPHERE, "markers": MARKERS}
 PICTURES = {"markers": {"above": "#ff0000", "below": "#0000ff"}}
