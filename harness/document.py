@@ -90,10 +90,11 @@ def marks() -> Callable[[Cell], str]:
     known: dict[tuple[int, ...], str] = {}
 
     def mark(cell: Cell) -> str:
-        key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs)))  # shared between cells
+        key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs, cell.system)))  # shared between cells
         if key not in known:
             question = dataclasses.replace(cell.question, index=IndexSettings(), snapshot=None)
-            asked = msgspec.json.encode((question, cell.cases, cell.files, cell.needs), order="deterministic")
+            around = (cell.files, cell.needs, *([cell.system] if cell.system else []))
+            asked = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
             known[key] = sha256(asked).hexdigest()[:16]
         return known[key]
 

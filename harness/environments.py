@@ -23,7 +23,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness import builds, downloads, locks, process, sdists, uvcli, uvsays
+from harness import builds, downloads, locks, process, sdists, uvcli, uvsays, warming
 from harness.filelocks import exclusive, use
 from harness.launch import LEADS_ON
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
@@ -69,9 +69,13 @@ def mode() -> str:
     return "copy" if process.sandbox_mode() == process.UNSEALED else "hardlink"
 
 
-def environment_key(interpreter: Interpreter, wheels: Iterable[Wheel]) -> str:
-    """What an environment is a pure function of: the interpreter, and name, version and mark of every wheel."""
-    return digest("environment", interpreter.identity, sorted((one.name, one.version, one.mark) for one in wheels))
+def environment_key(interpreter: Interpreter, wheels: Iterable[Wheel], compiled: Iterable[str] = ()) -> str:
+    """What an environment is a pure function of: the interpreter, and name, version and mark of every wheel.
+
+    `compiled` are the marks of what is compiled in it (`warming.marks`).
+    """
+    marks = sorted((one.name, one.version, one.mark) for one in wheels)
+    return digest("environment", interpreter.identity, marks, *compiled)
 
 
 def ensure(
@@ -86,7 +90,8 @@ def ensure(
     wheels = wheels_of(lock, interpreter, question, offline=offline, chain=chain)
     if isinstance(wheels, Step):
         return replace(wheels, seconds=monotonic() - started)
-    path = cache_folder() / "environments" / environment_key(interpreter, wheels)
+    compiled = warming.marks({one.name for one in wheels}, question)
+    path = cache_folder() / "environments" / environment_key(interpreter, wheels, compiled)
     made = _provided(path, lambda: _make(path, wheels, interpreter, question, offline=offline))
     if isinstance(made, Step):
         return replace(made, seconds=monotonic() - started)
@@ -255,6 +260,8 @@ def _make(
 ) -> _Stamp | Step:
     """Make it in its own place, since scripts name their interpreter by path; what is left of another goes first."""
     shutil.rmtree(path, ignore_errors=True)
+    names = {one.name for one in wheels}
+    how = "copy" if warming.recipes(names) else mode()  # what compiles there may not write through links
     if not offline:
         downloads.announce([one.artifact for one in wheels], _known_hashes(path.parent))
     with uvcli.scratch() as scratch:
@@ -265,27 +272,31 @@ def _make(
             cache=uvcli.shared_cache(),
             offline=offline,
         )
-        failed = _fill(call, path, wheels, interpreter, open_store().evidence(f"install-{path.name}") / "uv.log")
+        log = open_store().evidence(f"install-{path.name}") / "uv.log"
+        failed = _fill(call, path, wheels, interpreter, log, how)
     found = installed(path)
     failed = failed or _difference(found, {one.name: _plain(one.version) for one in wheels})
-    if failed:
+    warmed = failed or warming.warm(path, names, question)
+    if isinstance(warmed, Step):
         shutil.rmtree(path, ignore_errors=True)
-        return failed
+        return warmed
     if below:
         (site,), (more,) = (list(_site_packages(one)) for one in (path, below))
         (site / LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
         key=path.name,
-        link_mode=mode(),
+        link_mode=how,
         installed=found,
         hashes=tuple(sorted(one.artifact.sha256 for one in wheels)),
-        findings=tuple(_beyond_python(path, interpreter)),
+        findings=(*_beyond_python(path, interpreter), *warmed),
     )
     write_atomic(path / "stamp.json", msgspec.json.encode(stamp))
     return stamp
 
 
-def _fill(call: uvcli.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path) -> Step | None:
+def _fill(
+    call: uvcli.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path, how: str
+) -> Step | None:
     said = uvcli.create(call, path, interpreter)
     if not said.ok:
         line = said.trouble or uvsays.failure(said.text, Phase.INSTALL).decisive
@@ -296,7 +307,7 @@ def _fill(call: uvcli.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: 
         return None
     pylock = call.folder / "pylock.toml"
     pylock.write_text(locks.to_install((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
-    said = uvcli.install(call, path / "bin" / "python", pylock, mode())
+    said = uvcli.install(call, path / "bin" / "python", pylock, how)
     if said.ok:
         return None
     kept = uvcli.keep_log(said, log)

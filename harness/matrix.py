@@ -17,6 +17,7 @@ from harness.vocabulary import (
     Api,
     Capability,
     CheckName,
+    Colour,
     FindingName,
     InnerPath,
     Instant,
@@ -29,6 +30,7 @@ from harness.vocabulary import (
     Requirement,
     Rule,
     SubjectNames,
+    SystemPackage,
     TorchBackend,
     Variables,
     When,
@@ -109,9 +111,19 @@ class Changes(Table, frozen=True, kw_only=True):
     ] = ()
     environment: Annotated[Variables, Meta(description="environment variables of the cell")] = Variables()
     needs: Annotated[tuple[Capability, ...], Meta(description="what the machine must have")] = ()
+    system: Annotated[
+        tuple[SystemPackage, ...], Meta(description="Debian's packages that must be there, such as headers")
+    ] = ()
     files: Annotated[Files, Meta(description="files placed into the cell's HOME")] = Files()
     extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject")] = ()
     groups: Annotated[tuple[PackageName, ...], Meta(description="dependency groups of the subject (PEP 735)")] = ()
+
+
+class PictureTable(Table, frozen=True, kw_only=True):
+    """What lies above what in a right picture, by colours that it shows: else it is upside down, or another."""
+
+    above: Colour
+    below: Colour
 
 
 class CaseTable(Table, frozen=True, kw_only=True):
@@ -137,6 +149,9 @@ class CaseTable(Table, frozen=True, kw_only=True):
         dict[Literal["import", "single", "vector", "render", "interop"], Annotated[float, Meta(gt=0)]],
         Meta(description="phase to seconds for each of its checks"),
     ] = {}
+    picture: Annotated[
+        PictureTable | None, Meta(description="colours of a right picture after the first reset, as #rrggbb")
+    ] = None
     steps: Annotated[int, Meta(ge=1)] = 100
     seed: Annotated[int, Meta(ge=0)] = 7
     memory_mb: Annotated[int, Meta(ge=64, description="of all processes of a probe together")] = 6000

@@ -91,7 +91,7 @@ class Case:
     checks whose warnings turn the case red. `timeouts` maps a phase to seconds per check, `imports` are module
     names imported first. `packages` are distributions asked for: without an environment their modules are imported,
     else those of the ones that speak the API, where the environment is not registered without them (`providers`, which
-    the host fills in after the install).
+    the host fills in after the install). `picture` has two colours of a right picture, `above` and `below`.
     """
 
     id: str
@@ -104,6 +104,7 @@ class Case:
     packages: tuple[str, ...] = ()
     providers: tuple[str, ...] = ()
     timeouts: Mapping[Phase, float] = field(default_factory=dict)
+    picture: Mapping[str, str] | None = None
     steps: int = 100
     seed: int = 7
     memory_mb: int = 6000
@@ -219,7 +220,10 @@ class Subject:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Cell:
-    """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`)."""
+    """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`).
+
+    `system` are packages of Debian's that it needs.
+    """
 
     id: str
     matrix: str
@@ -229,6 +233,7 @@ class Cell:
     environment: Mapping[str, str]
     cases: tuple[Case, ...]
     needs: tuple[str, ...] = ()
+    system: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     expect: Expectation | None = None
     subject: Subject | None = None

@@ -64,6 +64,7 @@ CheckName = Literal[
 FindingName = Literal[
     "single.repeat.fresh", "single.repeat.same", "single.repeat.first", "single.repeat.process",
     "single.space", "single.type", "single.state", "single.check_env", "single.teardown",
+    "render.constant", "render.stale", "render.upside_down", "render.picture", "render.teardown",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""
 
@@ -187,6 +188,30 @@ class Pattern(Word):
             message = f'"{text}" is not a regular expression: {error}'
             raise ValueError(message) from None
         return text
+
+
+class SystemPackage(Word):
+    """The name of a package of Debian, such as `libosmesa6-dev`."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself."""
+        if not re.fullmatch(r"[a-z0-9][a-z0-9+.-]+", text):
+            message = f'"{text}" is not the name of a package of Debian, such as "libosmesa6-dev"'
+            raise ValueError(message)
+        return text
+
+
+class Colour(Word):
+    """A colour as `#rrggbb`."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the colour in small letters."""
+        if not re.fullmatch(r"#[0-9A-Fa-f]{6}", text):
+            message = f'"{text}" is not a colour such as "#c83c14"'
+            raise ValueError(message)
+        return text.lower()
 
 
 class SubjectNames(Word):

@@ -49,7 +49,7 @@ def main(args: argparse.Namespace) -> int:
         cells = selected(plan.cells, args.k)
         with progress.Progress(len(cells), args.jobs, _headline) as board:
             settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE)
-            records = scheduler.run([replace(cell, needs=()) for cell in cells], opened, settings, board)
+            records = scheduler.run([replace(cell, needs=(), system=()) for cell in cells], opened, settings, board)
         beside = scheduler.run(_controls(records, opened), opened, settings, scheduler.Beside(board))
         bringing = fetching.Bringing(folder, opened, tell)
         found, known_good = bringing.cells(records), bringing.cells(beside)

@@ -57,6 +57,7 @@ class Surroundings(NamedTuple):
 
     environment: Mapping[str, str]
     needs: tuple[str, ...]
+    system: tuple[str, ...]
     files: Mapping[str, str]
 
 
@@ -183,6 +184,7 @@ class Contents:
         return Surroundings(
             environment={**_merged(change.environment for change in changes), **variables},
             needs=_distinct(need.value for change in changes for need in change.needs),
+            system=_distinct(str(name) for change in changes for name in change.system),
             files={
                 path: self.sources[content.source] if isinstance(content, SourceTable) else content
                 for path, content in files.items()
@@ -245,6 +247,7 @@ def _case(table: CaseTable) -> Case:
         required=table.required,
         imports=tuple(map(str, table.imports)),
         timeouts={Phase(phase): seconds for phase, seconds in table.timeouts.items()},
+        picture={"above": str(table.picture.above), "below": str(table.picture.below)} if table.picture else None,
         steps=table.steps,
         seed=table.seed,
         memory_mb=table.memory_mb,

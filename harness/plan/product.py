@@ -210,6 +210,7 @@ def _cells(
                 environment=around.environment,
                 cases=contents.cases(combination),
                 needs=around.needs,
+                system=around.system,
                 files=around.files,
                 expect=hit.expectation if hit else None,
                 subject=contents.subject(combination),

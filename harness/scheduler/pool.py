@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
-from harness import machine
+from harness import machine, warming
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.scheduler.once import Once
 from harness.scheduler.settings import Observer, Settings
@@ -47,7 +47,12 @@ class Pool:
         self.owner, self.cell, self.lock, self.interpreter = owner, cell, lock, interpreter
         question = cell.question
         self.key = digest(
-            "install", lock.sha256, interpreter.identity, question.build_constraints, question.build_variables
+            "install",
+            lock.sha256,
+            interpreter.identity,
+            question.build_constraints,
+            question.build_variables,
+            *warming.marks(lock.versions, question),
         )
         self.known = False
 

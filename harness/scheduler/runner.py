@@ -16,6 +16,7 @@ from harness.model import (
     Cell,
     CellRecord,
     ControlRecord,
+    Finding,
     Interpreter,
     Lock,
     Outcome,
@@ -180,7 +181,7 @@ class Runner:
     def _prepared(self, cell: Cell, *, quick: bool) -> Prepared:
         record = CellRecord(cell=cell, machine=machine.facts().id)
         interpreter = self._interpreter(cell, quick=quick)
-        missing = interpreter if isinstance(interpreter, str) else machine.missing_for(cell.needs)
+        missing = interpreter if isinstance(interpreter, str) else _missing(cell)
         if isinstance(interpreter, str) or missing:
             return Prepared(record=replace(record, unavailable=missing, cases=not_reached(cell)))
         record = replace(record, python=interpreter.version)
@@ -248,7 +249,7 @@ class Runner:
                 outcome=Outcome.PASSED,
                 seconds=known.seconds,
                 reused=pool.known,
-                findings=known.findings,
+                findings=(*known.findings, *_unchecked(record.cell)),
             ),
         )
         try:
@@ -379,3 +380,22 @@ class Runner:
         kept = self.store.load_cell(record.machine, record.cell.id)
         failed = record.install is not None and record.install.outcome is not Outcome.PASSED
         return not failed and kept is not None and kept.cell == record.cell and kept.lock_sha256 == record.lock_sha256
+
+
+def _missing(cell: Cell) -> str | None:
+    """What this machine lacks of what the cell needs."""
+    lacking = machine.missing_for(cell.needs)
+    if lacking or not cell.system:
+        return lacking
+    from harness import systempackages  # noqa: PLC0415 - start-up
+
+    return systempackages.missing(cell.system)
+
+
+def _unchecked(cell: Cell) -> tuple[Finding, ...]:
+    """What of the system could not be looked up."""
+    if not cell.system:
+        return ()
+    from harness import systempackages  # noqa: PLC0415 - start-up
+
+    return systempackages.unchecked(cell.system)

@@ -200,13 +200,14 @@ class TestSurroundings:
     def test_needs_and_files(self) -> None:
         """Capabilities add up, files are texts of the matrix or of what lies beside it."""
         text = (
-            'needs = ["egl"]\nfiles = { ".config/a" = "text", b = { source = "b.xml" } }\n'
+            'needs = ["egl"]\nsystem = ["patchelf"]\nfiles = { ".config/a" = "text", b = { source = "b.xml" } }\n'
             'axes = { python = ["3.11"], '
-            'api = { x = { needs = ["egl", "gpu"], files = { ".config/a" = "other" } } } }\n' + CASE
+            'api = { x = { needs = ["egl", "gpu"], system = ["libglew-dev", "patchelf"], files = { ".config/a" = "other" } } } }\n' + CASE
         )
         cell = plan.expand(matrix(text), host_python="3.12.1", sources={"b.xml": "<b/>"}).cells[0]
 
         assert cell.needs == ("egl", "gpu")
+        assert cell.system == ("patchelf", "libglew-dev")
         assert cell.files == {".config/a": "other", "b": "<b/>"}
 
     def test_a_file_cannot_be_a_folder(self) -> None:

@@ -80,6 +80,16 @@ def test_a_capability_that_is_missing_is_unavailable(desk: Desk, monkeypatch: py
     assert cell["decisive"].startswith("no " + machine.HINTS[missing[0]][0])
 
 
+@pytest.mark.skipif(not shutil.which("dpkg-query"), reason="unavailable: dpkg")
+def test_a_package_of_the_system_that_is_missing_is_unavailable(desk: Desk) -> None:
+    """Before anything is built for a cell it is told what brings the packages that it needs."""
+    text = 'system = ["dpkg", "no-such-dev"]\ncases = [{ imports = ["fake_plain"] }]\n[axes]\npython = ["host"]\n'
+    ran = desk.run("run", desk.matrix("system", text), "--json")
+    (cell,) = ran.document["cells"]
+    assert (ran.code, cell["verdict"], cell["lock"]) == (0, "unavailable", None)
+    assert cell["decisive"] == "no no-such-dev here: run `apt install no-such-dev`"
+
+
 def test_more_memory_than_allowed_is_inconclusive(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     """A memory hog is ended at the limit; that the limit is ours makes it infra, whatever the package."""
     record = _probed(desk, monkeypatch, "fake_memory_hog:MemoryHog-v0", memory_mb=300)

@@ -1,0 +1,54 @@
+"""Packages of the system that a cell needs, by Debian's names: whether they are there, and what brings them."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from harness import machine
+from harness.model import Finding, Level
+from harness.process import Command, Limits, Profile, run
+
+DPKG = "dpkg-query"
+
+
+def missing(names: tuple[str, ...]) -> str | None:
+    """Which of them are not installed and what brings them, in a sentence; None if none is, or nobody can be asked."""
+    found = installed(names)
+    lacking = [] if found is None else [name for name in names if name not in found]
+    if not lacking:
+        return None
+    return f"no {', '.join(lacking)} here: run `apt install {' '.join(lacking)}`"
+
+
+def unchecked(names: tuple[str, ...]) -> tuple[Finding, ...]:
+    """What to say where nobody can be asked: the cell is run, and fails where something is missing."""
+    if not names or installed(names) is not None:
+        return ()
+    text = f"whether {', '.join(names)} are here could not be looked up: this system has no {DPKG}"
+    return (Finding(check="install.system", level=Level.NOTE, text=text),)
+
+
+def installed(names: tuple[str, ...]) -> frozenset[str] | None:
+    """Which of them are installed; None where the system is none of Debian's kind."""
+    program = shutil.which(DPKG)
+    return _installed(program, names) if names and program else frozenset() if program else None
+
+
+@cache
+def _installed(program: str, names: tuple[str, ...]) -> frozenset[str]:
+    with tempfile.TemporaryDirectory(prefix="simmatrix-") as folder:
+        done = run(
+            Command(
+                argv=(program, "--show", "--showformat", "${Package} ${db:Status-Status}\\n", *names),
+                cwd=Path(folder),
+                env=machine.ENVIRONMENT,
+                limits=Limits(seconds=60),
+                log=Path(folder, "log"),
+                profile=Profile.HOST,
+            )
+        )
+        lines = [line.split() for line in done.log.read_text(encoding="utf-8", errors="replace").splitlines()]
+    return frozenset(line[0] for line in lines if line[1:] == ["installed"])

@@ -1,0 +1,120 @@
+"""Packages that compile at their first import: an install makes that import once, before its environment is sealed.
+
+Nothing that a probe writes is kept, so that each would compile again, and might find what another machine has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from harness import machine, normalise, process, systempackages, uvcli
+from harness.model import Finding, Level, Outcome, Phase, Question, Step
+from harness.outcomes import MACHINE_TROUBLE
+from harness.schema import load_toml
+from harness.store import digest, open_store, write_atomic
+from harness.vocabulary import ModuleName, PackageName, SystemPackage
+
+FILE = Path(__file__).with_suffix(".toml")
+LIMITS = process.Limits(seconds=1800.0)
+
+
+class Recipe(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A package that compiles when its modules are imported for the first time, and what of Debian's that needs."""
+
+    name: PackageName
+    modules: Annotated[tuple[ModuleName, ...], msgspec.Meta(min_length=1)]
+    system: tuple[SystemPackage, ...] = ()
+    reason: str
+
+
+class _Recipes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    package: tuple[Recipe, ...]
+
+
+@cache
+def _recipes(file: Path) -> tuple[Recipe, ...]:
+    return load_toml(file.read_text(encoding="utf-8"), _Recipes, file.name).package
+
+
+def recipes(names: Collection[str]) -> tuple[Recipe, ...]:
+    """Those of the packages that are among these."""
+    return tuple(one for one in _recipes(FILE) if one.name in names)
+
+
+def marks(names: Collection[str], question: Question) -> tuple[str, ...]:
+    """What an environment with these packages depends on besides its wheels; nothing where none compiles."""
+    found = recipes(names)
+    made = [(str(one.name), [str(name) for name in one.modules]) for one in found]
+    return (digest("warmed", made, question.build_variables),) if found else ()
+
+
+def warm(path: Path, names: Collection[str], question: Question) -> Step | tuple[Finding, ...]:
+    """Import what compiles, in an environment whose files are its own; a compiler that fails is a failed install."""
+    told = []
+    for recipe in recipes(names):
+        done = _imported(path, recipe, question)
+        if isinstance(done, Step):
+            return done
+        text = f"{recipe.name} was compiled by its first import, in {done:.0f} s: {recipe.reason}"
+        told.append(Finding(check="install.compiled", level=Level.NOTE, text=text))
+    return tuple(told)
+
+
+def _imported(path: Path, recipe: Recipe, question: Question) -> Step | float:
+    """The seconds that it took."""
+    base = machine.base_environment()
+    with uvcli.scratch() as work:
+        home = work / "home"
+        home.mkdir()
+        completed = process.run(
+            process.Command(
+                argv=(str(path / "bin" / "python"), "-s", "-c", f"import {', '.join(recipe.modules)}"),
+                cwd=home,
+                env={
+                    **base,
+                    "PATH": f"{path / 'bin'}:{base['PATH']}",
+                    "VIRTUAL_ENV": str(path),
+                    "PYTHONDONTWRITEBYTECODE": "1",
+                    **question.build_variables,
+                },
+                limits=LIMITS,
+                log=work / "import.log",
+                profile=process.Profile.CELL,
+                home=home,
+            )
+        )
+        places = {**uvcli.places(), str(path): "$ENV", str(home): "$HOME", str(work): "$BUILD"}
+        text = normalise.normalise(completed.log.read_text(encoding="utf-8", errors="replace"), places)
+    if completed.exit_code == 0:
+        return completed.seconds
+    log = open_store().evidence(f"install-{path.name}") / f"{recipe.name}.log"
+    write_atomic(log, text.encode())
+    outcome, decisive = _said(completed, text)
+    return Step(
+        phase=Phase.INSTALL,
+        outcome=outcome,
+        decisive=normalise.bounded(f"{recipe.name}, compiled by its first import: {decisive}"),
+        log=open_store().relative(log),
+        findings=tuple(_missing(recipe.system)),
+    )
+
+
+def _said(completed: process.Completed, text: str) -> tuple[Outcome, str]:
+    if completed.timed_out:
+        return Outcome.TIMED_OUT, f"no end within {LIMITS.seconds:g} s"
+    if completed.killed or completed.out_of_memory:
+        return Outcome.INFRA, f"it was ended: {completed.killed or f'more than {LIMITS.memory_mb} MB of memory'}"
+    told = normalise.decisive_line(text) or normalise.death(completed.exit_code, completed.signal, text)
+    return (Outcome.INFRA if MACHINE_TROUBLE.search(text) else Outcome.FAILED), told
+
+
+def _missing(names: Iterable[str]) -> Iterable[Finding]:
+    """What it may have failed for."""
+    missing = systempackages.missing(tuple(names))
+    if missing:
+        yield Finding(check="install.system", level=Level.NOTE, text=missing)

@@ -1,0 +1,121 @@
+"""What compiles at its first import is compiled by the install; what the system lacks for it is told."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from asking import failed, locked, question
+
+from harness import environments, systempackages, uv, warming
+from harness.environments import Environment
+from harness.model import IndexSettings, Interpreter, Outcome, Phase, Step
+
+pytestmark = [
+    pytest.mark.usefixtures("workplace"),
+    pytest.mark.skipif(not shutil.which("cc"), reason="unavailable: a C compiler"),
+]
+
+RECIPES = """
+[[package]]
+name = "fake-compiles"
+modules = ["fake_compiles"]
+system = ["fake-headers-dev"]
+reason = "it is made for this"
+"""
+Ensure = Callable[..., Environment | Step]
+
+
+@pytest.fixture(autouse=True)
+def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The fake is known to compile."""
+    file = tmp_path / "warming.toml"
+    file.write_text(RECIPES)
+    monkeypatch.setattr(warming, "FILE", file)
+    systempackages._installed.cache_clear()
+    yield
+    systempackages._installed.cache_clear()
+
+
+@pytest.fixture
+def ensure(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Ensure:
+    """Make the environment of a requirement."""
+
+    def make(requirement: str, **variables: str) -> Environment | Step:
+        asked = question(requirement, index=offline_index, build_variables=variables)
+        lock = locked(uv.resolve(asked, host, tmp_path / "state" / "x"))
+        return environments.ensure(lock, host, asked)
+
+    return make
+
+
+def test_compiled_once_in_files_of_its_own(ensure: Ensure) -> None:
+    """The install imports it once; what that wrote stays, and no file there is one of uv's cache."""
+    made, again = ensure("fake-compiles==1.0"), ensure("fake-compiles==1.0")
+    assert isinstance(made, Environment)
+    assert isinstance(again, Environment)
+    site = next(made.path.glob("lib/python*/site-packages"))
+
+    assert (site / "fake_compiled.txt").read_text() == ""
+    assert (made.reused, again.reused) == (False, True)
+    assert (site / "fake_compiles.py").stat().st_nlink == 1
+    (finding,) = again.findings
+    assert (finding.check, finding.level) == ("install.compiled", "note")
+    assert finding.text == "fake-compiles was compiled by its first import, in 0 s: it is made for this"
+
+
+def test_variables_of_builds_make_another(ensure: Ensure) -> None:
+    """The variables of builds are those of the compiler, and part of the environment's key."""
+    plain, other = ensure("fake-compiles==1.0"), ensure("fake-compiles==1.0", FAKE_FLAGS="-O3")
+    assert isinstance(plain, Environment)
+    assert isinstance(other, Environment)
+
+    assert plain.key != other.key
+    assert next(other.path.glob("lib/python*/site-packages/fake_compiled.txt")).read_text() == "-O3"
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The compiler's own line is told, beside what the system lacks; nothing is left that could be used."""
+    monkeypatch.setattr(systempackages, "installed", lambda names: frozenset(names) if here else frozenset())
+    step = ensure("fake-compiles==2.0")
+
+    phase, outcome, decisive = failed(step)
+    assert (phase, outcome) == (Phase.INSTALL, Outcome.FAILED)
+    assert decisive is not None
+    assert decisive.startswith("fake-compiles, compiled by its first import: $HOME/tmp/fake.c:1:10: fatal error:")
+    assert decisive.endswith("fake/absent.h: No such file or directory")
+    assert isinstance(step, Step)
+    assert [finding.text for finding in step.findings] == (
+        [] if here else ["no fake-headers-dev here: run `apt install fake-headers-dev`"]
+    )
+    assert not list(environments.cache_folder().glob("environments/*/stamp.json"))
+
+
+@pytest.mark.skipif(not shutil.which("dpkg-query"), reason="unavailable: dpkg")
+def test_packages_of_the_system() -> None:
+    """dpkg says which are there; the command for the others is told."""
+    assert systempackages.missing(("dpkg",)) is None
+    told = systempackages.missing(("dpkg", "no-such-dev", "nor-this-one"))
+    assert told == "no no-such-dev, nor-this-one here: run `apt install no-such-dev nor-this-one`"
+    assert systempackages.unchecked(("no-such-dev",)) == ()
+
+
+def test_a_system_without_dpkg(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nobody can be asked, that is told and the cell goes on."""
+    monkeypatch.setattr(systempackages, "DPKG", "no-such-dpkg")
+    assert systempackages.missing(("libosmesa6-dev",)) is None
+    (finding,) = systempackages.unchecked(("libosmesa6-dev", "patchelf"))
+    assert finding.text == (
+        "whether libosmesa6-dev, patchelf are here could not be looked up: this system has no no-such-dpkg"
+    )
+    assert systempackages.unchecked(()) == ()
+
+
+def test_recipes_that_are_shipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """free-mujoco-py is known to compile."""
+    monkeypatch.setattr(warming, "FILE", Path(warming.__file__).with_suffix(".toml"))
+    (recipe,) = warming.recipes({"free-mujoco-py", "numpy"})
+
+    assert (recipe.modules, recipe.system) == (("mujoco_py",), ("libosmesa6-dev", "libglew-dev", "patchelf"))
+    assert warming.marks({"numpy"}, question("x", index=IndexSettings())) == ()
