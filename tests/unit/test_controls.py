@@ -1,0 +1,303 @@
+"""Controls: what a failure is worth beside one, which one speaks for a cell, and what is committed of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from specimens import CHECKS, LETTERS, case, cell, phase, record, step, warning
+
+from harness import controls, locks, outcomes, verdict
+from harness.errors import BadInput
+from harness.model import (
+    FAILING,
+    CaseRecord,
+    CellRecord,
+    CheckRecord,
+    ControlRecord,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Verdict,
+)
+from harness.vocabulary import APIS
+
+COMMITTED = Path(controls.__file__).parents[1] / "matrices" / "controls"
+REACHABLE = ("fnnn", "pfnn", "pppp", "ppfp", "pppf", "ppff", "ppfu", "pppi", "ppss", "punn", "unnn", "innn")
+"""What a case can come to, in the letters of `specimens`."""
+CONTROLS = ("pppp", "fnnn", "pfnn", "ppfp", "pppf", "ppff", "pppu")
+
+
+def known(letters: str) -> ControlRecord:
+    """A control that ended like this."""
+    ended = dict(zip(CHECKS.values(), letters, strict=True))
+    return ControlRecord(
+        control="control good",
+        passed=tuple(check for check, letter in ended.items() if letter == "p"),
+        failed={check: f"line of {check}" for check, letter in ended.items() if LETTERS[letter] in FAILING},
+    )
+
+
+def beside(control: ControlRecord, *cases: CaseRecord, api: str = "gymnasium") -> CellRecord:
+    """A cell with these cases, and a control of an adapter."""
+    return replace(record(*cases), controls={api: control})
+
+
+def doubted(at: Phase, control: str) -> bool:
+    """Whether a failure of this phase is not to be believed, by the letters of the control."""
+    needed: Phase | None = at
+    ended = dict(zip(CHECKS, control, strict=True))
+    while needed:
+        if ended[needed] == "f":
+            return True
+        needed = outcomes.NEEDS.get(needed)
+    return False
+
+
+class TestJudging:
+    """What `judge` makes of a cell whose adapter's control is known."""
+
+    @pytest.mark.parametrize(("tried", "control"), list(itertools.product(REACHABLE, CONTROLS)))
+    def test_every_failure_beside_every_control(self, tried: str, control: str) -> None:
+        """A failed phase is `infra` exactly where the control failed in it or in one that it needs; no other moves."""
+        plain, told = verdict.judge(record(case(tried))), verdict.judge(beside(known(control), case(tried)))
+        for at, letter in zip(CHECKS, tried, strict=True):
+            expected = Outcome.INFRA if letter == "f" and doubted(at, control) else LETTERS[letter]
+            assert told.phases[at] is expected
+        if "f" not in tried or "f" not in control:
+            assert told == plain
+        if told.verdict in {Verdict.WORKS, Verdict.UNAVAILABLE, Verdict.NOT_RUN}:
+            assert told == plain
+        if told.verdict not in {plain.verdict, Verdict.INCONCLUSIVE}:
+            assert (plain.verdict, told.verdict) == (Verdict.BROKEN, Verdict.PARTIAL)
+
+    def test_all_failures_doubted_is_inconclusive(self) -> None:
+        """The line of the control decides, then comes the cell's own."""
+        told = verdict.judge(beside(known("pfnn"), case("pfnn")))
+        line = "control good fails, too, in single.loop: line of single.loop (here: ant single)"
+        assert (told.verdict, told.phase, told.decisive) == (Verdict.INCONCLUSIVE, Phase.SINGLE, line)
+
+    def test_one_failure_believed_is_enough(self) -> None:
+        """A cell whose vector fails by itself is partial, whatever the control's pictures are like."""
+        told = verdict.judge(beside(known("pppf"), case("ppff")))
+        assert (told.verdict, told.phase, told.decisive) == (Verdict.PARTIAL, Phase.VECTOR, "ant vector")
+
+    def test_an_adapter_answers_for_its_own_cases(self) -> None:
+        """Another adapter's control, failed in everything, changes nothing."""
+        plain = verdict.judge(record(case("fnnn")))
+        assert verdict.judge(beside(known("fnnn"), case("fnnn"), api="gym")) == plain
+
+    @pytest.mark.parametrize("at", [Phase.RESOLVE, Phase.INSTALL])
+    def test_steps_are_no_adapters(self, at: Phase) -> None:
+        """A failed resolve or install is the packages' fault, whatever the control says."""
+        failed = step(at, Outcome.FAILED, "no such release")
+        steps = {"resolve": failed, "install": None} if at is Phase.RESOLVE else {"install": failed}
+        red = replace(record(**steps), controls={"gymnasium": known("fnnn")})
+        assert verdict.judge(red).decisive == "no such release"
+
+    def test_what_is_not_known_of_a_control_changes_nothing(self) -> None:
+        """One that could not be run has neither passed nor failed."""
+        untold = ControlRecord(control="control good", untold="no Python 3.11 here")
+        assert verdict.judge(beside(untold, case("pfnn"))) == verdict.judge(record(case("pfnn")))
+
+    def test_a_finding_that_is_required_not_to_be_there(self) -> None:
+        """It is doubted where the control fails in its phase."""
+        single = phase(Phase.SINGLE, Outcome.PASSED, findings=(warning("single.space", "outside"),))
+        red = case("pppp", required=("single.space",), single=single)
+        assert verdict.judge(beside(known("pppp"), red)).verdict is Verdict.PARTIAL
+        told = verdict.judge(beside(known("pfnn"), red))
+        assert (told.verdict, told.phase) == (Verdict.INCONCLUSIVE, Phase.SINGLE)
+
+
+def vector(**ended: Outcome) -> PhaseRecord:
+    """A phase of several checks."""
+    checks = tuple(
+        CheckRecord(check=f"vector.{name.replace('_', '.')}", outcome=outcome, decisive=f"own line of {name}")
+        for name, outcome in ended.items()
+    )
+    return PhaseRecord(phase=Phase.VECTOR, outcome=Outcome.FAILED, decisive=checks[0].decisive, checks=checks)
+
+
+class TestChecks:
+    """Of one phase each check has an answer of its own."""
+
+    FORK = ControlRecord(
+        control="control good", passed=("single.loop", "vector.sync"), failed={"vector.async.fork": "no fork"}
+    )
+
+    @pytest.mark.parametrize(
+        ("phase", "outcome", "line"),
+        [
+            (vector(sync=Outcome.FAILED), Outcome.FAILED, "own line of sync"),
+            (vector(async_fork=Outcome.CRASHED, sync=Outcome.FAILED), Outcome.FAILED, "own line of sync"),
+            (
+                vector(async_fork=Outcome.CRASHED, sync=Outcome.PASSED),
+                Outcome.INFRA,
+                "control good fails, too, in vector.async.fork: no fork (here: own line of async_fork)",
+            ),
+            (
+                vector(async_spawn=Outcome.FAILED),
+                Outcome.INFRA,
+                "control good fails, too, in vector.async.fork: no fork (here: own line of async_spawn)",
+            ),
+        ],
+        ids=["passed there", "one of two", "the same", "not tried there"],
+    )
+    def test_to_the_check(self, phase: PhaseRecord, outcome: Outcome, line: str) -> None:
+        """A check that passed there is believed; one that failed there, or was not tried beside a failure, is not."""
+        told = verdict.case_phases(beside(self.FORK), case("pppp", vector=phase))[2]
+        assert (told.outcome, told.decisive) == (outcome, line)
+
+
+class TestSaid:
+    """What the record of a control says of its adapter."""
+
+    def test_works(self) -> None:
+        """Its checks passed, where its lock is the known-good one."""
+        assert self.said("pppp").passed == tuple(CHECKS.values())
+
+    def test_fails(self) -> None:
+        """Each check that failed has its line."""
+        told = self.said("pppf")
+        assert (told.failed, told.untold) == ({"render.rgb_array": "ant render"}, None)
+
+    @pytest.mark.parametrize(
+        ("letters", "why"),
+        [
+            ("innn", "import infra: ant import"),
+            ("punn", "single unavailable: ant single"),
+            ("pnnn", "nothing ran: only the import was tried"),
+        ],
+    )
+    def test_untold(self, letters: str, why: str) -> None:
+        """Trouble of the machine with the control itself says nothing of the adapter."""
+        told = self.said(letters)
+        assert (told.passed, told.failed, told.untold) == ((), {}, f"the control known could not be run: {why}")
+
+    def test_unresolvable(self) -> None:
+        """A lock that cannot be had is no fault of the adapter."""
+        failed = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no versions"), install=None, of=self.cell())
+        assert controls.said(failed, None).untold == "the control known could not be run: resolve failed: no versions"
+
+    def cell(self):
+        return cell("known", id="controls/known", matrix="controls")
+
+    def said(self, letters: str) -> ControlRecord:
+        return controls.said(record(case(letters), of=self.cell()), "")
+
+
+class TestFolder:
+    """`controls.toml` and the locks beside it."""
+
+    TEXT = """
+        snapshot = "2026-11-20"
+        [[control]]
+        id = "new"
+        api = "gymnasium"
+        covers = "gymnasium>=1.0"
+        python = "3.11"
+        requirements = ["gymnasium==1.2.3"]
+        env = "CartPole-v1"
+        reason = "new"
+        [[control]]
+        id = "old"
+        api = "gymnasium"
+        python = "3.11"
+        requirements = ["gymnasium==0.29.1"]
+        env = "CartPole-v1"
+        checks = ["single"]
+        reason = "old"
+    """
+
+    @pytest.fixture
+    def place(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+        """A folder with two controls."""
+        for name, version in (("new", "1.2.3"), ("old", "0.29.1")):
+            (tmp_path / f"{name}.txt").write_text(f"gymnasium=={version} \\\n    --hash=sha256:{'0' * 64}\n")
+        (tmp_path / controls.FILE).write_text(self.TEXT)
+        monkeypatch.setenv(controls.VARIABLE, str(tmp_path))
+        return tmp_path
+
+    @pytest.mark.parametrize(
+        ("installed", "found"),
+        [
+            ({"gymnasium": "1.4.0"}, "controls/new"),
+            ({"gymnasium": "1.0.0a2"}, "controls/old"),
+            ({"gymnasium": "0.26.3"}, "controls/old"),
+            ({}, "controls/old"),
+        ],
+    )
+    @pytest.mark.usefixtures("place")
+    def test_the_first_that_covers_speaks(self, installed: dict[str, str], found: str) -> None:
+        """By the version that the cell has; one that covers nothing by name speaks for all the rest."""
+        made = controls.covering("gymnasium", installed)
+        assert not isinstance(made, str)
+        assert made.id == found
+
+    @pytest.mark.usefixtures("place")
+    def test_nobody_speaks(self) -> None:
+        """An adapter without a control has a sentence that says so."""
+        assert controls.covering("gym", {}) == "the adapter gym has no control for these versions"
+
+    @pytest.mark.usefixtures("place")
+    def test_only_failures_after_the_install_ask(self) -> None:
+        """What works, what was not installed, and a control itself ask for none."""
+        assert [one.id for one in controls.wanted(record(case("ppfp"))).values()] == ["controls/new"]
+        assert controls.wanted(record(case("pppu"))) == {}
+        assert controls.wanted(record(case("pfnn"), installed=None)) == {}
+        assert controls.wanted(record(case("pfnn"), of=cell(matrix=controls.MATRIX))) == {}
+
+    @pytest.mark.usefixtures("place")
+    def test_the_cell_of_a_control(self) -> None:
+        """Its question is the lock, whole; its case has the checks that are asked for."""
+        _, old = controls.cells()
+        assert (old.question.requirements, old.question.snapshot) == (("gymnasium==0.29.1",), "2026-11-20T23:59:59Z")
+        assert old.cases[0].checks == ("import.modules", "single.loop")
+
+    def test_a_wrong_key_is_refused(self, place: Path) -> None:
+        """With the file and the nearest valid name."""
+        other = place / "other"
+        other.mkdir()
+        (other / controls.FILE).write_text(self.TEXT.replace("reason", "raeson"))
+        with pytest.raises(BadInput) as told:
+            controls.read(other)
+        assert str(told.value) == f'{other}/controls.toml: control[0].raeson: unknown key; did you mean "reason"?'
+
+    def test_none_at_all(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Set to the empty string the variable leaves none."""
+        monkeypatch.setenv(controls.VARIABLE, "")
+        assert (controls.folder(), controls.cells(), controls.wanted(record(case("pfnn")))) == (None, (), {})
+
+
+class TestCommitted:
+    """What `matrices/controls/` holds."""
+
+    TABLES = controls.read(COMMITTED).control
+
+    def names(self) -> Iterator[str]:
+        return (table.id for table in self.TABLES)
+
+    @pytest.mark.parametrize("api", APIS)
+    def test_every_adapter_has_one_for_the_rest(self, api: str) -> None:
+        """The last control of an adapter speaks for whatever the others do not; none comes after it."""
+        covers = [table.covers for table in self.TABLES if table.api == api]
+        assert covers
+        assert [one is None for one in covers] == [False] * (len(covers) - 1) + [True]
+
+    def test_every_lock_is_of_a_control(self) -> None:
+        """No lock is missing and none is left over."""
+        assert sorted(path.stem for path in COMMITTED.glob("*.txt")) == sorted(self.names())
+
+    @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.id)
+    def test_locks_hold_what_is_asked_for(self, table: controls.ControlTable) -> None:
+        """Each requirement is met by what the lock pins, and every pin has a hash."""
+        pinned = locks.pinned((COMMITTED / f"{table.id}.txt").read_text())
+        for line in table.requirements:
+            wanted = Requirement(line)
+            assert wanted.specifier.contains(pinned[canonicalize_name(wanted.name)][0], prereleases=True)
+        assert all(hashes for _, hashes in pinned.values())
