@@ -1,0 +1,195 @@
+"""The adapter of raw PyBullet: `pybullet:direct` is a scene of ours, `pybullet:FILE.urdf` a robot on its floor.
+
+The file lies where the cell runs, or among those of pybullet_data.
+"""
+
+import importlib
+
+from .cell_adapter import Adapter, Environment
+from .cell_errors import library, violate
+
+HEIGHT, WIDTH = 240, 320
+SCENE = "direct"
+GRAVITY = -9.81
+STRONGEST = 1.0
+"""What a motor gives at most, in N m (or N, where it pushes)."""
+
+RED, BLUE, GREEN, GREY = (1, 0, 0, 1), (0, 0, 1, 1), (0, 1, 0, 1), (0.6, 0.6, 0.6, 1)
+PICTURE = {"above": "#ff0000", "below": "#0000ff"}
+"""Two boxes of the scene: the red one above the blue one."""
+
+UNNUMBERED = "getCameraImage() returned a tuple where an array was promised: this pybullet was built without numpy"
+
+
+class Bullet(Adapter):
+    """The calls of a user: connect(DIRECT), stepSimulation, getCameraImage with the TinyRenderer."""
+
+    imports = ("pybullet",)
+
+    def make(self, case, tell, draw=False):
+        """Connect to a simulation of its own, without a window."""
+        name = case["env"].partition(":")[2] or case["env"]
+        if name != SCENE and not name.endswith((".urdf", ".xml", ".sdf")):
+            message = "no scene and no file: {!r}; write pybullet:{}, or a file such as pybullet:kuka_iiwa/model.urdf"
+            raise LookupError(message.format(name, SCENE))
+        return Simulation(importlib.import_module("pybullet"), name, tell)
+
+    def picture(self, case):
+        """The colours of the scene of ours."""
+        return PICTURE if case["env"] == "pybullet:" + SCENE else None
+
+
+class Simulation(Environment):
+    """Bodies whose joints get random torques; the same start each time, no reward, no end."""
+
+    def __init__(self, bullet, name, tell):
+        import numpy as np
+
+        super().__init__(tell)
+        self.bullet = bullet
+        self.name = name
+        self.random = np.random.RandomState(0)
+        self.kept = []
+        with library:
+            self.here = {"physicsClientId": bullet.connect(bullet.DIRECT)}
+            if not getattr(bullet, "isNumpyEnabled", lambda: 1)():
+                tell("type", UNNUMBERED)
+
+    def begin(self, seed):
+        """Build the scene anew, as the manual has it: states of a simulation that was reset are gone."""
+        bullet, here = self.bullet, self.here
+        bullet.resetSimulation(**here)
+        self.kept = []
+        bullet.setGravity(0, 0, GRAVITY, **here)
+        if self.name == SCENE:
+            bodies = scene(bullet, here)
+        else:
+            bodies = [floor(bullet, here), *robot(bullet, here, self.name)]
+        self.bodies = bodies
+        movable = (bullet.JOINT_REVOLUTE, bullet.JOINT_PRISMATIC)
+        joints = [(body, joint) for body in bodies for joint in range(bullet.getNumJoints(body, **here))]
+        self.joints = [pair for pair in joints if bullet.getJointInfo(*pair, **here)[2] in movable]
+        for pair in self.joints:  # the motor that each joint has from the start would hold it still
+            bullet.setJointMotorControl2(*pair, controlMode=bullet.VELOCITY_CONTROL, force=0, **here)
+        return self._observed()
+
+    def advance(self, action):
+        """Make one step of the simulation, of 1/240 s."""
+        bullet = self.bullet
+        for pair, torque in zip(self.joints, action):
+            bullet.setJointMotorControl2(*pair, controlMode=bullet.TORQUE_CONTROL, force=float(torque), **self.here)
+        bullet.stepSimulation(**self.here)
+        return self._observed(), 0.0, False, False
+
+    def _observed(self):
+        import numpy as np
+
+        bullet, here = self.bullet, self.here
+        poses = [sum(bullet.getBasePositionAndOrientation(body, **here), ()) for body in self.bodies]
+        joints = [bullet.getJointState(*pair, **here)[:2] for pair in self.joints]
+        return {"bodies": np.array(poses), "joints": np.array(joints).reshape(-1, 2)}
+
+    def draw(self):
+        """Draw with the TinyRenderer, which needs no OpenGL."""
+        import numpy as np
+
+        bullet = self.bullet
+        view = bullet.computeViewMatrix([0, -4, 1], [0, 0, 1], [0, 0, 1])
+        lens = bullet.computeProjectionMatrixFOV(45, WIDTH / float(HEIGHT), 0.1, 20)
+        light = {"shadow": 0, "lightAmbientCoeff": 1, "lightDiffuseCoeff": 0, "lightSpecularCoeff": 0}
+        width, height, colours, _, _ = bullet.getCameraImage(
+            WIDTH, HEIGHT, view, lens, renderer=bullet.ER_TINY_RENDERER, **dict(light, **self.here)
+        )
+        if not isinstance(colours, np.ndarray):
+            self.tell("type", UNNUMBERED)
+        picture = np.asarray(colours)
+        if picture.size != width * height * 4 or not ((picture >= 0) & (picture <= 255)).all():
+            violate("getCameraImage() returned {} values for a picture of {} x {}", picture.size, width, height)
+        return picture.reshape(height, width, 4)[:, :, :3].astype(np.uint8)
+
+    def get_state(self):
+        """Save the state in memory: its number."""
+        with library:
+            state = self.bullet.saveState(**self.here)
+        self.kept.append(state)
+        return state
+
+    def set_state(self, state):
+        """Go back to a saved state."""
+        with library:
+            self.bullet.restoreState(stateId=state, **self.here)
+
+    def seed_actions(self, seed):
+        """Seed what draws torques."""
+        self.random.seed(seed)
+
+    def action(self):
+        """Draw a torque for each joint."""
+        return self.random.uniform(-STRONGEST, STRONGEST, len(self.joints))
+
+    def describe(self):
+        """The build, and what is there."""
+        with library:
+            return {"api_version": self.bullet.getAPIVersion(), "bodies": len(self.bodies), "joints": len(self.joints)}
+
+    def close(self):
+        """Disconnect."""
+        self.bullet.disconnect(**self.here)
+
+
+def scene(bullet, here):
+    """A floor, a red box that floats above a blue one, a sphere that falls beside, and an arm with a motor."""
+    box(bullet, here, (0.5, 0.05, 0.2), (0, 0.3, 1.8), RED)
+    box(bullet, here, (0.5, 0.05, 0.2), (0, 0.3, 0.3), BLUE)
+    shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=0.1, **here)
+    seen = bullet.createVisualShape(bullet.GEOM_SPHERE, radius=0.1, rgbaColor=GREEN, **here)
+    sphere = bullet.createMultiBody(1.0, shape, seen, [1.0, 0, 1.8], **here)
+    return [floor(bullet, here), sphere, arm(bullet, here)]
+
+
+def floor(bullet, here):
+    """A large box that does not move."""
+    return box(bullet, here, (5, 5, 0.5), (0, 0, -0.5), GREY, solid=True)
+
+
+def box(bullet, here, half, place, colour, solid=False):
+    """A box that does not move."""
+    seen = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=colour, **here)
+    shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **here) if solid else -1
+    return bullet.createMultiBody(0, shape, seen, place, **here)
+
+
+def arm(bullet, here):
+    """A link that turns about the y axis at a base that stands."""
+    half = (0.04, 0.04, 0.25)
+    base = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.05] * 3, **here)
+    shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **here)
+    seen = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=GREEN, **here)
+    return bullet.createMultiBody(
+        0,
+        base,
+        -1,
+        [-1.0, 0, 1.2],
+        linkMasses=[0.5],
+        linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[seen],
+        linkPositions=[[0, 0, 0]],
+        linkOrientations=[[0, 0, 0, 1]],
+        linkInertialFramePositions=[[0, 0, -0.25]],
+        linkInertialFrameOrientations=[[0, 0, 0, 1]],
+        linkParentIndices=[0],
+        linkJointTypes=[bullet.JOINT_REVOLUTE],
+        linkJointAxis=[[0, 1, 0]],
+        **here,
+    )
+
+
+def robot(bullet, here, name):
+    """The bodies of a file."""
+    bullet.setAdditionalSearchPath(importlib.import_module("pybullet_data").getDataPath(), **here)
+    if name.endswith(".urdf"):
+        return [bullet.loadURDF(name, [0, 0, 0.5], **here)]
+    return list((bullet.loadMJCF if name.endswith(".xml") else bullet.loadSDF)(name, **here))
+
+
+API = Bullet()
