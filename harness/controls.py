@@ -18,6 +18,7 @@ from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
 from harness import locks, schema, verdict
+from harness.errors import BadInput
 from harness.matrix import Table
 from harness.model import (
     FAILING,
@@ -77,13 +78,21 @@ def folder() -> Path | None:
 def read(place: Path) -> ControlsFile:
     """The controls of a folder. Raises BadInput."""
     path = place / FILE
-    return schema.load_toml(path.read_text(encoding="utf-8"), ControlsFile, str(path))
+    return schema.load_toml(_text(path), ControlsFile, str(path))
 
 
 @cache
 def _lock(place: Path, name: str) -> Mapping[str, tuple[str, tuple[str, ...]]]:
     """The lock of a control: name to version and hashes of all files that it allows."""
-    return locks.pinned((place / f"{name}.txt").read_text(encoding="utf-8"))
+    return locks.pinned(_text(place / f"{name}.txt"))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        message = f"{path}: cannot be read: {error.strerror}; {VARIABLE} names the folder of the controls"
+        raise BadInput(message) from None
 
 
 # --- from a cell to its controls, and from a control to its cell -----------------------------------------------
@@ -95,7 +104,8 @@ def wanted(record: CellRecord) -> dict[str, Cell | str]:
     if place is None or record.installed is None or record.cell.matrix == MATRIX:
         return {}
     plain = replace(record, controls={}) if record.controls else record
-    failing = (case.api for case in record.cases if case.api and _fails(verdict.case_phases(plain, case)))
+    doubtful = (case for case in record.cases if case.api and (case.required or _fails(case.phases)))
+    failing = (case.api for case in doubtful if _fails(verdict.case_phases(plain, case)))
     return {api: covering(api, record.installed) for api in dict.fromkeys(failing)}
 
 
@@ -105,7 +115,7 @@ def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
     if place:
         for table in read(place).control:
             if table.api == api and _covers(table.covers, installed):
-                return _cell(place, table)
+                return _cell(place, table.id)
     return f"the adapter {api} has no control for these versions"
 
 
@@ -119,7 +129,7 @@ def possible(cell: Cell, lock: str) -> tuple[Cell, ...]:
 def cells() -> tuple[Cell, ...]:
     """All controls, as cells."""
     place = folder()
-    return tuple(_cell(place, table) for table in read(place).control) if place else ()
+    return tuple(_cell(place, table.id) for table in read(place).control) if place else ()
 
 
 def _fails(phases: Iterable[PhaseRecord]) -> bool:
@@ -133,7 +143,9 @@ def _covers(text: str | None, installed: Mapping[str, str]) -> bool:
     return version is not None and parsed_requirement(text).specifier.contains(version, prereleases=True)
 
 
-def _cell(place: Path, table: ControlTable) -> Cell:
+@cache
+def _cell(place: Path, name: str) -> Cell:
+    table = next(one for one in read(place).control if one.id == name)
     pins = tuple(f"{name}=={version}" for name, (version, _) in _lock(place, table.id).items())
     case = Case(
         id=str(table.id), env=table.env, api=str(table.api), kwargs=table.kwargs, checks=checks_of(table.checks)

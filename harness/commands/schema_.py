@@ -25,6 +25,12 @@ def _expansion() -> type:
     return Expansion
 
 
+def _controls() -> type:
+    from harness.controls import ControlsFile  # noqa: PLC0415
+
+    return ControlsFile
+
+
 def _report() -> type:
     from harness.reporttypes import Document  # noqa: PLC0415
 
@@ -71,6 +77,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
     "overlay": ("how a package is repaired, `overlays/PACKAGE.toml`", _overlay),
+    "controls": ("known-good combinations of adapters, `controls/controls.toml`", _controls),
     "report": ("`report.json`, and `--json` of run, try, report, show and merge", _report),
     "plan": ("`plan --json`", _plan),
     "lock": ("`lock --json`", _lock),

@@ -268,6 +268,16 @@ class TestFolder:
             controls.read(other)
         assert str(told.value) == f'{other}/controls.toml: control[0].raeson: unknown key; did you mean "reason"?'
 
+    def test_a_missing_folder_is_said(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """What is missing is bad input, with the variable that named it."""
+        monkeypatch.setenv(controls.VARIABLE, str(tmp_path / "no"))
+        with pytest.raises(BadInput) as told:
+            controls.wanted(record(case("pfnn")))
+        assert str(told.value) == (
+            f"{tmp_path}/no/controls.toml: cannot be read: No such file or directory; "
+            "HARNESS_CONTROLS names the folder of the controls"
+        )
+
     def test_none_at_all(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Set to the empty string the variable leaves none."""
         monkeypatch.setenv(controls.VARIABLE, "")
