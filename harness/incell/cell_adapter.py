@@ -44,6 +44,10 @@ class Adapter:
         message = "this API has no checker"
         raise Skip(message)
 
+    def picture(self, case):
+        """Return two colours, `above` and `below`, of a right picture of a scene that the adapter itself brings."""
+        return
+
     def declares_pictures(self, case):
         """Whether the environment says that it can be drawn; yes where it cannot be asked."""
         return True
@@ -57,6 +61,9 @@ class Environment:
     """
 
     processes = ()
+    shape = ()
+    """Of rewards and flags: () of one environment, (n,) of a simulation of n worlds."""
+
     get_state = None
     """Where the state can be had: a method that returns it, and `set_state` that takes it back."""
 
@@ -88,9 +95,9 @@ class Environment:
         with library:
             observation, reward, terminated, truncated = self.advance(action)
         finite(observation, "step() returned an observation that")
-        scalar(reward, "step() returned a reward")
-        flag("terminated", terminated, self.tell)
-        flag("truncated", truncated, self.tell)
+        scalar(reward, "step() returned a reward", self.shape)
+        flag("terminated", terminated, self.tell, self.shape)
+        flag("truncated", truncated, self.tell, self.shape)
         return observation, reward, terminated, truncated
 
     def render(self):

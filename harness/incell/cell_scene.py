@@ -21,7 +21,7 @@ SPHERE = """
     </body>
     <body name="arm" pos="0.8 0 0.5">
       <joint name="shoulder" type="hinge" axis="0 1 0" damping="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.04" mass="0.5" rgba="0.2 0.3 0.8 1"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.04" mass="0.5" contype="0" conaffinity="0"/>
     </body>
   </worldbody>
   <actuator>
@@ -74,14 +74,19 @@ def named(case):
     return case["env"].partition(":")[2] or case["env"]
 
 
-def load(mujoco, case):
-    """Make the MjModel of a case: `PREFIX:NAME` is a scene of ours, `PREFIX:FILE.xml` a file where the cell runs."""
+def source(case):
+    """Return the model of a case: `PREFIX:NAME` is a text of ours, `PREFIX:FILE.xml` a file where the cell runs."""
     name = named(case)
     if name.endswith(".xml") and os.path.isfile(name):
-        with library:
-            return mujoco.MjModel.from_xml_path(name)
+        return name
     if name not in SCENES:
         message = "no scene and no file: {!r}; write {}, or a file that `files` of the matrix puts into HOME"
         raise LookupError(message.format(name, ", ".join(SCENES)))
+    return SCENES[name]
+
+
+def load(mujoco, case):
+    """Make the MjModel of a case."""
+    model = source(case)
     with library:
-        return mujoco.MjModel.from_xml_string(SCENES[name])
+        return (mujoco.MjModel.from_xml_string if model in SCENES.values() else mujoco.MjModel.from_xml_path)(model)

@@ -1,0 +1,98 @@
+"""The adapter of Brax: `brax:ant`, under the backend that `kwargs.backend` names."""
+
+import importlib
+
+from .cell_adapter import Adapter
+from .cell_errors import Skip, library, violate
+from .cell_scene import named
+from .cell_values import numbers
+from .cell_worlds import World
+
+HEIGHT, WIDTH = 240, 320
+EPISODE = 1000
+
+
+class Brax(Adapter):
+    """The calls of a user: get_environment, a compiled reset and step; create with a batch size."""
+
+    imports = ("jax", "brax", "brax.envs")
+
+    def make(self, case, tell, draw=False):
+        """Make one environment."""
+        envs = importlib.import_module("brax.envs")
+        with library:
+            raw = envs.get_environment(named(case), **case["kwargs"])
+        return Task(raw, tell, draw=draw)
+
+    def make_vector(self, makers, way, tell):
+        """Make a batch of environments, which begin anew by themselves; there are no workers."""
+        if way is not None:
+            message = "Brax steps a batch in one process, without workers"
+            raise Skip(message)
+        envs = importlib.import_module("brax.envs")
+        case = makers[0].case
+        with library:
+            raw = envs.create(named(case), episode_length=EPISODE, batch_size=len(makers), **case["kwargs"])
+        return Task(raw, tell, worlds=len(makers))
+
+
+class Task(World):
+    """An environment of pure functions: a state goes in, another comes out."""
+
+    def __init__(self, raw, tell, worlds=None, draw=False):
+        import numpy as np
+
+        self.jax = jax = importlib.import_module("jax")
+        self.raw = raw
+        with library:
+            self.image = importlib.import_module("brax.io.image") if draw else None
+            actions = np.ones(raw.action_size)
+            self.size = raw.observation_size
+            self.resetting, self.stepping = jax.jit(raw.reset), jax.jit(raw.step)
+            self.key = jax.random.PRNGKey(0)
+        super().__init__(tell, worlds, -actions, actions)
+        self.state = None
+
+    def begin(self, seed):
+        """Begin with the key of a seed, or with the next one."""
+        key = self.key if seed is None else self.jax.random.PRNGKey(seed)
+        self.key, used = self.jax.random.split(key)
+        self.state = self.resetting(used)
+        return self.seen("the observation", self.state.obs, (self.size,))
+
+    def advance(self, action):
+        """Make one step; Brax says 0.0 or 1.0 for whether an episode is done."""
+        self.state = self.stepping(self.state, self.jax.numpy.asarray(action))
+        reward = self.seen("the reward", self.state.reward, ())
+        done = self.seen("done", self.state.done, ())
+        if not bool(((done == 0) | (done == 1)).all()):
+            violate("step() returned done = {}, not 0 or 1", done)
+        truncated = numbers(self.state.info.get("truncation", 0 * done), "truncation") != 0
+        observation = self.seen("the observation", self.state.obs, (self.size,))
+        return observation, reward, (done != 0) & ~truncated, truncated
+
+    def draw(self):
+        """Draw by the library's own image module."""
+        state = getattr(self.state, "pipeline_state", None)
+        return self.image.render_array(self.raw.sys, state, HEIGHT, WIDTH)
+
+    def get_state(self):
+        """Return the state."""
+        return self.state
+
+    def set_state(self, state):
+        """Go on from a state."""
+        self.state = state
+
+    def describe(self):
+        """The device, the backend, and the sizes."""
+        with library:
+            return {
+                "device": str(self.jax.devices()[0]),
+                "backend": str(getattr(self.raw, "backend", "?")),
+                "observation_size": int(self.size),
+                "action_size": int(self.low.size),
+            }
+
+
+API = Brax()

@@ -1,0 +1,102 @@
+"""The adapter of Newton: `newton:sphere` is a scene of ours, under the solver that `kwargs.solver` names."""
+
+import importlib
+
+from .cell_errors import library
+from .cell_scene import source
+from .cell_worlds import World, Worlds
+
+SOLVER = "mujoco"
+TIMESTEP = 0.002
+TORQUE = 1.0
+
+
+class Newton(Worlds):
+    """The calls of a user: a builder, replicated worlds, a solver between two states."""
+
+    name = "Newton"
+    imports = ("warp", "newton")
+
+    def simulate(self, case, tell, worlds=None):
+        """Build a model and its solver."""
+        return Simulation(case, tell, worlds)
+
+
+class Simulation(World):
+    """A model whose last joint is driven by random torques; the same start each time."""
+
+    def __init__(self, case, tell, worlds):
+        import numpy as np
+
+        super().__init__(tell, worlds, np.array([-TORQUE]), np.array([TORQUE]))
+        newton = importlib.import_module("newton")
+        kwargs = dict(case["kwargs"])
+        solver = _solver(newton, kwargs.pop("solver", SOLVER))
+        with library:
+            one = newton.ModelBuilder()
+            one.add_mjcf(source(case))
+            builder = newton.ModelBuilder()
+            builder.replicate(one, worlds or 1)
+            self.model = builder.finalize()
+            self.solver = solver(self.model, **kwargs)
+            self.control = self.model.control()
+            self.state, self.next = self.model.state(), self.model.state()
+            self.collide = _collider(newton, solver, self.model)
+        self.newton = newton
+        self.bodies = self.model.body_count // (worlds or 1)
+
+    def begin(self, seed):
+        """Begin with the state that the model has."""
+        self.state, self.next = self.model.state(), self.model.state()
+        self.newton.eval_fk(self.model, self.model.joint_q, self.model.joint_qd, self.state)
+        return self._observed()
+
+    def advance(self, action):
+        """Make one step of all worlds."""
+        import numpy as np
+
+        forces = np.zeros((action.size, self.control.joint_f.size // action.size), dtype=np.float32)
+        forces[:, -1] = action.reshape(-1)
+        self.control.joint_f.assign(forces.reshape(-1))
+        self.state.clear_forces()
+        self.solver.step(self.state, self.next, self.control, self.collide(self.state), TIMESTEP)
+        self.state, self.next = self.next, self.state
+        return self.stepped(self._observed())
+
+    def _observed(self):
+        parts = {"body_q": 7, "body_qd": 6}
+        arrays = {name: getattr(self.state, name).numpy() for name in parts}
+        shaped = {name: array.reshape(self.shape + (self.bodies, -1)) for name, array in arrays.items()}
+        return {name: self.seen(name, shaped[name], (self.bodies, size)) for name, size in parts.items()}
+
+    def describe(self):
+        """The device, and the sizes of the model."""
+        with library:
+            return {"device": str(self.model.device), "solver": type(self.solver).__name__, "bodies": self.bodies}
+
+
+def _solver(newton, name):
+    known = {each[len("Solver") :].lower(): each for each in dir(newton.solvers) if each.startswith("Solver")}
+    known.pop("base", None)
+    if name not in known:
+        message = "Newton has no solver {!r}: it has {}".format(name, ", ".join(sorted(known)))
+        raise LookupError(message)
+    with library:
+        return getattr(newton.solvers, known[name])
+
+
+def _collider(newton, solver, model):
+    """What finds contacts; MuJoCo's solver finds its own."""
+    if solver.__name__ == "SolverMuJoCo":
+        return lambda state: None
+    pipeline = newton.CollisionPipeline(model)
+    contacts = pipeline.contacts()
+
+    def collide(state):
+        pipeline.collide(state, contacts)
+        return contacts
+
+    return collide
+
+
+API = Newton()

@@ -1,0 +1,69 @@
+"""Simulators that step one world or many at once, and whose values are arrays of another library than numpy."""
+
+from .cell_adapter import Adapter, Environment
+from .cell_errors import Skip, violate
+from .cell_values import numbers
+
+
+class Worlds(Adapter):
+    """Several environments are several worlds of one simulation, as users of these simulators have them."""
+
+    name = "it"
+
+    def make(self, case, tell, draw=False):
+        """Make a simulation of one world."""
+        if draw:
+            message = "{} draws no pictures itself".format(self.name)
+            raise Skip(message)
+        return self.simulate(case, tell)
+
+    def make_vector(self, makers, way, tell):
+        """Make one simulation with a world for each maker; there are no workers."""
+        if way is not None:
+            message = "{} steps many worlds in one process, without workers".format(self.name)
+            raise Skip(message)
+        return self.simulate(makers[0].case, tell, len(makers))
+
+    def simulate(self, case, tell, worlds=None):
+        """Make a simulation of one world, or of several as one: a `World`."""
+        raise NotImplementedError
+
+
+class World(Environment):
+    """A simulation with random actions between `low` and `high`: no reward, no end.
+
+    `shape` is () for one world and (n,) for several, which stand first in the shapes of all arrays.
+    """
+
+    def __init__(self, tell, worlds, low, high):
+        import numpy as np
+
+        super().__init__(tell)
+        self.shape = () if worlds is None else (worlds,)
+        self.low, self.high = low, high
+        self.random = np.random.RandomState(0)
+
+    def seen(self, name, value, shape):
+        """Copy an array of the library, as numpy sees it: floating-point numbers of this shape for each world."""
+        array = numbers(value, name)
+        if array.dtype.kind != "f":
+            violate("{} has dtype {}, not one of floating-point numbers", name, array.dtype)
+        if array.shape != self.shape + tuple(shape):
+            violate("{} has shape {}, not {}", name, array.shape, self.shape + tuple(shape))
+        return array.copy()
+
+    def stepped(self, observation):
+        """Complete an observation to what a step returns."""
+        import numpy as np
+
+        never = np.zeros(self.shape, dtype=bool)
+        return observation, np.zeros(self.shape), never, never
+
+    def seed_actions(self, seed):
+        """Seed what draws actions."""
+        self.random.seed(seed)
+
+    def action(self):
+        """Draw actions for all worlds."""
+        drawn = self.random.uniform(self.low, self.high, size=self.shape + self.low.shape)
+        return drawn.astype("float32")
