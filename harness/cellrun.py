@@ -151,7 +151,8 @@ def _limits(case: Case) -> tuple[object, ...]:
 
 
 def _asked(case: Case) -> tuple[object, ...]:
-    return case.env, case.api, case.kwargs, case.imports, case.providers, case.steps, case.seed
+    drawn = sorted((case.picture or {}).items())
+    return case.env, case.api, case.kwargs, case.imports, case.providers, drawn, case.steps, case.seed
 
 
 @cache

@@ -1,19 +1,19 @@
 """Phase render: pictures as arrays."""
 
-import ctypes
 import os
 import sys
 
 import numpy as np
 
+from .cell_context import current
 from .cell_episode import single
 from .cell_errors import Skip, violate
+from .cell_pictures import advance, composed, followed, same, values
 
 STEPS = 10
 LARGEST = 64 << 20
 DRAWERS = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet", "pygame")
 NEED_GL = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet")
-GL_STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02}
 
 
 def rgb_array(probe, facts):
@@ -30,31 +30,42 @@ def rgb_array(probe, facts):
     finally:
         facts["modules"] = [name for name in DRAWERS if name in sys.modules]
         needed = [name for name in NEED_GL if name in sys.modules]
-        if needed:
-            facts.setdefault("gl", {})["modules"] = needed
+        facts["gl"] = dict(facts.get("gl", {}), **({"modules": needed} if needed else {}))
 
 
 def _render(probe, facts):
-    seed = probe.case["seed"]
+    seed, steps = probe.case["seed"], probe.case["steps"]
     with single(probe, draw=True) as env:
         env.seed_actions(seed)
-        env.reset(seed)
-        frame = env.render()
-        gl = _context()
-        if gl:
-            facts["gl"] = gl
-        _examine(probe, facts, frame, "first")
-        for _ in range(min(STEPS, probe.case["steps"])):
-            values = env.step(env.action())
-            if values[2] or values[3]:
-                env.reset()
-        _examine(probe, facts, env.render(), "last")
+        start = values(env.reset(seed))
+        first = _picture(env)
+        facts["gl"] = current()
+        _examine(probe, facts, first, "first")
+        since = advance(env, min(STEPS, steps))
+        last = _picture(env)
+        _examine(probe, facts, last, "last")
+        if steps >= STEPS and (same(first, last) or not since[1]):
+            _tell(probe, followed(env, _picture, (first, last), start, since, steps - STEPS))
+        wanted = probe.case["picture"] or probe.api.picture(probe.case)
+        if wanted:
+            _tell(probe, composed(first, wanted["above"], wanted["below"]))
+
+
+def _picture(env):
+    """A picture that no later one overwrites."""
+    picture = env.render()
+    if not isinstance(picture, np.ndarray):
+        violate("render() returned a {}, not an array", type(picture).__name__)
+    return picture.copy()
+
+
+def _tell(probe, found):
+    if found:
+        probe.finding("render." + found[0], found[1])
 
 
 def _examine(probe, facts, frame, which):
     """A frame has to be an array (height, width, 3) of uint8 that shows something."""
-    if not isinstance(frame, np.ndarray):
-        violate("render() returned a {}, not an array", type(frame).__name__)
     if frame.ndim != 3 or frame.shape[2] != 3 or 0 in frame.shape:
         violate("render() returned shape {}, not (height, width, 3)", frame.shape)
     if frame.dtype != np.uint8:
@@ -66,18 +77,6 @@ def _examine(probe, facts, frame, which):
         probe.frame("render.rgb_array", which, name)
     if bool((frame == frame[0, 0]).all()):
         violate("blank frame: every pixel is {}", [int(v) for v in frame[0, 0]])
-
-
-def _context():
-    """What draws, where a GL context is current; asked through the library that PyOpenGL has loaded already."""
-    try:
-        loaded = sys.modules["OpenGL.platform"].PLATFORM
-        if not loaded.GetCurrentContext():
-            return {}
-        ask = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_uint)(("glGetString", loaded.GL))
-        return {name: (ask(number) or b"").decode("utf-8", "replace") for name, number in GL_STRINGS.items()}
-    except Exception:
-        return {}
 
 
 CHECKS = {"render.rgb_array": rgb_array}

@@ -217,6 +217,7 @@ def test_request() -> None:
             "packages": [],
             "providers": [],
             "timeouts": {"single": 3.0},
+            "picture": None,
             "steps": 100,
             "seed": 7,
             "memory_mb": 6000,

@@ -1,0 +1,97 @@
+"""What draws: the OpenGL context that is current in this thread, asked through libraries that are loaded already.
+
+Nothing is loaded here that was not: a library under test may depend on it and have forgotten to say so.
+"""
+
+import ctypes
+import os
+
+STRINGS = (("vendor", 0x1F00), ("renderer", 0x1F01), ("version", 0x1F02))
+EGL_DEVICE, EGL_EXTENSIONS, EGL_DRM_FILE, EGL_CUDA_DEVICE = 0x322C, 0x3055, 0x3233, 0x323A
+LONGEST = 300
+
+
+def current():
+    """`api` (egl, osmesa, glx), vendor, renderer, version and, of EGL, `device`; empty where no context is current."""
+    mapped = _mapped()
+    for stem, ask in (("libEGL.so", _egl), ("libOSMesa.so", _osmesa), ("libGLX.so", _glx), ("libGL.so", _glx)):
+        for path in mapped:
+            if os.path.basename(path).startswith(stem):
+                found = _asked(ask, path)
+                if found:
+                    return {name: text[:LONGEST] for name, text in found.items() if text}
+    return {}
+
+
+def _mapped():
+    with open("/proc/self/maps", "rb") as file:
+        paths = {line.split(None, 5)[5].strip() for line in file if b"/" in line}
+    return sorted(os.fsdecode(path) for path in paths if b".so" in path)
+
+
+def _asked(ask, path):
+    """What a library says; None where it is not what its name says, or has gone again."""
+    try:
+        return ask(ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_LAZY))
+    except (OSError, AttributeError):
+        return None
+
+
+def _egl(library):
+    display = _pointer(library.eglGetCurrentDisplay)
+    if not display or not _pointer(library.eglGetCurrentContext):
+        return None
+    return dict(_strings(library.eglGetProcAddress), api="egl", device=_device(library.eglGetProcAddress, display))
+
+
+def _osmesa(library):
+    if not _pointer(library.OSMesaGetCurrentContext):
+        return None
+    return dict(_strings(library.OSMesaGetProcAddress), api="osmesa")
+
+
+def _glx(library):
+    if not _pointer(library.glXGetCurrentContext):
+        return None
+    return dict(_strings(library.glXGetProcAddressARB), api="glx")
+
+
+def _device(find, display):
+    """The file of the device that draws, the number by which CUDA knows it, or that it is no hardware."""
+    of_display = _entry(find, "eglQueryDisplayAttribEXT", ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
+    of_device = _entry(find, "eglQueryDeviceAttribEXT", ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
+    text = _entry(find, "eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
+    device, cuda = ctypes.c_void_p(), ctypes.c_void_p()
+    if not (of_display and text) or not of_display(display, EGL_DEVICE, ctypes.byref(device)):
+        return ""
+    extensions = (text(device, EGL_EXTENSIONS) or b"").split()
+    found = []
+    if b"EGL_EXT_device_drm" in extensions:
+        found.append(_text(text(device, EGL_DRM_FILE)))
+    if b"EGL_NV_device_cuda" in extensions and of_device and of_device(device, EGL_CUDA_DEVICE, ctypes.byref(cuda)):
+        found.append("CUDA {}".format(cuda.value or 0))
+    if b"EGL_MESA_device_software" in extensions:
+        found.append("software")
+    return ", ".join(one for one in found if one)
+
+
+def _strings(find):
+    ask = _entry(find, "glGetString", ctypes.c_char_p, ctypes.c_uint)
+    return {name: _text(ask(number)) for name, number in STRINGS} if ask else {}
+
+
+def _entry(find, name, result, *arguments):
+    """A C function, as these libraries find it by its name; None where they know none."""
+    find.restype, find.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
+    address = find(name.encode())
+    return ctypes.CFUNCTYPE(result, *arguments)(address) if address else None
+
+
+def _pointer(function):
+    """What a function without arguments points to."""
+    function.restype = ctypes.c_void_p
+    return function()
+
+
+def _text(raw):
+    return (raw or b"").decode("utf-8", "replace")
