@@ -61,10 +61,7 @@ class Simulation(Environment):
         bullet.resetSimulation(**here)
         self.kept = []
         bullet.setGravity(0, 0, GRAVITY, **here)
-        if self.name == SCENE:
-            bodies = scene(bullet, here)
-        else:
-            bodies = [floor(bullet, here), *robot(bullet, here, self.name)]
+        bodies = scene(bullet, here) if self.name == SCENE else [floor(bullet, here), *robot(bullet, here, self.name)]
         self.bodies = bodies
         movable = (bullet.JOINT_REVOLUTE, bullet.JOINT_PRISMATIC)
         joints = [(body, joint) for body in bodies for joint in range(bullet.getNumJoints(body, **here))]
@@ -162,13 +159,13 @@ def box(bullet, here, half, place, colour, solid=False):
 def arm(bullet, here):
     """A link that turns about the y axis at a base that stands."""
     half = (0.04, 0.04, 0.25)
-    base = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.05] * 3, **here)
+    base = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=[0.03] * 3, rgbaColor=GREY, **here)
     shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **here)
     seen = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=GREEN, **here)
     return bullet.createMultiBody(
         0,
-        base,
         -1,
+        base,
         [-1.0, 0, 1.2],
         linkMasses=[0.5],
         linkCollisionShapeIndices=[shape],

@@ -4,6 +4,7 @@ import importlib
 
 from .cell_errors import Skip, library, violate
 from .cell_family import Family, Modern
+from .cell_own import takes
 from .cell_values import Examiner, shown
 
 TRUNCATED = "TimeLimit.truncated"
@@ -18,10 +19,10 @@ class Gym(Family):
     def __init__(self):
         super().__init__("gym")
 
-    def knows(self, case):
-        """Whether the environment of a case is registered."""
-        registry = self._part("envs.registration").registry
-        return case["env"] in (registry if isinstance(registry, dict) else registry.env_specs)
+    def ids(self):
+        """The ids that are registered."""
+        registry = super().ids()
+        return registry if isinstance(registry, dict) else registry.env_specs
 
     def bare(self, case, **more):
         """Make the library's own object; before 0.25 how it draws is said later, by `render`."""
@@ -121,11 +122,3 @@ class Classic(Modern):
         if isinstance(drawn, list) and (drawn or self.frame is not None):
             drawn = self.frame = drawn[-1] if drawn else self.frame
         return drawn
-
-
-def takes(function, name):
-    """Whether a function can be called with an argument of this name."""
-    import inspect
-
-    parameters = inspect.signature(function).parameters.values()
-    return any(parameter.name == name or parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)

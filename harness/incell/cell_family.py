@@ -4,6 +4,7 @@ import importlib
 
 from .cell_adapter import Adapter, Environment
 from .cell_errors import library
+from .cell_own import own
 from .cell_values import Examiner
 
 
@@ -14,13 +15,18 @@ class Family(Adapter):
         self.name = name
 
     def modules(self, case):
-        """The library, and the module that an id such as `module:Name-v0` names."""
-        prefix, colon, _ = (case["env"] or "").partition(":")
+        """The library, and the module that an id such as `module:Name-v0` or `module:callable` names."""
+        found = own(case)
+        prefix, colon, _ = (found.module, ":", "") if found else (case["env"] or "").partition(":")
         return [self.name] + ([prefix] if colon else [])
 
     def knows(self, case):
-        """Whether the environment of a case is registered."""
-        return case["env"] in self._part("envs.registration").registry
+        """Whether the environment of a case is registered, or a callable of the user's."""
+        return case["env"] in self.ids() or self._own(case) is not None
+
+    def ids(self):
+        """The ids that are registered."""
+        return self._part("envs.registration").registry
 
     def make(self, case, tell, draw=False):
         """Make the environment of a case."""
@@ -34,7 +40,11 @@ class Family(Adapter):
 
     def bare(self, case, **more):
         """Make the library's own object."""
-        return importlib.import_module(self.name).make(case["env"], **dict(case["kwargs"], **more))
+        options = dict(case["kwargs"], **more)
+        found = self._own(case)
+        if found:
+            return found.make(options)
+        return importlib.import_module(self.name).make(case["env"], **options)
 
     def make_vector(self, makers, way, tell):
         """Make a SyncVectorEnv, or an AsyncVectorEnv with these arguments."""
@@ -63,6 +73,15 @@ class Family(Adapter):
     def pictures(self, raw):
         """The render modes that an environment names."""
         return raw.metadata.get("render_modes", ())
+
+    def _own(self, case):
+        """The callable that the id of a case names, unless it is one of the library's own ids."""
+        found = own(case)
+        if found is None or not found.exists():
+            return None
+        names = (case["env"], found.name)
+        registered = any(one in names or one.startswith(found.name + "-v") for one in list(self.ids()))
+        return None if registered else found
 
     def _part(self, name):
         return importlib.import_module("{}.{}".format(self.name, name))

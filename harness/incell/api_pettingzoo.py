@@ -1,0 +1,256 @@
+"""The adapter of PettingZoo: `pettingzoo:classic/rps_v2`, and `pettingzoo:aec:classic/rps_v2` where agents take turns.
+
+What follows is a module below `pettingzoo`. Every agent is examined by its own spaces.
+"""
+
+import importlib
+
+from .cell_adapter import Adapter, Environment
+from .cell_errors import Skip, library, violate
+from .cell_own import own, takes
+from .cell_values import Examiner, flag, scalar, shown
+
+TURNS = "aec:"
+"""What stands before the module of an environment in which agents take turns."""
+
+CYCLES = 20
+"""How long the library's own test goes on."""
+
+
+class PettingZoo(Adapter):
+    """The calls of a user: `module.parallel_env()` or `module.env()`, in a loop over agents."""
+
+    imports = ("pettingzoo",)
+
+    def modules(self, case):
+        """The library, and the module of the environment."""
+        found = own(case)
+        return [*self.imports, found.module if found else _module(case)]
+
+    def make(self, case, tell, draw=False):
+        """Make the environment of a case."""
+        with library:
+            raw = self.bare(case, **({"render_mode": "rgb_array"} if draw else {}))
+        return (Turns if hasattr(raw, "agent_iter") else Together)(raw, tell)
+
+    def bare(self, case, **more):
+        """Make the library's own object."""
+        options = dict(case["kwargs"], **more)
+        found = own(case)
+        if found:
+            return found.make(options)
+        module = importlib.import_module(_module(case))
+        return (module.env if _named(case).startswith(TURNS) else module.parallel_env)(**options)
+
+    def make_vector(self, makers, way, tell):
+        """Environments in batches are those of SuperSuit, another library."""
+        message = "PettingZoo has no environments in batches"
+        raise Skip(message)
+
+    def check_env(self, case):
+        """Run the library's own test."""
+        with library:
+            raw = self.bare(case)
+            test = importlib.import_module("pettingzoo.test")
+            if hasattr(raw, "agent_iter"):
+                test.api_test(raw, num_cycles=CYCLES)
+            else:
+                test.parallel_api_test(raw, num_cycles=CYCLES)
+
+    def declares_pictures(self, case):
+        """Whether the environment names the render mode rgb_array."""
+        try:
+            raw = self.bare(case)
+            modes = raw.metadata.get("render_modes", ())
+            raw.close()
+        except Exception:
+            return True
+        return "rgb_array" in modes
+
+
+def _named(case):
+    """What follows the name of the library."""
+    prefix, _, rest = case["env"].partition(":")
+    return rest if prefix == "pettingzoo" else case["env"]
+
+
+def _module(case):
+    name = _named(case)
+    name = name[len(TURNS) :] if name.startswith(TURNS) else name
+    return "pettingzoo." + name.replace("/", ".")
+
+
+class Agent:
+    """One agent of an environment, with its spaces as attributes."""
+
+    def __init__(self, raw, name):
+        self.name = name
+        with library:
+            self.observation_space = raw.observation_space(name)
+            self.action_space = raw.action_space(name)
+
+
+class Group(Environment):
+    """Several agents; an episode is over when none of them is left."""
+
+    def __init__(self, raw, tell):
+        super().__init__(tell)
+        self.raw = raw
+        self.seed = 0
+        self.known = {}
+        self.masks = {}
+
+    def agent(self, name):
+        """An agent, and what examines its observations; both made when it first appears."""
+        if name not in self.known:
+            agent = Agent(self.raw, name)
+            spaces = importlib.import_module(type(agent.observation_space).__module__.partition(".")[0] + ".spaces")
+            examiner = Examiner(spaces, agent, self.tell)
+            self.known[name] = agent, examiner
+            self._seed(agent)
+        return self.known[name]
+
+    def _seed(self, agent):
+        with library:
+            agent.action_space.seed(self.seed + sum(bytearray(str(agent.name).encode("utf-8"))))
+
+    def observed(self, call, name, observation, info):
+        """Examine what an agent sees, and keep which of its actions are allowed."""
+        call = "{} of {}".format(call, name)
+        examiner = self.agent(name)[1]
+        examiner.info(call, info)
+        examiner.observation(call, observation)
+        masks = [
+            part["action_mask"] for part in (observation, info) if isinstance(part, dict) and "action_mask" in part
+        ]
+        self.masks[name] = masks[0] if masks else None
+
+    def draw_action(self, name):
+        """Sample the action space of an agent, among what is allowed."""
+        space, mask = self.agent(name)[0].action_space, self.masks.get(name)
+        with library:
+            return space.sample() if mask is None else space.sample(mask)
+
+    def seed_actions(self, seed):
+        """Seed the action spaces, each in its own way."""
+        self.seed = seed
+        for agent, _ in self.known.values():
+            self._seed(agent)
+
+    def draw(self):
+        """Return what render() returns."""
+        return self.raw.render()
+
+    def describe(self):
+        """The spaces by agent."""
+        spaces = {}
+        for kind in ("observation_space", "action_space"):
+            spaces[kind] = str({name: str(getattr(agent, kind)) for name, (agent, _) in self.known.items()})[:500]
+        return spaces
+
+    def close(self):
+        """Close the library's object."""
+        self.raw.close()
+
+
+class Together(Group):
+    """All agents act at once: everything comes by agent."""
+
+    def reset(self, seed=None):
+        """Start an episode and return the observations by agent."""
+        with library:
+            result = self.raw.reset(seed=seed)
+            several = takes(self.raw.reset, "return_info")  # until 1.22: the observations alone, unless asked for more
+        if several:
+            result = result, {}
+        elif not isinstance(result, tuple) or len(result) != 2:
+            violate("reset() returned {}, not (observations, infos)", shown(result))
+        observations, infos = result
+        self._by_agent("reset()", "observations", observations, self.raw.agents)
+        for name in self.raw.agents:
+            self.observed("reset()", name, observations[name], _of(infos, name))
+        return dict(observations)
+
+    def step(self, action):
+        """Make one step: observations and rewards by agent, and whether all have ended, or all but those cut short."""
+        with library:
+            before = list(self.raw.agents)
+            result = self.raw.step(action)
+        if not isinstance(result, tuple) or len(result) != 5:
+            violate("step() returned {}, not (observations, rewards, terminations, truncations, infos)", shown(result))
+        for name, part in zip(("observations", "rewards", "terminations", "truncations"), result):
+            self._by_agent("step()", name, part, before)
+        observations, rewards, terminations, truncations, infos = result
+        for name in before:
+            self.observed("step()", name, observations[name], _of(infos, name))
+            scalar(rewards[name], "step() returned a reward of {}".format(name))
+            flag("the termination of {}".format(name), terminations[name], self.tell)
+            flag("the truncation of {}".format(name), truncations[name], self.tell)
+        over = not self.raw.agents
+        ended = over and all(terminations.values())
+        return dict(observations), dict(rewards), ended, over and not ended
+
+    def _by_agent(self, call, what, part, names):
+        if not isinstance(part, dict):
+            violate("{} returned {} as {}, not a dict by agent", call, shown(part), what)
+        missing = [name for name in names if name not in part]
+        if missing:
+            violate("{} returned {} without {}", call, what, ", ".join(map(str, missing)))
+
+    def action(self):
+        """Draw an action for each agent."""
+        return {name: self.draw_action(name) for name in self.raw.agents}
+
+
+class Turns(Group):
+    """Agents act one after the other; a step is the turn of one of them."""
+
+    def reset(self, seed=None):
+        """Start an episode and return what the first agent sees."""
+        with library:
+            self.raw.reset(seed=seed)
+        return self._last("reset()")[0]
+
+    def step(self, action):
+        """Let an agent act: what the next one sees and got since its last turn, and whether none of them is left.
+
+        Those whose episode has ended are told so in their turn, and do nothing in it.
+        """
+        seen, rewards, cut = {}, {}, False
+        while True:
+            with library:
+                self.raw.step(action)
+                over = not self.raw.agents
+            if over:
+                return seen, rewards, not cut, cut
+            observation, reward, terminated, truncated = self._last("step()")
+            seen.update(observation)
+            rewards.update(reward)
+            if not terminated and not truncated:
+                return seen, rewards, False, False
+            action, cut = None, cut or not terminated
+
+    def _last(self, call):
+        with library:
+            name = self.raw.agent_selection
+            result = self.raw.last()
+        if not isinstance(result, tuple) or len(result) != 5:
+            text = "last() after {} returned {}, not (observation, reward, termination, truncation, info)"
+            violate(text, call, shown(result))
+        observation, reward, terminated, truncated, info = result
+        self.observed(call, name, observation, info)
+        scalar(reward, "last() returned a reward of {}".format(name))
+        flag("the termination of {}".format(name), terminated, self.tell)
+        flag("the truncation of {}".format(name), truncated, self.tell)
+        return {str(name): observation}, {str(name): reward}, terminated, truncated
+
+    def action(self):
+        """Draw an action for the agent whose turn it is."""
+        return self.draw_action(self.raw.agent_selection)
+
+
+def _of(infos, name):
+    return infos.get(name, {}) if isinstance(infos, dict) else infos
+
+
+API = PettingZoo()
