@@ -123,7 +123,7 @@ def _sheet(sheet: Sheet) -> Iterable[RenderableType]:
     yield _list(sheet)
     yield ""
     if sheet.repairs:
-        yield from _remarks("repaired, as nobody else has them", sheet.repairs)
+        yield from _remarks("repaired: no resolver accepts them as the index has them", sheet.repairs)
     if sheet.findings:
         yield from _remarks("findings, which stop no user's loop", sheet.findings)
     if sheet.dropped:

@@ -13,6 +13,7 @@ from harness.model import (
     CellRecord,
     CheckRecord,
     Dropped,
+    Edit,
     Expectation,
     Finding,
     Level,
@@ -21,6 +22,7 @@ from harness.model import (
     PhaseRecord,
     Plan,
     Question,
+    Repair,
     Step,
     Verdict,
 )
@@ -149,6 +151,20 @@ def measured(of: Cell, ant: CaseRecord, **more: Any) -> CellRecord:
     return record(cartpole, ant, of=of, python=full, installed=installed, lock="locks/5f0c.txt", **more)
 
 
+REPAIR = Repair(
+    name="gymnasium",
+    version="0.29.1",
+    uploaded="2023-08-21T00:00:00Z",
+    sdist="1" * 64,
+    wheel="2" * 64,
+    build=("setuptools==66.1.1",),
+    python=">=3.8",
+    edits=(Edit(field="Requires-Dist", old="shimmy (>=1.)", new="shimmy (>=1)"),),
+    reason="an extra requires what is no version",
+    link="https://example.org/750",
+)
+
+
 def quick() -> tuple[Plan, tuple[CellRecord, ...]]:
     """A small matrix: green, red as expected, red in other ways, unavailable, not run, left out."""
     complaint = warning("single.check_env", "the render mode 'depth_array' does not work")
@@ -165,7 +181,7 @@ def quick() -> tuple[Plan, tuple[CellRecord, ...]]:
         combination("3.11", "0.29.1", "1.50"),
     )
     records = (
-        measured(cells[0], case("pppp", single=complained)),
+        measured(cells[0], case("pppp", single=complained), repairs=(REPAIR,)),
         measured(cells[1], field_gone),
         measured(cells[2], field_gone),
         measured(cells[3], case("ppfp", vector=phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET))),

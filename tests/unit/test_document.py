@@ -273,3 +273,22 @@ def test_exit_code_of_what_is_as_expected() -> None:
 
     assert document.exit_code(whole, ("unexpected", "stale")) == 0
     assert document.exit_code(whole, ("unexpected", "stale", "unavailable")) == 1
+
+
+def test_a_repaired_release_is_told() -> None:
+    """What was changed, why, and all that it takes to make the same wheel."""
+    cells = {cell.axes["mujoco"]: cell for cell in quick_document().cells if cell.axes["python"] == "3.9"}
+
+    assert cells["2.3.7"].repairs == (
+        {
+            "package": "gymnasium",
+            "version": "0.29.1",
+            "edits": [{"field": "Requires-Dist", "from": "shimmy (>=1.)", "to": "shimmy (>=1)"}],
+            "reason": "an extra requires what is no version",
+            "link": "https://example.org/750",
+            "sdist_sha256": "1" * 64,
+            "wheel_sha256": "2" * 64,
+            "build": ["setuptools==66.1.1"],
+        },
+    )
+    assert cells["3.3.7"].repairs == ()

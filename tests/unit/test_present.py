@@ -60,7 +60,7 @@ def test_tables_of_the_page_are_whole() -> None:
 def test_page_without_anything_to_explain() -> None:
     """A page of working cells has no empty sections."""
     made = quick_document()
-    green = msgspec.structs.replace(made.cells[0], findings=(), lock=None)
+    green = msgspec.structs.replace(made.cells[0], findings=(), lock=None, repairs=())
     alone = msgspec.structs.replace(made, cells=(green,), dropped=())
 
     text = present.markdown(tables.report(alone), TEMPLATE)
@@ -170,3 +170,13 @@ def test_green_rows_of_a_long_small_table_are_counted() -> None:
     row, more = shown(70)
     assert row.startswith("row7 ")
     assert more == "69 more rows in which all works"
+
+
+def test_what_was_repaired_is_told_on_a_terminal() -> None:
+    """Beside the verdict, and what was changed below."""
+    lines = screen(200)
+
+    assert [line.split()[1:3] for line in lines if line.startswith("  repaired ")] == [["python", "3.9.18,"]]
+    at = [line.rstrip() for line in lines].index("repaired: no resolver accepts them as the index has them")
+    told = "  gymnasium 0.29.1, `Requires-Dist: shimmy (>=1.)` to `shimmy (>=1)`: an extra requires what is no version"
+    assert lines[at + 1].startswith(told)
