@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -230,3 +231,13 @@ class TestMending:
             mending.mended(wheel(pure=False), read()[1])
 
         assert str(caught.value) == "gym 0.21.0: what its sdist builds is no wheel that fits every machine"
+
+
+def test_the_committed_recipes_can_be_read() -> None:
+    """Each is called as its package is, and repairs something."""
+    files = sorted((Path(__file__).parents[2] / "matrices" / "overlays").glob("*.toml"))
+
+    assert files
+    for file in files:
+        made = repairs.read(file.read_text(encoding="utf-8"), file.name)
+        assert {one.name for one in made} == {file.stem}
