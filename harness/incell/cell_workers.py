@@ -5,6 +5,7 @@ worker, and in gym 0.26 a `TypeError` for any exception of step().
 """
 
 import functools
+import importlib
 import os
 from time import monotonic
 
@@ -19,20 +20,24 @@ class Maker:
     def __init__(self, probe, check):
         self.make = probe.api.bare
         self.case = probe.case
+        self.modules = list(probe.import_modules())
         self.folder = probe.folder
         self.parent = probe.reply.pid
         self.deadline = probe.deadline
         self.check = check
 
     def __call__(self):
-        """Make the environment; the parent makes one, too, to know its spaces."""
+        """Make the environment; the parent makes one, too, to know its spaces.
+
+        A worker that is started anew imports first what the parent did: Python runs a user's script again there.
+        """
         if os.getpid() == self.parent:
             return self.make(self.case)
         name = os.path.join(self.folder, "worker-{}".format(os.getpid()))
         stacks = Stacks(name + ".txt")
         stacks.arm(0.9 * (self.deadline - monotonic()))
         diary = Diary(Lines(name + ".jsonl"), self.check)
-        env = diary.kept("constructor", self.make)(self.case)
+        env = diary.kept("constructor", self._made)()
         diary.reached("constructed")
         for stage in ("reset", "step"):
             try:
@@ -40,6 +45,11 @@ class Maker:
             except AttributeError:  # an environment may refuse new attributes
                 break
         return env
+
+    def _made(self):
+        for name in self.modules:
+            importlib.import_module(name)
+        return self.make(self.case)
 
 
 class Diary:

@@ -1,16 +1,22 @@
-"""An environment that goes wrong in one way, named by `mode`: `PLACE-HOW` or a word for what it returns."""
+"""An environment that goes wrong in one way, named by `mode`: `PLACE-HOW` or a word for what it returns.
+
+With `child-` before HOW only a worker goes wrong. It speaks the API of the library that LIBRARY names, else of the one
+that is there.
+"""
 
 import ctypes
+import importlib.util
+import multiprocessing
 import os
+import signal
 import sys
 import time
 
 import numpy as np
 
-LIBRARY = os.environ["LIBRARY"]
+LIBRARY = os.environ.get("LIBRARY") or ("gymnasium" if importlib.util.find_spec("gymnasium") else "gym")
 gym = __import__(LIBRARY)
 register = __import__(LIBRARY + ".envs.registration", fromlist=["register"]).register
-PROBE = os.getpid()
 
 
 def _raise():
@@ -21,6 +27,7 @@ def _raise():
 HOW = {
     "raise": _raise,
     "segv": lambda: ctypes.string_at(0),
+    "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
     "exit": lambda: os._exit(7),
     "sysexit": lambda: sys.exit(3),
     "hang": lambda: time.sleep(1000),
@@ -41,7 +48,7 @@ class Troubled(gym.Env):
 
     def trouble(self, place):
         where, _, how = self.mode.partition("-")
-        spared = how.startswith("child-") and os.getpid() == PROBE
+        spared = how.startswith("child-") and multiprocessing.current_process().name == "MainProcess"
         how = how.rpartition("-")[2]
         if where == place and how in HOW and not spared:
             HOW[how]()
@@ -107,6 +114,38 @@ class Old(Troubled):
         return self.observation()
 
 
-register("Troubled-v0", entry_point=Troubled)
-register("Blind-v0", entry_point=Blind)
-register("Old-v0", entry_point=Old)
+class Classic(Troubled):
+    """The same before gym 0.26."""
+
+    metadata = {"render.modes": ["rgb_array"], "render_modes": ["rgb_array"]}  # noqa: RUF012
+
+    def __init__(self, mode=""):
+        super().__init__(mode)
+        self.np_random = np.random.default_rng()
+
+    def seed(self, seed=None):
+        if self.mode != "deaf":
+            self.np_random = np.random.default_rng(seed)
+        return [seed]
+
+    def reset(self):
+        self.steps = 0
+        self.resets += 1
+        self.trouble("reset")
+        return (self.observation(), {}) if self.mode == "pair" else self.observation()
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = super().step(action)
+        if self.mode == "five":
+            return observation, reward, terminated, truncated, info
+        return observation, reward, terminated, None if self.mode == "noinfo" else info
+
+    def render(self, mode="human"):
+        return super().render()
+
+
+Spoken = Classic if hasattr(gym.Env, "seed") else Troubled
+register("Troubled-v0", entry_point=Spoken)
+if Spoken is Troubled:
+    register("Blind-v0", entry_point=Blind)
+    register("Old-v0", entry_point=Old)
