@@ -126,7 +126,7 @@ def _sha256(file: _File) -> str | None:
     path = _local(file.address)
     if file.sha256 or path is None:
         return file.sha256
-    with path.open("rb") as content:
+    with _there(path).open("rb") as content:
         return hashlib.file_digest(content, "sha256").hexdigest()
 
 

@@ -330,6 +330,40 @@ class TestLogins:
         assert releases("pole") == POLE
 
 
+SDIST = b"an sdist, as far as anybody asks"
+MARK = hashlib.sha256(SDIST).hexdigest()
+
+
+class TestFind:
+    """Where the file with a hash lies."""
+
+    @pytest.mark.parametrize("form", ["json", "html"])
+    def test_an_index_tells_the_address(self, server: Server, form: str, tmp_path: Path) -> None:
+        """By the hash that it gives of each file, whatever form the page has; what lies there can be fetched."""
+        entry = {"filename": "pole-1.0.tar.gz", "url": "../../files/pole-1.0.tar.gz", "hashes": {"sha256": MARK}}
+        link = f'<html><body><a href="../../files/pole-1.0.tar.gz#sha256={MARK}">pole-1.0.tar.gz</a></body></html>'
+        told = answer(200, json.dumps({**JSON_PAGE, "files": [entry]}).encode(), "application/vnd.pypi.simple.v1+json")
+        settings = page(server, told if form == "json" else answer(200, link.encode()))
+        server.pages["/files/pole-1.0.tar.gz"] = answer(200, SDIST)
+
+        found = index.find("pole", MARK, settings)
+
+        assert (found.filename, found.sha256) == ("pole-1.0.tar.gz", MARK)
+        assert fetch(found, tmp_path, settings).read_bytes() == SDIST
+
+    def test_a_file_of_a_folder_tells_its_own(self, server: Server, tmp_path: Path) -> None:
+        """It is hashed where it lies; another file of the same name is not it."""
+        (tmp_path / "pole-1.0.tar.gz").write_bytes(SDIST)
+        links = IndexSettings(no_index=True, find_links=(str(tmp_path),))
+
+        assert index.find("pole", MARK, links).source == str(tmp_path / "pole-1.0.tar.gz")
+        with pytest.raises(IndexUnreachable) as raised:
+            index.find("pole", "0" * 64, links)
+        assert str(raised.value) == (
+            f"no index or find-links place that was asked has the file of pole with the SHA-256 {'0' * 64}"
+        )
+
+
 def wheel(source: str, content: bytes = WHEEL) -> Artifact:
     """The file as a lock names it."""
     return Artifact(filename="pole-1.0-py3-none-any.whl", sha256=hashlib.sha256(content).hexdigest(), source=source)
