@@ -58,6 +58,7 @@ CheckName = Literal[
     "import", "single", "vector", "render", "interop", "vector.*",
     "import.modules", "single.loop", "vector.sync", "vector.async.fork", "vector.async.spawn",
     "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "render.rgb_array",
+    "interop.sb3.check_env", "interop.sb3.learn",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
 
