@@ -10,17 +10,17 @@ SPHERE = """
   <worldbody>
     <light pos="0 -2 4" dir="0 0.4 -1"/>
     <camera name="front" pos="0 -3 1.2" xyaxes="1 0 0 0 0.25 1"/>
-    <geom name="floor" type="plane" size="3 3 0.1" rgba="0.3 0.5 0.3 1"/>
+    <geom name="floor" type="plane" size="3 3 0.1" contype="0" rgba="0.3 0.5 0.3 1"/>
     <body name="sphere" pos="0 0 1">
       <freejoint/>
-      <geom type="sphere" size="0.1" mass="1" rgba="0.8 0.2 0.2 1"/>
+      <geom type="sphere" size="0.1" mass="1" conaffinity="0" rgba="0.8 0.2 0.2 1"/>
     </body>
     <body name="stone" pos="-0.6 0 0.1">
       <freejoint/>
-      <geom type="sphere" size="0.1" mass="1" rgba="0.7 0.7 0.7 1"/>
+      <geom type="sphere" size="0.1" mass="1" conaffinity="0" rgba="0.7 0.7 0.7 1"/>
     </body>
     <body name="arm" pos="0.8 0 0.5">
-      <joint name="shoulder" type="hinge" axis="0 1 0" damping="0.1"/>
+      <joint name="shoulder" type="hinge" axis="0 1 0"/>
       <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.04" mass="0.5" contype="0" conaffinity="0"/>
     </body>
   </worldbody>
