@@ -2,7 +2,7 @@
 
     python tests/real/controls.py [--lock] [ID...]
 
-A lock allows every file that the index has of each version, so that machines of other kinds can use it.
+A lock allows every file of each version that its Python takes on Linux, so that machines of other kinds can use it.
 """
 
 from __future__ import annotations
@@ -10,39 +10,48 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from tempfile import NamedTemporaryFile
+import tomllib
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from urllib.parse import unquote
 
+from packaging.utils import parse_wheel_filename
 from uv import find_uv_bin
 
 from harness import controls, scheduler, store, verdict
 from harness.controls import ControlTable
-from harness.locks import pinned
 from harness.model import Cell, CellRecord, Verdict
 
 
 def lock(table: ControlTable, snapshot: str) -> str:
     """The lock of a control's requirements, as its file has it."""
-    uv = find_uv_bin()
-    options = (
-        "--generate-hashes",
-        "--no-annotate",
-        "--no-header",
-        "-q",
-        "--exclude-newer",
-        snapshot,
-        "--no-emit-index-url",
-    )
-    command = (uv, "pip", "compile", "-", "--python-version", table.python, *options)
-    asked = "\n".join(table.requirements)
-    with NamedTemporaryFile("w", suffix=".txt") as bounds:
-        bounds.write("\n".join(table.build_constraints))
-        bounds.flush()
-        bounded = (*command, "--build-constraint", bounds.name)
-        text = subprocess.run(bounded, input=asked, stdout=subprocess.PIPE, text=True, check=True).stdout
-    return "".join(
-        " \\\n".join((f"{name}=={version}", *(f"    --hash=sha256:{one}" for one in sorted(hashes)))) + "\n"
-        for name, (version, hashes) in sorted(pinned(text).items())
-    )
+    with TemporaryDirectory() as folder:
+        made, bounds, asked = (Path(folder) / name for name in ("pylock.toml", "bounds.txt", "asked.txt"))
+        bounds.write_text("\n".join(table.build_constraints), encoding="utf-8")
+        asked.write_text("\n".join(table.requirements), encoding="utf-8")
+        where = ("--python-version", table.python, "--exclude-newer", snapshot, "--build-constraint", bounds)
+        subprocess.run((find_uv_bin(), "pip", "compile", asked, "-q", "-o", made, *where), check=True)
+        packages = tomllib.loads(made.read_text(encoding="utf-8"))["packages"]
+    lines = {one["name"]: (f"{one['name']}=={one['version']}", *files(one, table.python)) for one in packages}
+    return "".join(" \\\n    --hash=sha256:".join(lines[name]) + "\n" for name in sorted(lines))
+
+
+def files(package: dict[str, Any], python: str) -> list[str]:
+    """The hashes of the wheels that this Python takes on some Linux; of the sdist where there is none."""
+    wheels = [one for one in package.get("wheels", ()) if fits(one["url"].rpartition("/")[2], python)]
+    return sorted(one["hashes"]["sha256"] for one in wheels or [package["sdist"]])
+
+
+def fits(filename: str, python: str) -> bool:
+    """Whether a wheel is for this Python, and for Linux or for anything."""
+    minor = int(python.partition(".")[2])
+    own = {f"cp3{minor}", f"py3{minor}", "py3", "py2.py3"}
+    for tag in parse_wheel_filename(unquote(filename))[3]:
+        older = tag.abi == "abi3" and int(tag.interpreter.removeprefix("cp3") or 0) <= minor
+        if (tag.interpreter in own or older) and (tag.platform == "any" or "linux" in tag.platform):
+            return True
+    return False
 
 
 class Told:
