@@ -16,6 +16,7 @@ from harness.model import (
     CaseRecord,
     Cell,
     CellRecord,
+    CheckRecord,
     Finding,
     IndexSettings,
     Level,
@@ -39,6 +40,9 @@ from harness.reporttypes import (
     SubjectEntry,
     SuiteEntry,
 )
+
+DRAWN = ("api", "vendor", "renderer", "version", "device")
+LONGEST_TEXT = 300
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""
@@ -210,7 +214,16 @@ def _case(evidence: CellRecord, record: CaseRecord, locate: Locate) -> CaseEntry
             for phase in phases
             if phase.evidence and phase.outcome is not Outcome.PASSED
         },
+        drawn=_drawn(checks),
     )
+
+
+def _drawn(checks: Iterable[CheckRecord]) -> dict[str, str]:
+    """What a check says of the OpenGL context that drew for it; a cell may have written anything there."""
+    said = next((check.facts["gl"] for check in checks if check.facts.get("gl")), None)
+    if not isinstance(said, dict):
+        return {}
+    return {name: str(said[name])[:LONGEST_TEXT] for name in DRAWN if name in said}
 
 
 def _why(phases: Iterable[PhaseRecord]) -> str | None:

@@ -124,6 +124,8 @@ def _sheet(sheet: Sheet) -> Iterable[RenderableType]:
     yield ""
     if sheet.repairs:
         yield from _remarks("repaired: no resolver accepts them as the index has them", sheet.repairs)
+    if sheet.drawing:
+        yield from _remarks("frames: what drew them, and what was set for them to appear", sheet.drawing)
     if sheet.findings:
         yield from _remarks("findings, which stop no user's loop", sheet.findings)
     if sheet.dropped:

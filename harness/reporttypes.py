@@ -63,7 +63,10 @@ class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that."""
+    """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that.
+
+    `drawn` is the OpenGL context that drew its frames: api (egl, osmesa, glx), vendor, renderer, version, device.
+    """
 
     case: str
     env: str | None
@@ -75,6 +78,7 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     reasons: dict[str, str] = {}
     masked: dict[str, str] = {}
     evidence: dict[Phase, str] = {}
+    drawn: dict[str, str] = {}
 
 
 class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -301,6 +305,7 @@ class Sheet:
     dropped: tuple[Remark, ...]
     locks: tuple[Remark, ...]
     repairs: tuple[Remark, ...] = ()
+    drawing: tuple[Remark, ...] = ()
     left_out: int = 0
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from harness.errors import BadInput
 from harness.model import Verdict
 from harness.reporttypes import (
     SEVERITY,
+    CaseEntry,
     CellEntry,
     Document,
     Explanation,
@@ -83,7 +84,35 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         dropped=_grouped(dropped),
         left_out=sum(gone.count for gone in document.dropped if gone.id.partition("/")[0] == name),
         locks=_grouped(locks),
+        drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
         repairs=_grouped((_repaired(one), str(one["link"]), cell.id) for cell in cells for one in cell.repairs),
+    )
+
+
+SETTING = {
+    "DISPLAY": None,
+    "MUJOCO_GL": {"mujoco", "mujoco-py", "free-mujoco-py", "dm-control"},
+    "PYOPENGL_PLATFORM": {"pyopengl"},
+    "SDL_VIDEODRIVER": {"pygame", "pygame-ce"},
+}
+"""Variables that the harness supplies, and the packages of which one has to be there for it to matter; None for any."""
+
+
+def _drawing(cell: CellEntry) -> Iterator[tuple[str, str]]:
+    """Of a cell with frames: what drew them, and what a user has to set for them, too; each with what it is."""
+    drawn = [case for case in cell.cases if case.frames]
+    for words in dict.fromkeys(context(case) for case in drawn if case.drawn):
+        yield "what drew", words
+    for name, value in cell.supplied.items() if drawn else ():
+        readers = SETTING.get(name)
+        if readers is None or readers & {*(cell.installed or ())}:
+            yield "to be set", f"{name}={value}"
+
+
+def context(case: CaseEntry) -> str:
+    """What drew the frames of a case, in words."""
+    return ", ".join(
+        case.drawn[part] for part in ("api", "renderer", "vendor", "version", "device") if part in case.drawn
     )
 
 

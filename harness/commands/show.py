@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import catalog, document, plan, store
+from harness import catalog, document, plan, store, tables
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
@@ -153,6 +153,8 @@ def _case(case: CaseEntry) -> Iterator[str]:
         if phase not in checked and outcome is not Outcome.SKIPPED
     )
     yield from (f"  frame {frame}" for frame in case.frames)
+    if case.drawn:
+        yield f"  drawn by {tables.context(case)}"
 
 
 def _log(evidence: str | None) -> Iterator[str]:

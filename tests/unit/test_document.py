@@ -23,7 +23,7 @@ from specimens import (
 
 from harness import document
 from harness.errors import BadInput
-from harness.model import CellRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
+from harness.model import CellRecord, CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
 from harness.reporttypes import CellEntry, Document, FindingEntry
 
 CELL_KEYS = {
@@ -116,6 +116,24 @@ def test_a_cell_in_full() -> None:
         ("../../evidence/s/first.png",),
         {"vector": "../../evidence/v"},
     )
+
+
+@pytest.mark.parametrize(
+    ("said", "drawn"),
+    [
+        ({"api": "egl", "device": "software", "modules": ["mujoco"]}, {"api": "egl", "device": "software"}),
+        ({"api": "x" * 400, "renderer": 3}, {"api": "x" * 300, "renderer": "3"}),
+        ({"modules": ["pyglet"]}, {}),
+        (["egl"], {}),
+        ({}, {}),
+    ],
+)
+def test_what_drew(said: object, drawn: dict[str, str]) -> None:
+    """The context that drew is told of each case, as far as what the cell says of it can be used."""
+    checks = (CheckRecord(check="render.rgb_array", outcome=Outcome.PASSED, facts={"gl": said}),)
+    made = record(case("pppp", render=PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=checks)))
+
+    assert one(made).cases[0].drawn == drawn
 
 
 def test_evidence_of_a_step() -> None:

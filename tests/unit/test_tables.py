@@ -138,6 +138,49 @@ def changed(**values: object) -> Document:
     return msgspec.structs.replace(made, cells=(first, *made.cells[1:]))
 
 
+class TestDrawing:
+    @pytest.mark.parametrize(
+        ("installed", "settings"),
+        [
+            (
+                {"mujoco": "3.3.7", "pyopengl": "3.1.10"},
+                ["DISPLAY=virtual", "MUJOCO_GL=osmesa", "PYOPENGL_PLATFORM=osmesa"],
+            ),
+            ({"pygame": "2.6.1"}, ["DISPLAY=virtual", "SDL_VIDEODRIVER=dummy"]),
+        ],
+    )
+    def test_what_is_to_be_set(self, installed: dict[str, str], settings: list[str]) -> None:
+        """Of what the harness supplied a person is told what matters to the packages that are there."""
+        supplied = {
+            "DISPLAY": "virtual",
+            "MUJOCO_GL": "osmesa",
+            "PYOPENGL_PLATFORM": "osmesa",
+            "SDL_VIDEODRIVER": "dummy",
+        }
+        told = self.drawing(installed=installed, supplied=supplied)
+
+        assert told == [("to be set", setting) for setting in settings]
+
+    def test_what_drew(self) -> None:
+        """The context that drew is told in words, once for cases that had the same."""
+        drawn = {"version": "4.5 Mesa", "vendor": "Mesa", "renderer": "llvmpipe", "device": "software", "api": "egl"}
+
+        assert self.drawing(drawn=drawn) == [("what drew", "egl, llvmpipe, Mesa, 4.5 Mesa, software")]
+
+    def test_without_frames(self) -> None:
+        """Of a cell in which nothing was drawn there is nothing to say."""
+        assert self.drawing(frames=(), supplied={"DISPLAY": "virtual"}) == []
+
+    def drawing(
+        self, frames: tuple[str, ...] = ("a.png",), drawn: dict[str, str] | None = None, **values: object
+    ) -> list[tuple[str, str]]:
+        """What is told of the first cell of `quick`, whose cases have these frames."""
+        made = quick_document().cells[0]
+        cases = tuple(msgspec.structs.replace(case, frames=frames, drawn=drawn or {}) for case in made.cases)
+        (sheet,) = tables.report(changed(cases=cases, **values)).sheets
+        return [(remark.about, remark.text) for remark in sheet.drawing if made.id.endswith(remark.cells[0])]
+
+
 class TestRow:
     def test_versions_as_installed(self) -> None:
         """What is installed is shown rather than what was asked for; what is not there is a dash."""
