@@ -36,7 +36,7 @@ from harness.reporttypes import UNTOLD, word
 from harness.schema import located
 from harness.store import Store
 from harness.verdict import Judgement
-from harness.vocabulary import FAMILY, GYM, GYMNASIUM, HOST, PackageName, version_text
+from harness.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, PackageName, version_text
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
 REUSED_FOR_HOURS = 24.0
@@ -160,22 +160,24 @@ def _plan(
         question = replace(question, prerelease=given.prerelease)
     cell = replace(plan.single(asked).cells[0], question=question)
     python = _asked_python(args.python) if args.python else _python(cell, given, runner)
-    asked = replace(asked, python=_version(python), api=args.api or _api(asked, cell, python, runner))
+    asked = replace(asked, python=_version(python), brought=_brought(asked, cell, python, runner))
     planned = plan.single(asked)
     (cell,) = planned.cells
     return replace(planned, cells=(replace(cell, python=python, question=question),))
 
 
-def _api(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
-    """The API that environments speak where no requirement is one: that which the others bring with them."""
-    if not asked.envs or plan.named_api(asked):
+def _brought(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
+    """The API of environments where nothing on the command line tells it: that which the requirements bring."""
+    env = plan.unspoken(asked)
+    if env is None:
         return None
     interpreter = interpreters.obtain(python, offline=runner.settings.offline)
     lock = runner.lock_of(cell, interpreter)[0] if interpreter else None
     brought = [api for api in (GYMNASIUM, GYM) if lock and api in lock.versions]
     if lock and not brought:
         message = (
-            f"--env {asked.envs[0]}: nothing that is asked for brings {' or '.join(FAMILY)}; name one of them, too"
+            f"--env {env}: nothing that is asked for brings {' or '.join(FAMILY)}; name one of them, too, "
+            f"or what it speaks with --api ({', '.join(api for api in APIS if api not in FAMILY)})"
         )
         raise BadInput(message)
     return brought[0] if brought else None

@@ -9,7 +9,7 @@ from harness.plan.contents import index_settings
 from harness.plan.product import candidates, expand
 from harness.plan.strategies import Candidates
 from harness.plan.trial import NAME as TRY_MATRIX
-from harness.plan.trial import Asked, cases_for, named_api, single
+from harness.plan.trial import Asked, cases_for, single, unspoken
 
 __all__ = [
     "TRY_MATRIX",
@@ -21,6 +21,6 @@ __all__ = [
     "choose",
     "expand",
     "index_settings",
-    "named_api",
     "single",
+    "unspoken",
 ]

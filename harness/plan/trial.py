@@ -15,6 +15,7 @@ from harness import repairs
 from harness.errors import BadInput
 from harness.model import Case, Cell, Phase, Plan, Question, Repair, Subject
 from harness.plan.contents import IMPORTED
+from harness.plan.speaking import meant, speakers
 from harness.schema import located, suggestion
 from harness.vocabulary import (
     APIS,
@@ -49,12 +50,16 @@ GYMNASIUM_1_UPLOADED = "2024-10-08"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Asked:
-    """What a command line asks for, as given; `python` is a version or `host`."""
+    """What a command line asks for, as given; `python` is a version or `host`.
+
+    `brought` is the API that comes with what is asked for: that of environments of which nothing else tells it.
+    """
 
     requirements: tuple[str, ...]
     python: str
     envs: tuple[str, ...] = ()
     api: str | None = None
+    brought: str | None = None
     imports: tuple[str, ...] = ()
     environment: Mapping[str, str] = field(default_factory=dict)
     constraints: tuple[str, ...] = ()
@@ -136,12 +141,12 @@ def _label(python: str, requirements: Iterable[str], subject: Subject | None) ->
 def cases_for(asked: Asked) -> tuple[Case, ...]:
     """The cases of a trial: the environments asked for, else those that the requirements suggest.
 
-    gym and gymnasium bring CartPole, with MuJoCo Ant too; of a package without an API that is known here, the modules
-    that it installs are imported.
+    gym and gymnasium bring CartPole, with MuJoCo Ant too, other adapters a small environment each; of a package without
+    an API that is known here, the modules that it installs are imported.
     """
     imports = _words(ModuleName, asked.imports, "--import")
     api = named_api(asked)
-    envs = dict.fromkeys(asked.envs, USUAL) or (_suggested(asked, api) if api else {})
+    envs = dict.fromkeys(asked.envs, USUAL) or _suggested(asked, api)
     if not envs and imports:
         return (_import_case(imports=imports),)
     asked_for = dict.fromkeys(map(required_name, asked.requirements))
@@ -152,7 +157,8 @@ def cases_for(asked: Asked) -> tuple[Case, ...]:
     for env, checks in envs.items():
         with located("--env"):
             name = _free(case_id(env, ()), cases)
-            spoken = api_of(env, asked.api) or api or GYMNASIUM
+            spoken = api_of(env, asked.api) or api or meant(env, asked.requirements)
+            spoken = spoken or asked.brought or GYMNASIUM
         cases[name] = Case(id=name, env=env, api=spoken, imports=imports, packages=packages, checks=checks)
     return tuple(cases.values())
 
@@ -172,11 +178,36 @@ def named_api(asked: Asked) -> str | None:
     return next((name for name in map(required_name, asked.requirements) if name in FAMILY), None)
 
 
-def _suggested(asked: Asked, api: str) -> dict[str, tuple[str, ...]]:
-    """Environments with their checks: CartPole is drawn only where its drawing library is asked for, too."""
+def unspoken(asked: Asked) -> str | None:
+    """The first environment asked for whose API nothing on the command line tells."""
+    if named_api(asked):
+        return None
+    return next((env for env in asked.envs if not api_of(env, None) and not meant(env, asked.requirements)), None)
+
+
+def _suggested(asked: Asked, api: str | None) -> dict[str, tuple[str, ...]]:
+    """Environments with their checks, of every adapter whose package is asked for; MuJoCo is in what is built on it."""
+    envs = _of_family(asked, api) if api in FAMILY else {}
+    names = {required_name(text) for text in asked.requirements}
+    found = () if asked.imports else speakers(asked.requirements)
+    for row in found:
+        alone = not envs and len(found) == 1
+        drawn = names & DRAWING_LIBRARIES or _extras(asked, row.package)
+        fitting = {"mujoco": alone, "pettingzoo": drawn}.get(row.api, True)
+        if fitting and asked.api in {None, row.api}:
+            envs[row.example] = USUAL
+    return envs
+
+
+def _extras(asked: Asked, package: str) -> set[str]:
     wanted = [parsed_requirement(text) for text in asked.requirements]
+    return {required_name(extra) for each in wanted if required_name(each.name) == package for extra in each.extras}
+
+
+def _of_family(asked: Asked, api: str) -> dict[str, tuple[str, ...]]:
+    """CartPole is drawn only where its drawing library is asked for, too."""
     names = set(map(required_name, asked.requirements))
-    extras = {required_name(e) for each in wanted if required_name(each.name) == api for e in each.extras}
+    extras = _extras(asked, api)
     drawn = extras & DRAWING_EXTRAS or names & DRAWING_LIBRARIES
     envs = {SIMPLE: USUAL if drawn else tuple(check for check in USUAL if not check.startswith(Phase.RENDER))}
     if (extras & MUJOCO_EXTRAS or "mujoco" in names) and (api != GYM or _allows(asked, api, ">=0.26")):

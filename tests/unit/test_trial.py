@@ -7,7 +7,8 @@ import pytest
 from harness import plan
 from harness.errors import BadInput
 from harness.model import Case, Question
-from harness.vocabulary import checks_of
+from harness.plan.speaking import SPEAKERS
+from harness.vocabulary import APIS, api_of, checks_of
 
 
 def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.Asked:
@@ -113,7 +114,47 @@ def test_long_names_are_cut_and_stay_distinct() -> None:
             id="prefixes",
         ),
         pytest.param(["highway-env"], {"envs": ("highway-v0",)}, [("gymnasium", "highway-v0")], id="unknown-package"),
-        pytest.param(["mujoco", "numpy"], {}, [("", None), ("", None)], id="no-api"),
+        pytest.param(["scipy", "numpy"], {}, [("", None), ("", None)], id="no-api"),
+        pytest.param(["mujoco", "numpy"], {}, [("mujoco", "mujoco:markers")], id="an-adapter"),
+        pytest.param(
+            ["dm-control", "mujoco==3.3.7"],
+            {},
+            [("dm_control", "dm_control:cheetah/run")],
+            id="mujoco-beneath",
+        ),
+        pytest.param(
+            ["gym==0.21.0", "pybullet"],
+            {},
+            [("gym", "CartPole-v1"), ("pybullet", "pybullet:direct")],
+            id="gym-and-an-adapter",
+        ),
+        pytest.param(["pettingzoo"], {}, [("", None)], id="nothing-that-pettingzoo-alone-can-run"),
+        pytest.param(
+            ["pettingzoo[classic]"], {}, [("pettingzoo", "pettingzoo:classic/rps_v2")], id="pettingzoo-and-pygame"
+        ),
+        pytest.param(["robosuite"], {"envs": ("Lift",)}, [("robosuite", "Lift")], id="meant"),
+        pytest.param(
+            ["dm-control", "mujoco"],
+            {"envs": ("cheetah/run", "scene.xml")},
+            [("dm_control", "cheetah/run"), ("mujoco", "scene.xml")],
+            id="meant-by-its-form",
+        ),
+        pytest.param(
+            ["robosuite", "gymnasium"], {"envs": ("Lift",)}, [("gymnasium", "Lift")], id="may-be-gymnasium's-too"
+        ),
+        pytest.param(
+            ["mujoco", "mujoco-mjx"],
+            {"envs": ("scene.xml",), "api": "mjx"},
+            [("mjx", "scene.xml")],
+            id="may-be-of-two-adapters",
+        ),
+        pytest.param(
+            ["highway-env", "robosuite"],
+            {"envs": ("Lift", "highway-v0", "pybullet:direct"), "brought": "gym"},
+            [("robosuite", "Lift"), ("gym", "highway-v0"), ("pybullet", "pybullet:direct")],
+            id="brought-by-another",
+        ),
+        pytest.param(["my-robots"], {"envs": ("robots:make",)}, [("gymnasium", "robots:make")], id="a-callable"),
     ],
 )
 def test_cases_follow_from_what_is_asked_for(
@@ -142,8 +183,8 @@ def test_cartpole_is_drawn_where_its_drawing_library_is_asked_for(requirements: 
 
 def test_modules_of_packages_without_an_api() -> None:
     """Of each package the modules that it installs are imported, in a case of its own."""
-    assert [(case.id, case.packages, case.checks) for case in plan.cases_for(asked("dm-control==1.0", "PyYAML"))] == [
-        ("import-dm-control", ("dm-control",), ("import.modules",)),
+    assert [(case.id, case.packages, case.checks) for case in plan.cases_for(asked("scipy==1.0", "PyYAML"))] == [
+        ("import-scipy", ("scipy",), ("import.modules",)),
         ("import-pyyaml", ("pyyaml",), ("import.modules",)),
     ]
 
@@ -200,3 +241,27 @@ def test_mistakes_name_the_option(wrong: plan.Asked, sentence: str) -> None:
         plan.single(wrong)
 
     assert str(error.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("requirements", "envs", "untold"),
+    [
+        pytest.param(["highway-env"], ("highway-v0",), "highway-v0", id="nothing-tells"),
+        pytest.param(["dm-control"], ("cheetah/run", "walker"), "walker", id="not-a-domain-and-a-task"),
+        pytest.param(["mujoco", "mujoco-mjx"], ("scene.xml",), "scene.xml", id="two-adapters-read-it"),
+        pytest.param(["pybullet"], ("pybullet:direct", "direct", "a1/a1.urdf"), None, id="all-tell"),
+        pytest.param(["gym", "pybullet"], ("AntBulletEnv-v0",), None, id="a-family-is-asked-for"),
+    ],
+)
+def test_environments_of_which_nothing_tells_the_api(
+    requirements: list[str], envs: tuple[str, ...], untold: str | None
+) -> None:
+    """An API is inferred where it cannot be mistaken; the first environment where it can is named."""
+    assert plan.unspoken(asked(*requirements, envs=envs)) == untold
+
+
+def test_rows_of_adapters() -> None:
+    """Each row names an adapter, and its example is an id that tells it, in the form that it says."""
+    assert {row.api for row in SPEAKERS} <= set(APIS)
+    for row in SPEAKERS:
+        assert api_of(row.example, None) == row.api
