@@ -51,6 +51,11 @@ class Site:
         """All that a probe runs in, the one that is found first at the end."""
         return (self.below, self.folder) if self.below else (self.folder,)
 
+    def cached(self) -> dict[str, str]:
+        """The variables, with where Python, numba and Warp keep what they compiled: once for all of an environment."""
+        kept = {"NUMBA_CACHE_DIR": str(self.pycache / "numba"), "WARP_CACHE_PATH": str(self.pycache / "warp")}
+        return {**kept, **self.variables, "PYTHONPYCACHEPREFIX": str(self.pycache)}
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeRun:
@@ -121,7 +126,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
             str(scratch / "request.json"),
         ),
         cwd=home,
-        env={**site.variables, "PYTHONPYCACHEPREFIX": str(site.pycache)},
+        env=site.cached(),
         limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
         log=scratch / "log.txt",
         profile=process.Profile.CELL,

@@ -91,7 +91,7 @@ class CellUnderTest:
         command = process.Command(
             argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
             cwd=scratch / "home",
-            env={**self.site.variables, "PYTHONPYCACHEPREFIX": str(self.site.pycache)},
+            env=self.site.cached(),
             limits=limits,
             log=scratch / "log.txt",
             profile=process.Profile.CELL,

@@ -1,0 +1,201 @@
+"""The adapter of robosuite: `robosuite:Lift` as it is, `robosuite:GymWrapper(Lift)` through its own gym wrapper.
+
+Vector environments are always made of the wrapped one, by the gym or gymnasium that the wrapper is of.
+"""
+
+import importlib
+import re
+import sys
+
+from .cell_adapter import Adapter, Environment
+from .cell_classic import Gym
+from .cell_errors import Skip, library, violate
+from .cell_family import Family
+from .cell_values import shown
+
+ROBOT = "Panda"
+"""The robot of a case that names none; environments of two arms need two."""
+
+CAMERA = "agentview"
+WRAPPED = re.compile(r"GymWrapper\((.*)\)")
+FAMILIES = {"gym": Gym(), "gymnasium": Family("gymnasium")}
+
+
+class Robosuite(Adapter):
+    """robosuite, every release: what differs between them is asked of the release itself."""
+
+    imports = ("robosuite",)
+
+    def make(self, case, tell, draw=False):
+        """Make the environment of a case; pictures are those of a camera among its observations."""
+        task, wrapped = _task(case)
+        if wrapped and draw:
+            message = "GymWrapper draws no pictures: render() opens a window"
+            raise Skip(message)
+        with library:
+            raw = self.bare(case) if wrapped else _made(task, case, draw)
+        return _family(raw).driven(raw, tell) if wrapped else Task(raw, tell, case["seed"])
+
+    def bare(self, case):
+        """Make the environment in robosuite's gym wrapper."""
+        task, _ = _task(case)
+        raw = importlib.import_module("robosuite.wrappers").GymWrapper(_made(task, case))
+        _family(raw).heeds = takes(raw.reset, "seed")
+        return raw
+
+    def make_vector(self, makers, way, tell):
+        """Make the vector environment of the library that the wrapper is of."""
+        if not any(_there(name) for name in FAMILIES):
+            message = "neither gym nor gymnasium is there, and robosuite has no environments in batches"
+            raise Skip(message)
+        with library:
+            wrapper = importlib.import_module("robosuite.wrappers").GymWrapper
+        return _family(wrapper).make_vector(makers, way, tell)
+
+    def check_env(self, case):
+        """Run the checker of the library that the wrapper is of."""
+        if not _task(case)[1]:
+            super().check_env(case)
+        with library:
+            raw = self.bare(case)
+            importlib.import_module(_library(raw) + ".utils.env_checker").check_env(raw, skip_render_check=True)
+            raw.close()
+
+    def declares_pictures(self, case):
+        """Whether it draws any."""
+        return not _task(case)[1]
+
+
+class Task(Environment):
+    """robosuite's own environment: reset() -> observation, step() -> four values, no spaces."""
+
+    def __init__(self, raw, tell, seed):
+        super().__init__(tell)
+        self.raw = raw
+        self.latest = {}
+        self.made_with = seed
+        self.seed_actions(seed)
+        with library:
+            low, high = raw.action_spec
+        self.low, self.high = low, high
+
+    def begin(self, seed):
+        """Seed numpy's global generator, which all releases before 1.5 draw from, and reset."""
+        import numpy as np
+
+        if seed is not None:
+            np.random.seed(seed)
+            self._seeded(seed)
+        self.latest = self._kept(self.raw.reset(), "reset()")
+        return self.latest
+
+    def advance(self, action):
+        """Make one step."""
+        result = self.raw.step(action)
+        if not isinstance(result, tuple) or len(result) != 4:
+            violate("step() returned {}, not (observation, reward, done, info)", shown(result))
+        observation, reward, done, info = result
+        if not isinstance(info, dict):
+            violate("step() returned {} as info, not a dict", shown(info))
+        self.latest = self._kept(observation, "step()")
+        return observation, reward, done, False
+
+    def draw(self):
+        """Return the picture of the first camera among the latest observations, as robosuite gives it."""
+        return self.latest[self.raw.camera_names[0] + "_image"]
+
+    def get_state(self):
+        """Return the state of the simulation."""
+        with library:
+            return self.raw.sim.get_state()
+
+    def set_state(self, state):
+        """Put the simulation into a state."""
+        with library:
+            self.raw.sim.set_state(state)
+            self.raw.sim.forward()
+
+    def seed_actions(self, seed):
+        """Seed a generator of our own: robosuite has none for actions."""
+        import numpy as np
+
+        self.random = np.random.RandomState(seed)
+
+    def action(self):
+        """Draw an action within the bounds that the environment gives."""
+        return self.random.uniform(self.low, self.high)
+
+    def describe(self):
+        """The bounds of actions and the shapes of observations."""
+        shapes = ", ".join("{} {}".format(name, getattr(part, "shape", "")) for name, part in self.latest.items())
+        bounds = "{} to {}".format(self.low.tolist(), self.high.tolist())
+        return {"action_spec": bounds[:500], "observation": shapes[:500]}
+
+    def close(self):
+        """Close it."""
+        self.raw.close()
+
+    def _seeded(self, seed):
+        """Tell of a seed that is not heeded: since 1.5 robosuite has a generator of its own."""
+        if seed != self.made_with and getattr(self.raw, "rng", None) is not None:
+            text = "only make(seed=...) seeds it, once: a later np.random.seed() and GymWrapper.reset(seed=...) do not"
+            self.tell("seed", text)
+
+    def _kept(self, observation, call):
+        """Examine an observation: the same parts of the same shapes every time."""
+        if not isinstance(observation, dict) or not observation:
+            violate("{} returned {} as observation, not a dict of arrays", call, shown(observation))
+        for name, part in self.latest.items():
+            now = observation.get(name)
+            if getattr(now, "shape", None) != getattr(part, "shape", None):
+                violate("{} returned {!r} as {}, before that it was {}", call, name, shown(now), shown(part))
+        return observation
+
+
+def _task(case):
+    """The name of the task, and whether it is asked for in its gym wrapper."""
+    name = case["env"]
+    name = name[len("robosuite:") :] if name.startswith("robosuite:") else name
+    wrapped = WRAPPED.match(name)
+    return (wrapped.group(1), True) if wrapped else (name, False)
+
+
+def _made(task, case, draw=False):
+    """Make robosuite's own environment, without a window."""
+    base = importlib.import_module("robosuite.environments.base")
+    arguments = {"robots": ROBOT, "has_renderer": False, "has_offscreen_renderer": draw, "use_camera_obs": draw}
+    if takes(base.REGISTERED_ENVS.get(task, base.MujocoEnv), "seed"):
+        arguments["seed"] = case["seed"]
+    if draw:
+        arguments["camera_names"] = CAMERA
+    arguments.update(case["kwargs"])
+    if draw:
+        arguments.update(has_offscreen_renderer=True, use_camera_obs=True)
+    return importlib.import_module("robosuite").make(task, **arguments)
+
+
+def _library(wrapper):
+    """The name of the library whose environment a wrapper is."""
+    kinds = wrapper.__mro__ if isinstance(wrapper, type) else type(wrapper).__mro__
+    found = [kind.__module__.partition(".")[0] for kind in kinds]
+    return next(name for name in FAMILIES if name in found)
+
+
+def _family(wrapper):
+    return FAMILIES[_library(wrapper)]
+
+
+def _there(name):
+    """Whether a module could be imported; asked without importing anything."""
+    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_spec")]
+    return any(finder.find_spec(name, None) is not None for finder in finders)
+
+
+def takes(function, name):
+    """Whether a function names this argument."""
+    import inspect
+
+    return name in inspect.signature(function).parameters
+
+
+API = Robosuite()
