@@ -57,7 +57,7 @@ class Rule(StrEnum):
 CheckName = Literal[
     "import", "single", "vector", "render", "interop", "vector.*",
     "import.modules", "single.loop", "vector.sync", "vector.async.fork", "vector.async.spawn",
-    "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "render.rgb_array",
+    "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "vector.autoreset", "render.rgb_array",
     "interop.sb3.check_env", "interop.sb3.learn",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
@@ -65,6 +65,7 @@ CheckName = Literal[
 FindingName = Literal[
     "single.repeat.fresh", "single.repeat.same", "single.repeat.first", "single.repeat.process",
     "single.space", "single.type", "single.state", "single.check_env", "single.teardown",
+    "vector.repeat", "vector.autoreset",
     "render.constant", "render.stale", "render.upside_down", "render.picture", "render.teardown",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""

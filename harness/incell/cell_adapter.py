@@ -32,12 +32,21 @@ class Adapter:
         raise Skip(message)
 
     def make_vector(self, makers, way, tell):
-        """Make one environment of several, `way` None in this process, else the arguments of the library's async one.
+        """Make one environment of several: `way` is None in this process, or arguments, with a `context` in workers.
 
         Its `processes` are the workers.
         """
         message = "this API has no environments in batches"
         raise Skip(message)
+
+    def autoreset_modes(self):
+        """Say in which ways an environment of several begins episodes anew: arguments that choose each, by its name."""
+        message = "this API has no environments in batches that begin episodes anew"
+        raise Skip(message)
+
+    def limited(self, raw, steps):
+        """Wrap the library's own object so that its episodes are no longer than this."""
+        raise NotImplementedError
 
     def check_env(self, case):
         """Run the library's own checker."""

@@ -3,7 +3,7 @@
 import importlib
 
 from .cell_errors import Skip, library, violate
-from .cell_family import Family, Modern
+from .cell_family import Family, Modern, unheard
 from .cell_own import takes
 from .cell_values import Examiner, shown
 
@@ -80,6 +80,10 @@ class Classic(Modern):
         self.heeds = heeds
         self.frame = None
 
+    def alike(self, raw):
+        """Drive a single environment of those that are in a batch, without a word."""
+        return Classic(raw, Examiner(self.examiner.spaces, raw, unheard), self.heeds)
+
     def reset(self, seed=None):
         """Start an episode and return the observation."""
         self.frame = None
@@ -97,6 +101,7 @@ class Classic(Modern):
             result = self.raw.step(action)
         self.examiner.arity("step()", result, ("observation", "reward", "done", "info"))
         observation, reward, done, info = result
+        self.info = info
         truncated = self._truncated(info)
         self.examiner.observation("step()", observation)
         self.examiner.reward(reward)

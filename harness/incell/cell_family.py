@@ -47,11 +47,23 @@ class Family(Adapter):
         return importlib.import_module(self.name).make(case["env"], **options)
 
     def make_vector(self, makers, way, tell):
-        """Make a SyncVectorEnv, or an AsyncVectorEnv with these arguments."""
+        """Make a SyncVectorEnv or an AsyncVectorEnv with these arguments."""
         with library:
             vector = self._part("vector")
-            raw = vector.SyncVectorEnv(makers) if way is None else vector.AsyncVectorEnv(makers, **way)
+            way = way or {}
+            raw = (vector.AsyncVectorEnv if "context" in way else vector.SyncVectorEnv)(makers, **way)
         return self.driven(raw, tell, batch=len(makers))
+
+    def autoreset_modes(self):
+        """gymnasium since 1.1 lets one choose."""
+        vector = self._part("vector")
+        if hasattr(vector, "AutoresetMode"):
+            return {mode.name: {"autoreset_mode": mode} for mode in vector.AutoresetMode}
+        return {"SAME_STEP" if issubclass(vector.VectorEnv, self._part("core").Env) else "NEXT_STEP": {}}
+
+    def limited(self, raw, steps):
+        """Wrap the library's own object so that its episodes are no longer than this."""
+        return self._part("wrappers").TimeLimit(raw, max_episode_steps=steps)
 
     def check_env(self, case):
         """Run the library's own checker."""
@@ -94,6 +106,10 @@ class Modern(Environment):
         self.raw = raw
         self.examiner = examiner
 
+    def alike(self, raw):
+        """Drive a single environment of those that are in a batch, without a word."""
+        return Modern(raw, Examiner(self.examiner.spaces, raw, unheard))
+
     @property
     def processes(self):
         """The workers of a vector environment."""
@@ -101,8 +117,17 @@ class Modern(Environment):
 
     def reset(self, seed=None):
         """Start an episode and return the observation."""
+        return self._reset({} if seed is None else {"seed": seed})
+
+    def reset_those(self, ended):
+        """Start episodes of those environments of a batch whose episode has ended, and return all observations."""
+        import numpy as np
+
+        return self._reset({"options": {"reset_mask": np.array(ended)}})
+
+    def _reset(self, arguments):
         with library:
-            result = self.raw.reset() if seed is None else self.raw.reset(seed=seed)
+            result = self.raw.reset(**arguments)
         self.examiner.arity("reset()", result, ("observation", "info"))
         self.examiner.info("reset()", result[1])
         self.examiner.observation("reset()", result[0])
@@ -114,6 +139,7 @@ class Modern(Environment):
             result = self.raw.step(action)
         self.examiner.arity("step()", result, ("observation", "reward", "terminated", "truncated", "info"))
         self.examiner.info("step()", result[4])
+        self.info = result[4]
         self.examiner.observation("step()", result[0])
         self.examiner.reward(result[1])
         self.examiner.flag("terminated", result[2])
@@ -143,3 +169,7 @@ class Modern(Environment):
     def close(self):
         """Close the library's object."""
         self.raw.close()
+
+
+def unheard(_kind, _text):
+    """Tell nobody."""

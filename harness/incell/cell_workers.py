@@ -18,7 +18,7 @@ class Maker:
     """Makes one environment. In a worker, whatever happens to it is also written to files of the worker's own."""
 
     def __init__(self, probe, check):
-        self.make = probe.api.bare
+        self.api = probe.api
         self.case = probe.case
         self.modules = list(probe.import_modules())
         self.folder = probe.folder
@@ -27,17 +27,14 @@ class Maker:
         self.check = check
 
     def __call__(self):
-        """Make the environment; the parent makes one, too, to know its spaces.
-
-        A worker that is started anew imports first what the parent did: Python runs a user's script again there.
-        """
+        """Make the environment; the parent makes one, too, to know its spaces."""
         if os.getpid() == self.parent:
-            return self.make(self.case)
+            return self.made()
         name = os.path.join(self.folder, "worker-{}".format(os.getpid()))
         stacks = Stacks(name + ".txt")
         stacks.arm(0.9 * (self.deadline - monotonic()))
         diary = Diary(Lines(name + ".jsonl"), self.check)
-        env = diary.kept("constructor", self._made)()
+        env = diary.kept("constructor", self.made)()
         diary.reached("constructed")
         for stage in ("reset", "step"):
             try:
@@ -46,10 +43,11 @@ class Maker:
                 break
         return env
 
-    def _made(self):
+    def made(self):
+        """Make one; in a worker that is started anew Python runs a user's script again, and so its imports."""
         for name in self.modules:
             importlib.import_module(name)
-        return self.make(self.case)
+        return self.api.bare(self.case)
 
 
 class Diary:

@@ -3,8 +3,12 @@
 import multiprocessing
 import os
 
+import numpy as np
+
+from .cell_autoreset import Short, beside_single
 from .cell_episode import opened, tell
 from .cell_errors import Skip
+from .cell_trace import Trace
 from .cell_workers import Maker, endings, finish, processes
 
 PATIENCE = 3.0
@@ -16,9 +20,31 @@ FEWEST, MOST = 4, 16
 
 def sync(probe, facts):
     """All environments in this process."""
+    facts["environments"] = probe.num_envs
     makers = [Maker(probe, "vector.sync")] * probe.num_envs
-    with opened(probe, "vector", lambda: probe.api.make_vector(makers, None, tell(probe, "vector"))) as env:
-        _rollout(probe, env, facts)
+    with _opened(probe, makers, None) as env:
+        _rollout(probe, env, "vector.sync", facts)
+
+
+def autoreset(probe, facts):
+    """Over the ends of episodes, in this process and in workers, in each way that the library has."""
+    check = "vector.autoreset"
+    modes = probe.api.autoreset_modes()
+    facts["modes"] = list(modes)
+    makers = [Short(probe, check)] * probe.num_envs
+    for name, chosen in modes.items():
+
+        def go_over(env, mode=name):
+            difference, lost = beside_single(probe, env, mode, makers[0])
+            if difference:
+                probe.finding(check, "{}, episodes that begin in mode {}".format(difference, mode))
+            if lost:
+                text = "the last observation of an episode is not handed out: the next one's first stands in its place"
+                probe.finding(check, text, level="note")
+
+        with _opened(probe, makers, dict(chosen)) as env:
+            go_over(env)
+        _watched(probe, makers, dict(chosen, context="fork"), go_over)
 
 
 def many():
@@ -35,26 +61,28 @@ def _in_workers(check, method, **more):
             raise Skip(message)
         number = many() if check.endswith(".many") else probe.num_envs
         facts["environments"] = number
-        _watched(probe, [Maker(probe, check)] * number, dict(more, context=method), facts)
+        way = dict(more, context=method)
+        _watched(probe, [Maker(probe, check)] * number, way, lambda env: _rollout(probe, env, check, facts))
 
     return run
 
 
-def _watched(probe, makers, way, facts):
+def _watched(probe, makers, way, drive):
     """Run environments in workers, and see how these end."""
     env = None
     try:
-        with opened(probe, "vector", lambda: probe.api.make_vector(makers, way, tell(probe, "vector"))) as env:
-            _rollout(probe, env, facts)
+        with _opened(probe, makers, way) as env:
+            drive(env)
     except BaseException as error:
         workers = processes(env, error)
-        probe.workers = endings(workers, PATIENCE)
+        probe.workers += endings(workers, PATIENCE)
         finish(workers)
         raise
     workers = processes(env, None)
-    probe.workers = endings(workers, PATIENCE)
+    done = endings(workers, PATIENCE)
+    probe.workers += done
     finish(workers)
-    for ended in probe.workers:
+    for ended in done:
         if ended["exit_code"] is None:
             probe.finding("vector.teardown", "a worker went on after close()")
         elif ended["exit_code"] != 0:
@@ -63,12 +91,24 @@ def _watched(probe, makers, way, facts):
             )
 
 
-def _rollout(probe, env, facts):
+def _opened(probe, makers, way):
+    return opened(probe, "vector", lambda: probe.api.make_vector(makers, way, tell(probe, "vector")))
+
+
+def _rollout(probe, env, check, facts):
+    """Make some steps; the same seed and actions should give the same in this process and in workers."""
+    trace = Trace()
     env.seed_actions(probe.case["seed"])
     facts.update(env.describe())
-    env.reset(probe.case["seed"])
+    trace.add(env.reset(probe.case["seed"]))
     for _ in range(probe.vector_steps):
-        env.step(env.action())
+        observation, reward, terminated, truncated = env.step(env.action())
+        trace.add(observation, np.asarray(reward, float), terminated, truncated)  # integers in old workers
+    known, first = probe.memo.setdefault("vector of {}".format(facts.get("environments")), (trace, check))
+    difference = known.difference(trace)
+    if difference:
+        text = "the same seed and actions give other values in {} than in {}, {}"
+        probe.finding("vector.repeat", text.format(check, first, difference))
 
 
 CHECKS = {
@@ -78,5 +118,6 @@ CHECKS = {
     "vector.async.forkserver": _in_workers("vector.async.forkserver", "forkserver"),
     "vector.async.unshared": _in_workers("vector.async.unshared", "fork", shared_memory=False),
     "vector.async.many": _in_workers("vector.async.many", "fork"),
+    "vector.autoreset": autoreset,
 }
 FOLLOWERS = {}
