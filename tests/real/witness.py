@@ -26,11 +26,18 @@ def plain(value):
     return [f"{array.shape} {array.dtype}", array.tolist() if array.dtype.kind != "O" else repr(value)]
 
 
+def number(value):
+    """A number or a flag as a float, of several each, by key or position."""
+    if value is None:
+        return None
+    if hasattr(value, "items"):
+        return {str(key): number(item) for key, item in value.items()}
+    return value.astype(float).tolist() if getattr(value, "shape", ()) else float(value)
+
+
 def entry(observation, reward=None, terminated=None, truncated=None):
     """One reset or step."""
-    return [plain(copy.deepcopy(observation))] + [
-        None if one is None else float(one) for one in (reward, terminated, truncated)
-    ]
+    return [plain(copy.deepcopy(observation))] + [number(one) for one in (reward, terminated, truncated)]
 
 
 def by_adapter(case, seed, steps):
