@@ -84,6 +84,11 @@ class Task(Environment):
         camera = 0 if self.raw.physics.model.ncam else -1
         return self.raw.physics.render(height=240, width=320, camera_id=camera)
 
+    def where_drawn(self, ask):
+        """Ask in the thread of its own in which dm_control draws by OSMesa."""
+        with self.raw.physics.contexts.gl.make_current() as context:
+            return context.call(ask)
+
     def get_state(self):
         """Positions, velocities and activations."""
         with library:

@@ -92,6 +92,10 @@ class Environment:
         message = "this environment draws no pictures"
         raise Skip(message)
 
+    def where_drawn(self, ask):
+        """Return what a function says in the thread that draws, with the context current that drew last."""
+        return ask()
+
     def reset(self, seed=None):
         """Start an episode and return the observation, which has to be finite."""
         with library:

@@ -39,7 +39,7 @@ def _render(probe, facts):
         env.seed_actions(seed)
         start = values(env.reset(seed))
         first = _picture(env)
-        facts["gl"] = current()
+        facts["gl"] = _context(env)
         _examine(probe, facts, first, "first")
         since = advance(env, min(STEPS, steps))
         last = _picture(env)
@@ -57,6 +57,14 @@ def _picture(env):
     if not isinstance(picture, np.ndarray):
         violate("render() returned a {}, not an array", type(picture).__name__)
     return picture.copy()
+
+
+def _context(env):
+    """What draws; nothing where that cannot be asked, which is no fault of the picture's."""
+    try:
+        return env.where_drawn(current)
+    except Exception:
+        return {}
 
 
 def _tell(probe, found):
