@@ -1,0 +1,81 @@
+"""What draws in a cell, asked of libraries that it has loaded already."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness import display, glprobe, launch, machine
+from harness.process import Command, Limits, Profile, run
+
+ASKING = """
+import importlib.util, json, os, sys
+
+def loaded(path, name):
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+def libraries():
+    with open("/proc/self/maps") as file:
+        return {line.split()[-1] for line in file if ".so" in line}
+
+context = loaded(sys.argv[1], "context")
+before = context.current()
+made = loaded(sys.argv[2], "probe").WAYS[sys.argv[3]]() if sys.argv[3] else {}
+before_asking = libraries()
+told = [before, made, context.current()]
+assert libraries() == before_asking
+with open(sys.argv[4], "w") as file:
+    json.dump(told, file)
+os._exit(0)
+"""
+
+
+@pytest.fixture(autouse=True)
+def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """This machine is asked anew."""
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
+
+
+def asked(folder: Path, way: str) -> list[dict[str, str]]:
+    """What is told before a context was made in this way, what its maker says of it, and what is told then."""
+    files = (str(launch.INCELL / "cell_context.py"), str(Path(glprobe.__file__)))
+    command = Command(
+        argv=(sys.executable, "-I", "-c", ASKING, *files, way, str(folder / "told.json")),
+        cwd=folder,
+        env={**machine.base_environment(), "DISPLAY": "virtual" if way == "display" else ""},
+        limits=Limits(seconds=60),
+        log=folder / "log.txt",
+        profile=Profile.HOST,
+    )
+    with display.shown(command, folder / "display") as seen:
+        done = run(seen.command)
+    assert done.exit_code == 0, done.log.read_text()
+    return list(json.loads((folder / "told.json").read_text()))
+
+
+@pytest.mark.parametrize(
+    ("way", "api", "package"),
+    [("egl", "egl", "libegl1"), ("osmesa", "osmesa", "libosmesa6"), ("display", "glx", "xvfb")],
+)
+def test_what_is_current(tmp_path: Path, way: str, api: str, package: str) -> None:
+    """Vendor, renderer and version are those of the context that was made, the library is named, nothing is loaded."""
+    if way not in machine.facts().capabilities:
+        pytest.skip(f"missing library: {package}")
+
+    before, made, told = asked(tmp_path, way)
+
+    device = {"device": told.get("device")} if way == "egl" else {}
+    assert before == {}
+    assert told == {"api": api, **made, **device}
+    assert device != {"device": None}
+
+
+def test_no_library(tmp_path: Path) -> None:
+    """Where nothing draws, nothing is told, and no library comes to be loaded."""
+    assert asked(tmp_path, "") == [{}, {}, {}]
