@@ -80,7 +80,10 @@ def build(
         dropped=tuple(
             DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
         ),
-        matrices={plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot) for plan in plans},
+        matrices={
+            plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot, pivot=plan.pivot)
+            for plan in plans
+        },
         stale=tuple(dict.fromkeys(stale)),
         probes=dict(probes),
     )

@@ -327,6 +327,9 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
     torch_backend: Annotated[TorchBackend | None, Meta(description="uv's; a CPU build by default")] = None
     index: IndexTable = IndexTable()
     shown: Annotated[tuple[PackageName, ...], Meta(description="packages whose version tables show")] = ()
+    pivot: Annotated[
+        tuple[str, str] | None, Meta(description="axes of the small table, down and across; default: two that vary")
+    ] = None
     cases: tuple[CaseTable, ...] = ()
     exclude: tuple[ExcludeTable, ...] = ()
     include: tuple[IncludeTable, ...] = ()

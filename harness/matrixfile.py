@@ -167,6 +167,7 @@ def _check(matrix: Matrix) -> None:
     for path, changes in _changes(matrix):
         _check_changes(matrix, path, changes)
     _check_subject(matrix)
+    _check_pivot(matrix)
     cases = list(_cases(matrix))
     if not cases and matrix.subject is None:
         message = f"{matrix.path}: there is no case; write for instance [[cases]] with env and api"
@@ -178,6 +179,17 @@ def _check(matrix: Matrix) -> None:
     for index, expected in enumerate(matrix.expect):
         with located(matrix.path, "expect", index):
             _check_expect(expected, (*CELL_PHASES, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ())))
+
+
+def _check_pivot(matrix: Matrix) -> None:
+    """Its axes are two of the matrix's."""
+    for index, name in enumerate(matrix.pivot or ()):
+        with located(matrix.path, "pivot", index):
+            _axis(matrix, name)
+    if matrix.pivot and len(set(matrix.pivot)) < 2:
+        with located(matrix.path, "pivot"):
+            message = "down and across are the same axis"
+            raise ValueError(message)
 
 
 def _check_subject(matrix: Matrix) -> None:

@@ -167,8 +167,8 @@ class Question:
     """All that decides a resolution, the interpreter apart: equal questions on one interpreter have one lock.
 
     `snapshot` is the cutoff instant. `torch_backend` is uv's (`cpu`, `cu126`, ...); `cpu` is the default and is
-    without meaning where no torch is in the resolution. `absent` are packages that may not be in the lock, `overlay` are
-    repaired releases that it may hold.
+    without meaning where no torch is in the resolution. `absent` are packages that may not be in the lock, `overlay`
+    are repaired releases that it may hold.
     """
 
     requirements: tuple[str, ...]
@@ -257,7 +257,7 @@ class Dropped:
 class Plan:
     """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell.
 
-    `snapshot` is the cutoff that the matrix itself, or its expansion, names.
+    `snapshot` is the cutoff that the matrix itself, or its expansion, names, `pivot` the axes of its small table.
     """
 
     matrix: str
@@ -267,6 +267,7 @@ class Plan:
     axes: tuple[str, ...] = ()
     shown: tuple[str, ...] = ()
     snapshot: str | None = None
+    pivot: tuple[str, str] | None = None
 
 
 # --- what was found --------------------------------------------------------------------------------------------

@@ -194,12 +194,13 @@ class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
     """What the tables need of a matrix: its axes in order, and the packages whose versions it wants shown.
 
-    `snapshot` is the cutoff that it names, if it does.
+    `snapshot` is the cutoff that it names, if it does, `pivot` the axes that it wants in the small table.
     """
 
     axes: tuple[str, ...]
     shown: tuple[str, ...] = ()
     snapshot: str | None = None
+    pivot: tuple[str, str] | None = None
 
 
 class Document(msgspec.Struct, frozen=True, kw_only=True):

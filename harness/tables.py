@@ -64,7 +64,8 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     machines = tuple(sorted({cell.machine for cell in cells if cell.machine})) or (NOTHING,)
     columns = tuple(dict.fromkeys((*matrix.axes, *matrix.shown)))
     counts = Counter(cell.verdict for cell in cells)
-    chosen = pivot if pivot and set(pivot) <= set(matrix.axes) else _default_axes(matrix.axes, cells)
+    asked = pivot if pivot and set(pivot) <= set(matrix.axes) else matrix.pivot
+    chosen = asked or _default_axes(matrix.axes, cells)
     dropped = [(gone.reason, "", gone.id) for gone in document.dropped if gone.id.partition("/")[0] == name]
     found = [
         (finding.text, f"{finding.check}, {finding.level}", cell.id) for cell in cells for finding in cell.findings

@@ -58,6 +58,7 @@ def expand(
         axes=tuple(matrix.axes),
         shown=tuple(map(str, matrix.shown)),
         snapshot=contents.snapshot,
+        pivot=matrix.pivot,
     )
 
 

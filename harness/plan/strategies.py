@@ -27,7 +27,7 @@ from harness.vocabulary import ABSENT, Kind
 Axes = Mapping[str, tuple[Choice, ...]]
 WITHOUT_WEIGHT = {
     *("axes", "cases", "description", "environment", "exclude", "expect", "files", "include", "needs"),
-    *("shown", "suite", "system"),
+    *("pivot", "shown", "suite", "system"),
 }
 """Keys that have no say in what resolves; the axes and the combinations that exist are looked into."""
 

@@ -345,3 +345,18 @@ def test_values_are_plain_data() -> None:
     kwargs: dict[str, Any] = dict(read(AXES + CASE + 'kwargs = { a = [1, 2.5], b = { c = "d" } }').cases[0].kwargs)
 
     assert kwargs == {"a": [1, 2.5], "b": {"c": "d"}}
+
+
+class TestPivot:
+    def test_the_axes_of_the_small_table(self) -> None:
+        """They are kept as they are written: down, then across."""
+        assert read('pivot = ["gymnasium", "python"]\n' + AXES + CASE).pivot == ("gymnasium", "python")
+
+    def test_two_axes_of_the_matrix(self) -> None:
+        """Another name is refused with the nearest, and a table over one axis is none."""
+        assert refused('pivot = ["gymnasim", "python"]\n' + AXES + CASE) == (
+            'demo.toml: pivot[0]: there is no such axis; did you mean "gymnasium"?'
+        )
+        assert refused('pivot = ["python", "python"]\n' + AXES + CASE) == (
+            "demo.toml: pivot: down and across are the same axis"
+        )

@@ -59,6 +59,15 @@ class TestPivot:
         )
         assert pivot.squares[1][0] == ()
 
+    def test_axes_that_the_matrix_names(self) -> None:
+        """They are those of the table, unless others are asked for."""
+        made = quick_document()
+        matrices = {"quick": msgspec.structs.replace(made.matrices["quick"], pivot=("mujoco", "python"))}
+        made = msgspec.structs.replace(made, matrices=matrices)
+        pivots = [tables.report(made, asked).sheets[0].pivot for asked in (None, ("gymnasium", "mujoco"))]
+
+        assert [(one.down, one.across) for one in pivots if one] == [("mujoco", "python"), ("gymnasium", "mujoco")]
+
     def test_worst_of_a_square(self) -> None:
         """Of the cells in a square the worst is shown: what speaks against packages before what says nothing."""
         pivot = tables.report(quick_document(), ("python", "gymnasium")).sheets[0].pivot
