@@ -36,7 +36,7 @@ from harness.reporttypes import UNTOLD, word
 from harness.schema import located
 from harness.store import Store
 from harness.verdict import Judgement
-from harness.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, PackageName, version_text
+from harness.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
 REUSED_FOR_HOURS = 24.0
@@ -150,6 +150,7 @@ def _plan(
         torch_backend=args.torch_backend,
         as_of=args.as_of,
         subject=tested,
+        files=models(args.env),
     )
     plan.single(asked)
     if args.as_of is None:
@@ -193,6 +194,23 @@ def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]
         wanted = [PackageName.canonical(name) for name in names]
         found = repairs.chosen(known, wanted if len(names) == len(given) else tuple(known))
     return found, tuple(text for text in given if text not in names and text != EVERY)
+
+
+def models(envs: Sequence[str]) -> dict[str, str]:
+    """Models of the user's own that environments name, as `mujoco:FILE.xml`: the cell gets them in its HOME."""
+    found = {}
+    for env in envs:
+        name = env.partition(":")[2]
+        if not name.endswith(".xml"):
+            continue
+        with located(f"--env {env}"):
+            name = InnerPath.canonical(name)
+        try:
+            found[name] = Path(name).read_text(encoding="utf-8")
+        except OSError as error:
+            message = f"--env {env}: {name} cannot be read from this folder: {error.strerror}"
+            raise BadInput(message) from None
+    return found
 
 
 def _variable(text: str) -> tuple[str, str]:

@@ -70,6 +70,7 @@ class Asked:
     torch_backend: str = "cpu"
     overlay: tuple[Repair, ...] = ()
     subject: Subject | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 def single(asked: Asked) -> Plan:
@@ -87,6 +88,7 @@ def single(asked: Asked) -> Plan:
         question=question,
         environment=asked.environment,
         cases=cases_for(asked),
+        files=asked.files,
         subject=asked.subject,
     )
     return Plan(matrix=NAME, cells=(cell,), axes=tuple(axes))

@@ -1,10 +1,12 @@
 """The one cell of `try`: its name, its cases, and what is refused."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from harness import plan
+from harness.commands.try_ import models
 from harness.errors import BadInput
 from harness.model import Case, Question
 from harness.plan.speaking import SPEAKERS
@@ -50,6 +52,34 @@ def test_one_cell_named_by_what_is_pinned() -> None:
         only_binary=("mujoco",),
         snapshot="2026-11-20T23:59:59Z",
     )
+
+
+def test_a_model_of_ones_own_goes_into_the_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`mujoco:FILE.xml` is read from the user's folder and put under the same name into the cell's HOME."""
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm/scene.xml").write_text("<mujoco/>", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    found = models(["mujoco:./arm/scene.xml", "CartPole-v1", "mujoco:markers"])
+    assert found == {"arm/scene.xml": "<mujoco/>"}
+    (cell,) = plan.single(asked("mujoco==3.3.7", envs=("mujoco:arm/scene.xml",), files=found)).cells
+    assert cell.files == found
+
+
+@pytest.mark.parametrize(
+    ("env", "message"),
+    [
+        ("mujoco:a.xml", "--env mujoco:a.xml: a.xml cannot be read from this folder: No such file or directory"),
+        ("mujoco:/a.xml", '--env mujoco:/a.xml: "/a.xml" is not a relative path inside the folder'),
+    ],
+)
+def test_a_model_that_cannot_be_carried_is_refused(
+    env: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that is not there, or outside the folder, is a mistake of the command line, not of a package."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadInput) as raised:
+        models([env])
+    assert str(raised.value) == message
 
 
 def test_long_names_are_cut_and_stay_distinct() -> None:
