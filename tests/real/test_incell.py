@@ -16,13 +16,16 @@ from harness.model import Case, Outcome
 ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array")
 HERE = Path(__file__).parent / "environments"
 SITES = {
+    "gym 0.17.3": ("3.7", "gym", ("gym==0.17.3",)),
+    "gym 0.25.2": ("3.9", "gym", ("gym==0.25.2", "numpy==1.23.5", "pygame==2.1.0")),
     "gym 0.26.2": ("3.9", "gym", ("gym==0.26.2", "numpy<2", "pygame==2.6.1")),
     "gymnasium 0.26.3": ("3.7", "gymnasium", ("gymnasium==0.26.3",)),
     "gymnasium 0.29.1": ("3.10", "gymnasium", ("gymnasium==0.29.1", "mujoco==2.3.7", "imageio", "numpy<2")),
     "gymnasium 1.4.0": ("3.11", "gymnasium", ("gymnasium[mujoco]==1.4.0", "pygame==2.6.1")),
 }
 NEWEST = "gymnasium 1.4.0"
-OLDEST = ("gym 0.26.2", "gymnasium 0.26.3")
+OLDEST = ("gym 0.17.3", "gym 0.26.2", "gymnasium 0.26.3")
+CLASSIC = "gym 0.17.3"
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +53,10 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
 def tried(probe, python):
     """Run checks of an environment in a site."""
 
-    def run(site: str, env: str, mode: str = "", checks: tuple[str, ...] = ALL, **more):
+    def run(site: str, env: str, mode: str = "", checks: tuple[str, ...] = ALL, imports: tuple[str, ...] = (), **more):
         api = SITES[site][1]
         kwargs = {"mode": mode} if mode else {}
-        case = Case(id="c", env=env, api=api, kwargs=kwargs, checks=checks, steps=30)
+        case = Case(id="c", env=env, api=api, kwargs=kwargs, imports=imports, checks=checks, steps=30)
         variables = {"LIBRARY": api, "MUJOCO_GL": "egl", "SDL_VIDEODRIVER": "dummy"}
         return probe(python(site), case, path=HERE, variables=variables, **more)
 
@@ -73,6 +76,7 @@ def outcomes(done) -> dict[str, Outcome | None]:
 @pytest.mark.parametrize(
     ("site", "env"),
     [
+        ("gym 0.25.2", "CartPole-v1"),
         ("gym 0.26.2", "CartPole-v1"),
         ("gym 0.26.2", "Blackjack-v1"),
         ("gymnasium 0.29.1", "Ant-v4"),
@@ -99,6 +103,80 @@ def test_good_environments_pass(site: str, env: str, tried) -> None:
     assert [name for _, name in done.reply.frames] == ["render.rgb_array-first.npy", "render.rgb_array-last.npy"]
     assert len(done["single.loop"].facts["trajectory"]) >= 31
     assert done.reply.modules == wire.closure(SITES[site][1], ALL, read)
+
+
+def test_old_environments_pass(tried) -> None:
+    """What gym's own environments did before 0.18 stops no loop: float64 where float32 was promised."""
+    done = tried(CLASSIC, "Pendulum-v0", checks=ALL[:-1])
+    assert outcomes(done) == dict.fromkeys(ALL[:-1], Outcome.PASSED)
+    assert set(done.findings) == {"single.type"}
+    assert done["single.check_env"].reason == "this gym has no checker"
+    assert done.reply.modules == wire.closure("gym", ALL[:-1], read)
+
+
+WAYS = ("vector.async.spawn", "vector.async.forkserver", "vector.async.unshared", "vector.async.many")
+
+
+@pytest.mark.parametrize("site", [CLASSIC, NEWEST])
+def test_every_way_of_workers(site: str, tried) -> None:
+    """Every start method, without shared memory, with more environments than cores; workers import what is named."""
+    done = tried(site, "Troubled-v0", checks=WAYS, imports=("troubled",))
+    assert {reply.check: reply.outcome for reply in done.reply.checks} == dict.fromkeys(WAYS, Outcome.PASSED)
+    assert [len(done[check].workers) for check in WAYS[:3]] == [2, 2, 2]
+    assert len(done[WAYS[3]].workers) >= 4
+    assert {(worker.exit_code, worker.reached) for check in WAYS for worker in done[check].workers} == {(0, "step")}
+
+
+@pytest.mark.parametrize(
+    ("site", "modes", "findings"),
+    [
+        (CLASSIC, ["SAME_STEP"], {"vector.autoreset"}),
+        ("gymnasium 0.26.3", ["SAME_STEP"], set()),
+        (NEWEST, ["NEXT_STEP", "SAME_STEP", "DISABLED"], set()),
+    ],
+)
+def test_episodes_end_in_a_batch_as_alone(site: str, modes: list[str], findings: set[str], tried) -> None:
+    """Each environment of a batch does what it does alone, over episode ends, in each mode of the library."""
+    done = tried(site, "troubled:Troubled-v0", checks=("vector.autoreset",))
+    assert done["vector.autoreset"].outcome is Outcome.PASSED
+    assert done["vector.autoreset"].facts["modes"] == modes
+    assert {name for name in done.findings if not name.endswith(".deprecation")} == findings
+
+
+def test_environments_that_share_something_differ_in_workers(tried) -> None:
+    """A generator that all environments of a process share makes another batch of the same seeds."""
+    done = tried(
+        NEWEST, "troubled:Troubled-v0", "shared", checks=("vector.sync", "vector.async.fork", "vector.autoreset")
+    )
+    assert {reply.outcome for reply in done.reply.checks} == {Outcome.PASSED}
+    assert done.findings["vector.repeat"][0].startswith(
+        "the same seed and actions give other values in vector.async.fork than in vector.sync, from step 1 on (obs"
+    )
+    assert done.findings["vector.autoreset"][0] == (
+        "environment 0 of 2 gives another observation than alone with its seed and actions, from step 1 on, "
+        "episodes that begin in mode NEXT_STEP"
+    )
+
+
+@pytest.mark.parametrize(
+    ("mode", "message"),
+    [
+        ("pair", "reset() returned an observation that is a tuple of 2, not numbers"),
+        ("five", "step() returned a tuple of 5, not (observation, reward, done, info)"),
+        ("noinfo", "step() returned None as info, not a dict"),
+    ],
+)
+def test_the_new_api_in_an_old_gym_fails(mode: str, message: str, tried) -> None:
+    """What a loop of four values cannot use."""
+    raised = tried(CLASSIC, "troubled:Troubled-v0", mode, checks=("single.loop",))["single.loop"].raised
+    assert (raised.blame, raised.message) == ("library", message)
+
+
+def test_a_seed_that_is_not_heeded(tried) -> None:
+    """Before gym 0.26 seed() may do nothing: the trajectories of one seed differ."""
+    done = tried(CLASSIC, "troubled:Troubled-v0", "deaf", checks=("single.loop",))
+    assert done["single.loop"].outcome is Outcome.PASSED
+    assert {"single.repeat.fresh", "single.repeat.same"} <= set(done.findings)
 
 
 @pytest.mark.parametrize("check", ALL[1:])

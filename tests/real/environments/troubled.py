@@ -64,11 +64,14 @@ class Troubled(gym.Env):
             "outside": lambda: values + 5,
             "none": lambda: None,
             "unseeded": lambda: self.random.random(3).astype(np.float32),
+            "shared": lambda: self.random.random(3).astype(np.float32),
         }
         return changed.get(self.mode, lambda: values)()
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
+        if self.mode == "shared" and seed is not None:
+            Troubled.random = np.random.default_rng(seed)
         self.steps = 0
         self.resets += 1
         self.trouble("reset")
