@@ -104,10 +104,17 @@ def _drawing(cell: CellEntry) -> Iterator[tuple[str, str]]:
     drawn = [case for case in cell.cases if case.frames]
     for words in dict.fromkeys(context(case) for case in drawn if case.drawn):
         yield "what drew", words
-    for name, value in cell.supplied.items() if drawn else ():
-        readers = SETTING.get(name)
-        if readers is None or readers & {*(cell.installed or ())}:
-            yield "to be set", f"{name}={value}"
+    yield from (("to be set", words) for words in (settings(cell.supplied, cell.installed or {}) if drawn else ()))
+
+
+def settings(supplied: Mapping[str, str], installed: Iterable[str]) -> tuple[str, ...]:
+    """What of the variables that the harness supplied matters to the packages that are there: `NAME=value` of each."""
+    there = {*installed}
+    return tuple(
+        f"{name}={value}"
+        for name, value in supplied.items()
+        if (readers := SETTING.get(name)) is None or readers & there
+    )
 
 
 def context(case: CaseEntry) -> str:

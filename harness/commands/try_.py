@@ -25,6 +25,7 @@ from harness import (
     scheduler,
     store,
     subjects,
+    tables,
     verdict,
 )
 from harness.commands import progress, reporting
@@ -296,8 +297,16 @@ def _tried(record: CellRecord, judged: Judgement) -> str:
     where = f" on Python {record.python}" if record.python else ""
     tried = "; ".join(parts or ["nothing was tried"]) + where
     mended = [f"repaired: {repairs.described(one)}" for one in record.repairs]
+    drawn = any(phase.phase is Phase.RENDER and phase.frames for case in record.cases for phase in case.phases)
+    needed = tables.settings(record.supplied, record.installed or {}) if drawn else ()
+    settings = [f"drawn with {', '.join(needed)}, which a user sets, too"] if needed else []
     return "; ".join(
-        [tried, *mended, *(f"{name} not verified: {_why(record, Phase(name))}" for name in judged.unverified)]
+        [
+            tried,
+            *settings,
+            *mended,
+            *(f"{name} not verified: {_why(record, Phase(name))}" for name in judged.unverified),
+        ]
     )
 
 

@@ -4,9 +4,9 @@ import gymnasium
 
 class NeedsGl(fake_healthy.Healthy):
     def render(self):
-        import pyglet
+        import glfw
 
-        raise RuntimeError("%s: no display to draw on" % pyglet.__name__)
+        raise RuntimeError("%s: no display to draw on" % glfw.__name__)
 
 
 gymnasium.register("NeedsGl-v0", NeedsGl)
