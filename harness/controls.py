@@ -27,6 +27,7 @@ from harness.model import (
     CellRecord,
     ControlRecord,
     Outcome,
+    Phase,
     PhaseRecord,
     Question,
     Verdict,
@@ -54,6 +55,9 @@ class ControlTable(Table, frozen=True, kw_only=True):
     env: str
     kwargs: Annotated[dict[str, Any], Meta(description="arguments of make")] = field(default_factory=dict)
     checks: Annotated[tuple[CheckName, ...], Meta(description="as in a case of a matrix")] = ()
+    timeouts: Annotated[dict[Phase, float], Meta(description="phase to seconds for each of its checks")] = field(
+        default_factory=dict
+    )
     reason: Annotated[str, Meta(description="why this one is known to be good, and what it stands for")]
 
 
@@ -148,7 +152,12 @@ def _cell(place: Path, name: str) -> Cell:
     table = next(one for one in read(place).control if one.id == name)
     pins = tuple(f"{name}=={version}" for name, (version, _) in _lock(place, table.id).items())
     case = Case(
-        id=str(table.id), env=table.env, api=str(table.api), kwargs=table.kwargs, checks=checks_of(table.checks)
+        id=str(table.id),
+        env=table.env,
+        api=str(table.api),
+        kwargs=table.kwargs,
+        checks=checks_of(table.checks),
+        timeouts=table.timeouts,
     )
     return Cell(
         id=f"{MATRIX}/{table.id}",
