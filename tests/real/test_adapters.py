@@ -21,6 +21,7 @@ from harness import catalog, interpreters, launch, resolving, store
 from harness.model import Cell, CellRecord, Level, Outcome, Phase
 from harness.scheduler import Runner, Settings
 from harness.smoke.tried import CellUnderTest
+from harness.vocabulary import APIS
 
 HERE = Path(__file__).parent
 DATA = tomllib.loads((HERE / "adapters.toml").read_text(encoding="utf-8"))
@@ -42,6 +43,13 @@ def runner(tmp_path_factory: pytest.TempPathFactory) -> Runner:
     patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
     yield Runner(store.open_store(), Settings(), resolving.Unobserved())
     patch.undo()
+
+
+@pytest.mark.parametrize("api", APIS)
+def test_every_adapter_is_held_to_two_releases(api: str) -> None:
+    """An adapter without two releases in `adapters.toml` is held to nothing."""
+    versions = {one["requirements"][0] for one in DATA["release"] if one["api"] == api}
+    assert len(versions) >= 2
 
 
 CASE = ("api", "env", "kwargs", "imports", "checks", "timeouts", "memory_mb")
