@@ -14,6 +14,11 @@ class Family(Adapter):
     def __init__(self, name):
         self.name = name
 
+    def named(self, case):
+        """The id as the library knows it: `gym:CartPole-v1` names us, and gym 0.22 and 0.23 do not know it so."""
+        prefix, env = self.name + ":", case["env"]
+        return env[len(prefix) :] if env.startswith(prefix) else env
+
     def modules(self, case):
         """The library, and the module that an id such as `module:Name-v0` or `module:callable` names."""
         found = own(case)
@@ -22,7 +27,7 @@ class Family(Adapter):
 
     def knows(self, case):
         """Whether the environment of a case is registered, or a callable of the user's."""
-        return case["env"] in self.ids() or self._own(case) is not None
+        return self.named(case) in self.ids() or self._own(case) is not None
 
     def ids(self):
         """The ids that are registered."""
@@ -44,7 +49,7 @@ class Family(Adapter):
         found = self._own(case)
         if found:
             return found.make(options)
-        return importlib.import_module(self.name).make(case["env"], **options)
+        return importlib.import_module(self.name).make(self.named(case), **options)
 
     def make_vector(self, makers, way, tell):
         """Make a SyncVectorEnv or an AsyncVectorEnv with these arguments."""
