@@ -39,18 +39,29 @@ class Robosuite(Adapter):
     def bare(self, case):
         """Make the environment in robosuite's gym wrapper."""
         task, _ = _task(case)
-        raw = importlib.import_module("robosuite.wrappers").GymWrapper(_made(task, case))
+        raw = _wrapper()(_made(task, case))
         _family(raw).heeds = takes(raw.reset, "seed")
         return raw
 
     def make_vector(self, makers, way, tell):
         """Make the vector environment of the library that the wrapper is of."""
+        return self._batching().make_vector(makers, way, tell)
+
+    def autoreset_modes(self):
+        """Say what the library offers that the wrapper is of."""
+        return self._batching().autoreset_modes()
+
+    def limited(self, raw, steps):
+        """Wrap the wrapper."""
+        return _family(raw).limited(raw, steps)
+
+    def _batching(self):
+        """The library that the wrapper is of."""
         if not any(_there(name) for name in FAMILIES):
             message = "neither gym nor gymnasium is there, and robosuite has no environments in batches"
             raise Skip(message)
         with library:
-            wrapper = importlib.import_module("robosuite.wrappers").GymWrapper
-        return _family(wrapper).make_vector(makers, way, tell)
+            return _family(_wrapper())
 
     def check_env(self, case):
         """Run the checker of the library that the wrapper is of."""
@@ -172,6 +183,11 @@ def _made(task, case, draw=False):
     if draw:
         arguments.update(has_offscreen_renderer=True, use_camera_obs=True)
     return importlib.import_module("robosuite").make(task, **arguments)
+
+
+def _wrapper():
+    """Import the wrapper from where it is made: robosuite.wrappers hides why it has none."""
+    return importlib.import_module("robosuite.wrappers.gym_wrapper").GymWrapper
 
 
 def _library(wrapper):

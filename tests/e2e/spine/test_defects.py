@@ -17,6 +17,7 @@ WORKING = (
     "healthy",
     "pictureless",
     "nondeterministic",
+    "reseed",
     "out-of-space",
     "double-fork",
     "writer",
@@ -108,6 +109,10 @@ FOUND = {
         "single.repeat.fresh": r"the same seed gives another trajectory in a new environment, from step 0 on .*",
         "single.repeat.same": r"the same environment, reset with the same seed, gives another trajectory, .*",
         "single.repeat.process": r"the same seed gives another trajectory in another process, from step 0 on",
+        "single.check_env": r"AssertionError: Using `env.reset\(seed=123\)` is non-deterministic .*",
+    },
+    "reseed": {
+        "single.repeat.same": r"the same environment, reset with the same seed, gives another trajectory, from step 0 .*",
         "single.check_env": r"AssertionError: Using `env.reset\(seed=123\)` is non-deterministic .*",
     },
     "out-of-space": {
