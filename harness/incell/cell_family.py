@@ -16,13 +16,13 @@ class Family(Adapter):
 
     def named(self, case):
         """The id as the library knows it: `gym:CartPole-v1` names us, and gym 0.22 and 0.23 do not know it so."""
-        prefix, env = self.name + ":", case["env"]
+        prefix, env = self.name + ":", case["env"] or ""
         return env[len(prefix) :] if env.startswith(prefix) else env
 
     def modules(self, case):
         """The library, and the module that an id such as `module:Name-v0` or `module:callable` names."""
         found = own(case)
-        prefix, colon, _ = (found.module, ":", "") if found else (case["env"] or "").partition(":")
+        prefix, colon, _ = (found.module, ":", "") if found else self.named(case).partition(":")
         return [self.name] + ([prefix] if colon else [])
 
     def knows(self, case):
