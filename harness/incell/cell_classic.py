@@ -95,7 +95,7 @@ class Classic(Modern):
         return observation
 
     def step(self, action):
-        """Make one step and return (observation, reward, done, whether a time limit ended it)."""
+        """Make one step and return (observation, reward, terminated, truncated by a time limit); done is either."""
         self.frame = None
         with library:
             result = self.raw.step(action)
@@ -106,7 +106,7 @@ class Classic(Modern):
         self.examiner.observation("step()", observation)
         self.examiner.reward(reward)
         self.examiner.flag("done", done)
-        return observation, reward, done, truncated
+        return observation, reward, done and not truncated if self.examiner.batch is None else done, truncated
 
     def _truncated(self, info):
         """In a batch an info is a sequence of dicts, since 0.24 one dict: the time limit is then among the values."""
