@@ -19,8 +19,8 @@ FLOORS = {
     },
     2: {
         "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched", "filelocks", "frames", "garbage",
-        "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "overlays", "process",
-        "sdists", "store", "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
+        "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "overlays",
+        "process", "sdists", "store", "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},
     4: {"commands"},

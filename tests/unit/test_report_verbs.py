@@ -214,7 +214,18 @@ class TestSchema:
         """Without a name the documents are listed."""
         assert main(["schema"]) == 0
         names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-        assert names == ["matrix", "expansion", "overlay", "controls", "report", "plan", "lock", "gc", "init", "manifest"]
+        assert names == [
+            "matrix",
+            "expansion",
+            "overlay",
+            "controls",
+            "report",
+            "plan",
+            "lock",
+            "gc",
+            "init",
+            "manifest",
+        ]
 
     def test_report_fits_its_schema(self, state: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """A report that was written is valid by the schema; one with a wrong verdict is not."""
