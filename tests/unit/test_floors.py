@@ -13,14 +13,16 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "accepting", "document", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "normalise",
-        "notices", "outcomes", "pipelines", "plan", "present", "pytestsays", "repairs", "reporttypes", "schema", "shards",
-        "drafts", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "accepting", "document", "drafts", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "mending",
+        "merging", "normalise", "notices", "outcomes", "pipelines", "plan", "present", "pytestsays", "repairs",
+        "reporttypes", "schema", "shards", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire",
+        "workflows",
     },
     2: {
-        "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched", "filelocks", "frames", "garbage",
-        "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch", "machine", "memory", "overlays",
-        "process", "sdists", "store", "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
+        "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched",
+        "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch",
+        "machine", "memory", "overlays", "process", "sdists", "store", "subjects", "supervisor", "systempackages",
+        "uv", "uvcli", "warming",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},
     4: {"commands"},
