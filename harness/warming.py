@@ -57,16 +57,15 @@ def warm(path: Path, names: Collection[str], question: Question) -> Step | tuple
     """Import what compiles, in an environment whose files are its own; a compiler that fails is a failed install."""
     told = []
     for recipe in recipes(names):
-        done = _imported(path, recipe, question)
-        if isinstance(done, Step):
-            return done
-        text = f"{recipe.name} was compiled by its first import, in {done:.0f} s: {recipe.reason}"
+        failed = _imported(path, recipe, question)
+        if failed:
+            return failed
+        text = f"{recipe.name} was compiled by its first import: {recipe.reason}"
         told.append(Finding(check="install.compiled", level=Level.NOTE, text=text))
     return tuple(told)
 
 
-def _imported(path: Path, recipe: Recipe, question: Question) -> Step | float:
-    """The seconds that it took."""
+def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
     base = machine.base_environment()
     with uvcli.scratch() as work:
         home = work / "home"
@@ -91,7 +90,7 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | float:
         places = {**uvcli.places(), str(path): "$ENV", str(home): "$HOME", str(work): "$BUILD"}
         text = normalise.normalise(completed.log.read_text(encoding="utf-8", errors="replace"), places)
     if completed.exit_code == 0:
-        return completed.seconds
+        return None
     log = open_store().evidence(f"install-{path.name}") / f"{recipe.name}.log"
     write_atomic(log, text.encode())
     outcome, decisive = _said(completed, text)
