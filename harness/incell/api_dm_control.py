@@ -90,14 +90,20 @@ class Task(Environment):
             return context.call(ask)
 
     def get_state(self):
-        """Positions, velocities and activations."""
+        """Return what dm_control calls the state, and what else a simulation goes on from: time and warm start."""
         with library:
-            return self.raw.physics.get_state()
+            physics = self.raw.physics
+            return physics.get_state(), physics.data.time, physics.data.qacc_warmstart.copy()
 
     def set_state(self, state):
-        """Put a state back as the documentation has it: after a reset of the physics, all derived values made anew."""
-        with library, self.raw.physics.reset_context():
-            self.raw.physics.set_state(state)
+        """Put a state back as the documentation has it: in a reset of the physics, which derives all else anew."""
+        with library:
+            physics = self.raw.physics
+            with physics.reset_context():
+                physics.set_state(state[0])
+                physics.data.time = state[1]
+                physics.data.qacc_warmstart[:] = state[2]
+            physics.data.qacc_warmstart[:] = state[2]
 
     def seed_actions(self, seed):
         """Seed what draws actions."""
