@@ -18,6 +18,8 @@ WORKING = (
     "pictureless",
     "nondeterministic",
     "reseed",
+    "shared",
+    "tuple",
     "out-of-space",
     "double-fork",
     "writer",
@@ -101,6 +103,8 @@ RED = {
 }
 """Defect to verdict, the phase that decided it, how that phase ended, and the decisive line."""
 
+IN_WORKERS = r"the same seed and actions give other values in vector\.async\.fork than in vector\.sync, from step "
+A_TUPLE = r"(reset|step)\(\) returned an observation that is a tuple of 3 where an array was promised"
 OUTSIDE = r"(reset|step)\(\) returned an observation outside its space .*"
 FOUND = {
     "healthy": {},
@@ -109,11 +113,22 @@ FOUND = {
         "single.repeat.fresh": r"the same seed gives another trajectory in a new environment, from step 0 on .*",
         "single.repeat.same": r"the same environment, reset with the same seed, gives another trajectory, .*",
         "single.repeat.process": r"the same seed gives another trajectory in another process, from step 0 on",
+        "vector.repeat": IN_WORKERS + r"0 on .*",
         "single.check_env": r"AssertionError: Using `env.reset\(seed=123\)` is non-deterministic .*",
     },
     "reseed": {
         "single.repeat.same": r"the same environment, reset with the same seed, gives another trajectory, from step 0 .*",
         "single.check_env": r"AssertionError: Using `env.reset\(seed=123\)` is non-deterministic .*",
+    },
+    "shared": {
+        "vector.repeat": IN_WORKERS + r"1 on .*",
+        "vector.autoreset": r"environment 0 of 2 gives another observation than alone with its seed and actions, "
+        r"from step 1 on, episodes that begin in mode (NEXT_STEP|SAME_STEP|DISABLED)",
+    },
+    "tuple": {
+        "single.type": A_TUPLE,
+        "single.check_env": r"Casting input x to numpy array\.|The obs returned by the `(reset|step)\(\)` method was "
+        r"expecting a numpy array, actual type: <class 'tuple'>",
     },
     "out-of-space": {
         "single.space": OUTSIDE,
