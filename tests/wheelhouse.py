@@ -4,7 +4,7 @@ A fake is a folder with a `fake.toml` and the files that land in site-packages. 
 
 - `name`; `versions` (one file set serves all: `@VERSION@` in a text becomes the version), default `["1.0"]`
 - `kinds`: `wheel`, `sdist`, default `["wheel"]`; `tag` of the wheel, default `py3-none-any`; `local` builds (`["cpu"]`)
-- `requires`, `requires-python`, `extras` (table: extra to requirements)
+- `requires`, `requires-python`, `extras` (table: extra to requirements), `entry-points` (of wheels: group to table)
 - `build-requires`: what the sdist is built with; `static = true`: its metadata can be read without a build
 
 An sdist is built by `fakes/_backend.py` inside it, which imports `build_hooks.py` of the fake where there is one:
@@ -49,6 +49,8 @@ def wheel(folder: Path, version: str, files: Mapping[str, str], about: Mapping[s
         f"{stem}.dist-info/METADATA": metadata(version, about),
         f"{stem}.dist-info/WHEEL": f"Wheel-Version: 1.0\nGenerator: fakes\nRoot-Is-Purelib: true\nTag: {tag}\n",
     }
+    if "entry-points" in about:
+        entries[f"{stem}.dist-info/entry_points.txt"] = _entry_points(about["entry-points"])
     rows = [f"{path},sha256={_digest(text.encode())},{len(text.encode())}" for path, text in entries.items()]
     record = f"{stem}.dist-info/RECORD"
     entries[record] = "\n".join([*rows, f"{record},,", ""])
@@ -94,6 +96,14 @@ def metadata(version: str, about: Mapping[str, Any]) -> str:
     for extra, requires in about.get("extras", {}).items():
         lines += [f"Provides-Extra: {extra}", *(f"Requires-Dist: {line}; extra == '{extra}'" for line in requires)]
     return "\n".join([*lines, ""])
+
+
+def _entry_points(groups: Mapping[str, Mapping[str, str]]) -> str:
+    """Write the file that installers keep of entry points."""
+    lines = [
+        (f"[{group}]", *(f"{name} = {target}" for name, target in names.items())) for group, names in groups.items()
+    ]
+    return "".join("\n".join((*block, "", "")) for block in lines)
 
 
 def _release(fake: Path, about: dict[str, Any], folder: Path) -> None:

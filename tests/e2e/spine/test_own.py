@@ -1,0 +1,44 @@
+"""A user's own environment is tried without touching the harness: by a callable, or by an entry point."""
+
+from __future__ import annotations
+
+import platform
+
+import pytest
+from commandline import Desk
+
+HERE = platform.python_version()
+
+
+@pytest.mark.parametrize("env", ["fake_own:make", "fake_own:Robots.small", "own-robot"])
+def test_what_no_registry_knows_is_made_by_a_callable(desk: Desk, env: str) -> None:
+    """Every phase passes, in workers, too, whether the callable takes how to draw or draws by itself."""
+    ran = _tried(desk, "--env", env)
+    assert ran == (0, f"works: import, single, vector, render of {env} on Python {HERE}\n", "")
+
+
+def test_a_name_that_is_no_callable_is_the_librarys_to_refuse(desk: Desk) -> None:
+    """What the module does not have is looked for as the id that gym's own syntax makes of it."""
+    code, out, _ = _tried(desk, "--env", "fake_own:nothing")
+    assert code == 1
+    assert out.splitlines()[1] == "gymnasium.error.NameNotFound: Environment `nothing` doesn't exist."
+
+
+def test_an_api_that_nothing_tells_has_to_be_named(desk: Desk) -> None:
+    """Without gym or gymnasium among what is installed, an id does not say what it speaks."""
+    ran = desk.run("try", "fake-plain", "--env", "fake_plain:make", "--python", "host", **_index(desk))
+    told = (
+        "simmatrix: --env fake_plain:make: nothing that is asked for brings gym or gymnasium; name one of them, too, "
+        "or what it speaks with --api ("
+    )
+    assert (ran.code, ran.out, ran.err[: len(told)]) == (2, "", told)
+    assert "dm_control" in ran.err
+
+
+def _tried(desk: Desk, *arguments: str) -> tuple[int, str, str]:
+    ran = desk.run("try", "fake-own", *arguments, "--python", "host", **_index(desk))
+    return ran.code, ran.out, ran.err if ran.code == 2 else ""
+
+
+def _index(desk: Desk) -> dict[str, str]:
+    return {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(desk.wheels)}
