@@ -36,9 +36,10 @@ def tests(session: nox.Session) -> None:
 
 @nox.session(python="3.11")
 def endurance(session: nox.Session) -> None:
-    """Every combination measured by hand against the harness, with the table of agreement; every adapter."""
+    """Combinations measured by hand, ends of workers, each with its table; every adapter."""
     session.install("-e", ".[dev]")
     session.run("python", "tests/real/agreement.py", *session.posargs)
+    session.run("python", "tests/real/masks.py")
     session.run("pytest", "tests/real/test_adapters.py", env={"ENDURANCE": "1"})
 
 
