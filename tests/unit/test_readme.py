@@ -16,7 +16,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def test_its_matrix_can_be_planned() -> None:
     """The example is a matrix: every case exists somewhere, every expectation meets a cell."""
-    (text,) = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
+    text, *_ = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
     matrix = matrixfile.read(text, "example.toml")
     expansion = Expansion(
         matrix="example",
