@@ -150,7 +150,7 @@ class Task(Environment):
         """Tell of a seed that is not heeded: since 1.5 robosuite has a generator of its own."""
         if seed != self.made_with and getattr(self.raw, "rng", None) is not None:
             text = "only make(seed=...) seeds it, once: a later np.random.seed() and GymWrapper.reset(seed=...) do not"
-            self.tell("seed", text)
+            self.tell("seed", text + "; take a new one, or set the state of env.rng.bit_generator")
 
     def _kept(self, observation, call):
         """Examine an observation: the same parts of the same shapes every time."""
