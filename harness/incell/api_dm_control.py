@@ -3,7 +3,8 @@
 import importlib
 
 from .cell_adapter import Adapter, Environment
-from .cell_errors import library, violate
+from .cell_errors import Skip, library, violate
+from .cell_own import own
 from .cell_values import array_of, scalar, shown
 
 FIELDS = ("step_type", "reward", "discount", "observation")
@@ -16,8 +17,17 @@ class Suite(Adapter):
 
     imports = ("dm_control.suite",)
 
+    def modules(self, case):
+        """The suite, or the module of a callable that makes an environment."""
+        found = own(case)
+        return [found.module] if found else list(self.imports)
+
     def make(self, case, tell, draw=False):
         """Load the task, which takes its randomness then; any task draws."""
+        found = own(case)
+        if found:
+            with library:
+                return Task(found.make(dict(case["kwargs"])), tell)
         domain, _, task = case["env"].rpartition(":")[2].partition("/")
         options = dict(case["kwargs"])
         options["task_kwargs"] = dict({"random": case["seed"]}, **options.get("task_kwargs", {}))
@@ -36,19 +46,27 @@ class Task(Environment):
         self.raw = raw
         self.random = np.random.RandomState(0)
         with library:
+            if not hasattr(raw, "physics"):
+                self.get_state = None
             self.promised = raw.observation_spec()
             self.actions = raw.action_spec()
 
     def reset(self, seed=None):
         """Start an episode; the seed is given to the generator that the task was loaded with."""
         with library:
-            if seed is not None:
-                self.raw.task.random.seed(seed)
+            generator = self._generator()
+            if seed is not None and generator is not None:
+                generator.seed(seed)
             first = self.raw.reset()
         self._examine("reset()", first, ("FIRST",))
         if first.reward is not None or first.discount is not None:
             self.tell("type", "reset() returned a time step that has a reward or a discount")
         return first.observation
+
+    def _generator(self):
+        """What a task of the suite, or an environment of composer, takes its randomness from."""
+        kept = getattr(getattr(self.raw, "task", None), "random", None)
+        return getattr(self.raw, "random_state", None) if kept is None else kept
 
     def step(self, action):
         """Make one step; the end of an episode with a discount is a truncation."""
@@ -81,6 +99,9 @@ class Task(Environment):
 
     def draw(self):
         """Draw what the first camera of the model sees, or the free one."""
+        if not hasattr(self.raw, "physics"):
+            message = "this environment has no physics to draw"
+            raise Skip(message)
         camera = 0 if self.raw.physics.model.ncam else -1
         return self.raw.physics.render(height=240, width=320, camera_id=camera)
 
@@ -111,11 +132,15 @@ class Task(Environment):
 
     def action(self):
         """Draw an action within its bounds, from a normal distribution where it has none."""
-        low, high = self.actions.minimum, self.actions.maximum
+        import numpy as np
+
+        shape, unbounded = self.actions.shape, float("inf")
+        low = np.broadcast_to(np.asarray(getattr(self.actions, "minimum", -unbounded), "d"), shape)
+        high = np.broadcast_to(np.asarray(getattr(self.actions, "maximum", unbounded), "d"), shape)
         bounded = (abs(low) < UNBOUNDED) & (abs(high) < UNBOUNDED)
-        values = self.random.standard_normal(self.actions.shape)
-        uniform = self.random.uniform(low * bounded, high * bounded)
-        values[bounded] = uniform[bounded]
+        values = self.random.standard_normal(shape)
+        uniform = self.random.uniform(np.where(bounded, low, 0), np.where(bounded, high, 0))
+        values = np.where(bounded, uniform, values)
         return values.astype(self.actions.dtype)
 
     def describe(self):
