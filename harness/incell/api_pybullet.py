@@ -28,7 +28,7 @@ class Bullet(Adapter):
 
     def make(self, case, tell, draw=False):
         """Connect to a simulation of its own, without a window."""
-        name = case["env"].partition(":")[2] or case["env"]
+        name = named(case)
         if name != SCENE and not name.endswith((".urdf", ".xml", ".sdf")):
             message = "no scene and no file: {!r}; write pybullet:{}, or a file such as pybullet:kuka_iiwa/model.urdf"
             raise LookupError(message.format(name, SCENE))
@@ -36,7 +36,12 @@ class Bullet(Adapter):
 
     def picture(self, case):
         """The colours of the scene of ours."""
-        return PICTURE if case["env"] == "pybullet:" + SCENE else None
+        return PICTURE if named(case) == SCENE else None
+
+
+def named(case):
+    """What follows the name of the API."""
+    return case["env"].partition(":")[2] or case["env"]
 
 
 class Simulation(Environment):
