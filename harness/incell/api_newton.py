@@ -66,7 +66,7 @@ class Simulation(World):
     def _observed(self):
         parts = {"body_q": 7, "body_qd": 6}
         arrays = {name: getattr(self.state, name).numpy() for name in parts}
-        shaped = {name: array.reshape(self.shape + (self.bodies, -1)) for name, array in arrays.items()}
+        shaped = {name: array.reshape((*self.shape, self.bodies, -1)) for name, array in arrays.items()}
         return {name: self.seen(name, shaped[name], (self.bodies, size)) for name, size in parts.items()}
 
     def describe(self):

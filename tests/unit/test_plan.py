@@ -202,7 +202,8 @@ class TestSurroundings:
         text = (
             'needs = ["egl"]\nsystem = ["patchelf"]\nfiles = { ".config/a" = "text", b = { source = "b.xml" } }\n'
             'axes = { python = ["3.11"], '
-            'api = { x = { needs = ["egl", "gpu"], system = ["libglew-dev", "patchelf"], files = { ".config/a" = "other" } } } }\n' + CASE
+            'api = { x = { needs = ["egl", "gpu"], system = ["libglew-dev", "patchelf"], '
+            'files = { ".config/a" = "other" } } } }\n' + CASE
         )
         cell = plan.expand(matrix(text), host_python="3.12.1", sources={"b.xml": "<b/>"}).cells[0]
 

@@ -10,11 +10,7 @@ from commandline import Desk
 
 ROOT = Path(__file__).parents[3]
 HEADING = "## Adding a simulator\n"
-TEXTS = [
-    (folder / name).read_text(encoding="utf-8")
-    for folder, name in ((ROOT, "README.md"), (Path(__file__).parent, "adding.md"))
-]
-SECTION = next(text for text in TEXTS if HEADING in text).partition(HEADING)[2].partition("\n## ")[0]
+SECTION = (ROOT / "README.md").read_text(encoding="utf-8").partition(HEADING)[2].partition("\n## ")[0]
 
 
 def test_a_simulator_is_one_file_and_one_matrix(desk: Desk) -> None:
