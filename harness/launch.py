@@ -282,7 +282,7 @@ def _text(path: Path) -> str:
     return _content(path, MOST_TEXT).decode("utf-8", "replace")
 
 
-def _tail(log: Path, size: int = 4000) -> str:
+def _tail(log: Path, size: int = 12_000) -> str:
     """The end of our own log, whole lines."""
     text = log.read_bytes()[-size:].decode("utf-8", "replace") if log.is_file() else ""
     return "\n".join([*text.strip().splitlines(), ""])

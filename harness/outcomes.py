@@ -20,6 +20,9 @@ MACHINE_TROUBLE = re.compile(
 """What the operating system says when this machine or its network is short of something, whatever the package."""
 
 PYGLET_CODE = re.compile(r"/pyglet/")
+IGNORED = re.compile(r"^Traceback \(most recent call last\):\n(?:^[ \t].*\n)+\S.*$", re.MULTILINE)
+"""A traceback; one that Python prints at its end is of an exception that nobody can catch."""
+
 DRAWING_CODE = re.compile(r"/(?:OpenGL|glfw)/|/mujoco/(?:egl|osmesa|glfw|gl_context|rendering|renderer)\b")
 """Files of a traceback in which something was about to draw by OpenGL, in a way of their own or by MUJOCO_GL."""
 
@@ -40,6 +43,11 @@ class Ending:
     full: bool = False
     lost: str | None = None
     stacks: str = ""
+
+    @property
+    def afterwards(self) -> str:
+        """What was printed after the last line of the reply."""
+        return self.stacks.partition(wire.LAST_WORDS)[2]
 
 
 def phase_of(check: str) -> Phase:
@@ -97,6 +105,9 @@ def _last_gasp(ending: Ending, *, complete: bool) -> str | None:
         return f"Python did not end within {ending.overran:g} s of the last check"
     if ending.signal or ending.exit_code:
         return f"after the last check: {normalise.death(ending.exit_code, ending.signal, ending.stacks)}"
+    ignored = IGNORED.search(ending.afterwards)
+    if ignored:
+        return f"at the end of Python, the environment left open: {normalise.decisive_line(ignored[0])}"
     return None if complete else "Python ended before its exit handlers had run"
 
 

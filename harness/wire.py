@@ -41,9 +41,13 @@ MOST_LINES = 20_000
 MOST_PROBLEMS = 20
 LONGEST_STACKS = 60_000
 FOLLOWERS: Mapping[str, tuple[str, ...]] = {
-    "single.loop": ("single.repeat.fresh", "single.repeat.same", "single.state", "single.check_env")
+    "render.rgb_array": ("render.unclosed",),
+    "single.loop": ("single.repeat.fresh", "single.repeat.same", "single.state", "single.check_env"),
 }
 """Checks that can only find, by the check that they follow."""
+
+LAST_WORDS = "simmatrix: the last line of the reply is written"
+"""What a probe prints after the last line of its reply: what follows was printed while Python took itself apart."""
 
 WORKER_FILE = re.compile(r"worker-(\d{1,9})\.(jsonl|txt)")
 

@@ -3,6 +3,9 @@
 import json
 import os
 
+LAST_WORDS = "simmatrix: the last line of the reply is written"
+"""What the probe prints then: of what comes after it, only the printed text is left."""
+
 LONGEST_MESSAGE = 20000
 LONGEST_TRACEBACK = 60000
 

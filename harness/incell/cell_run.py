@@ -13,7 +13,7 @@ import sys
 from time import monotonic
 
 from .cell_errors import Skip, blame, describe, library, summary
-from .cell_lines import Lines, bounded
+from .cell_lines import LAST_WORDS, Lines, bounded
 from .cell_watch import Stacks, Watch
 
 FINDINGS_OF_A_CHECK = 10
@@ -92,6 +92,10 @@ class Probe:
         modules = {name: sys.modules.get(name) for name in TOLD}
         versions = {name: str(getattr(module, "__version__", "?"))[:50] for name, module in modules.items() if module}
         self.reply.write("end", modules=_own_modules(), versions=versions)
+        try:  # noqa: SIM105 - contextlib may be what a library forgot to import
+            os.write(2, "\n{}\n".format(LAST_WORDS).encode("ascii"))
+        except OSError:  # a library that closes everything has closed this, too
+            pass
 
     def import_modules(self):
         """Import what the case names, then what its API needs: seconds by module. Done once.

@@ -33,6 +33,15 @@ def rgb_array(probe, facts):
         facts["gl"] = dict(facts.get("gl", {}), **({"modules": needed} if needed else {}))
 
 
+def unclosed(probe, _facts):
+    """Draw with an environment that is left open, as many users leave theirs: Python's end shows what comes of that."""
+    env = probe.api.make(probe.case, lambda *_: None, draw=True)
+    env.seed_actions(probe.case["seed"])
+    env.reset(probe.case["seed"])
+    env.render()
+    probe.memo["left open"] = env
+
+
 def _render(probe, facts):
     seed, steps = probe.case["seed"], probe.case["steps"]
     with single(probe, draw=True) as env:
@@ -87,5 +96,5 @@ def _examine(probe, facts, frame, which):
         violate("blank frame: every pixel is {}", [int(v) for v in frame[0, 0]])
 
 
-CHECKS = {"render.rgb_array": rgb_array}
-FOLLOWERS = {}
+CHECKS = {"render.rgb_array": rgb_array, "render.unclosed": unclosed}
+FOLLOWERS = {"render.rgb_array": ("render.unclosed",)}

@@ -14,6 +14,7 @@ from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.outcomes import Ending, check_record, found_beside, reachable
 
 PASSED = Outcome.PASSED
+DRAWN = {"render.rgb_array": PASSED, "render.unclosed": PASSED}
 NO_GL = {"": "no EGL here: install it"}
 NO_DISPLAY = {"pyglet": "no X display here: install it"}
 
@@ -45,13 +46,14 @@ def warning(check: str, text: str) -> Finding:
 
 def test_followers_are_those_of_the_cell() -> None:
     """The host knows which checks follow which, as the in-cell module has it."""
-    source = (Path(harness.__file__).parent / "incell" / "phase_single.py").read_text()
-    (known,) = (
-        node.value
+    sources = (path.read_text() for path in (Path(harness.__file__).parent / "incell").glob("phase_*.py"))
+    known = [
+        ast.literal_eval(node.value)
+        for source in sources
         for node in ast.parse(source).body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "FOLLOWERS"
-    )
-    assert ast.literal_eval(known) == wire.FOLLOWERS
+    ]
+    assert {leader: names for each in known for leader, names in each.items()} == wire.FOLLOWERS
 
 
 @pytest.mark.parametrize(
@@ -139,13 +141,13 @@ def test_followers_of_a_failed_check_are_not_missed() -> None:
 )
 def test_python_s_own_end_is_told(ending: Ending, text: str) -> None:
     """A crash or a hang after the last check stops no loop, and is not passed over."""
-    assert list(found_beside(reply({"render.rgb_array": PASSED}), ending)) == [warning("render.teardown", text)]
+    assert list(found_beside(reply(DRAWN), ending)) == [warning("render.teardown", text)]
 
 
 @pytest.mark.parametrize("ending", [Ending(exit_code=0), Ending(signal=9, trouble="interrupted")])
 def test_a_good_end_and_one_of_ours_are_not_told(ending: Ending) -> None:
     """Nothing is said of a probe that ended well, nor of one that was interrupted."""
-    assert list(found_beside(reply({"render.rgb_array": PASSED}, complete=True), ending)) == []
+    assert list(found_beside(reply(DRAWN, complete=True), ending)) == []
 
 
 def test_what_needs_what() -> None:
@@ -153,3 +155,16 @@ def test_what_needs_what() -> None:
     assert reachable(Phase.RENDER, {})
     assert not reachable(Phase.RENDER, {Phase.IMPORT: Outcome.FAILED})
     assert reachable(Phase.RENDER, {Phase.VECTOR: Outcome.FAILED})
+
+
+def test_what_nobody_can_catch_at_the_end_is_told() -> None:
+    """A traceback after the last words is of an exception that Python ignored; one before them was told elsewhere."""
+    ignored = "Exception ignored in: <function Context.__del__>\nTraceback (most recent call last):\n"
+    trace = ignored + '  File "gl.py", line 3, in __del__\n    free()\nEGLError: not initialized\n'
+    text = "at the end of Python, the environment left open: EGLError: not initialized"
+
+    def told(printed: str) -> list[Finding]:
+        return list(found_beside(reply(DRAWN, complete=True), Ending(exit_code=0, stacks=printed)))
+
+    assert told(f"{wire.LAST_WORDS}\n{trace}") == [warning("render.teardown", text)]
+    assert told(f"{trace}{wire.LAST_WORDS}\nfreed 3 buffers\n") == []

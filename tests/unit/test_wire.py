@@ -264,3 +264,9 @@ def test_names_of_ours_are_known() -> None:
     phases = CASE_PHASES
     loaded = {name for api in APIS for name in wire.closure(api, phases, lambda name: (folder / name).read_text())}
     assert loaded | {"bootstrap_suite.py"} == {path.name for path in folder.glob("*.py")}
+
+
+def test_last_words_are_those_of_the_cell() -> None:
+    """The host looks for the very line that a probe prints."""
+    folder = Path(sys.modules["harness"].__file__ or "").parent / "incell"
+    assert f'LAST_WORDS = "{wire.LAST_WORDS}"' in (folder / "cell_lines.py").read_text()

@@ -26,6 +26,7 @@ WORKING = (
     "fragile",
     "fragile-hang",
     "late-raise",
+    "late-ignored",
     "late-crash",
 )
 """Nothing of what is wrong with these stops a user's loop."""
@@ -145,6 +146,9 @@ FOUND = {
         "single.check_env": r"no end within 1\.5 s, in reset, site-packages/fake_fragile_hang\.py line \d+"
     },
     "late-raise": {"single.teardown": r"exception ignored in .*: RuntimeError: the GL context is gone"},
+    "late-ignored": {
+        "render.teardown": r"at the end of Python, the environment left open: RuntimeError: the GL context is lost"
+    },
     "late-crash": {"render.teardown": "after the last check: " + SEGFAULT},
     "late-hang": {"render.teardown": r"Python did not end within [\d.]+ s of the last check"},
     "worker-hangs": {},
