@@ -124,6 +124,7 @@ class PictureTable(Table, frozen=True, kw_only=True):
 
     above: Colour
     below: Colour
+    never: Annotated[Colour | None, Meta(description="a colour that wrong pictures show, right ones never")] = None
 
 
 class CaseTable(Table, frozen=True, kw_only=True):

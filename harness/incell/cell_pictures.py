@@ -101,6 +101,13 @@ def composed(picture, above, below):
     return "upside_down", text.format(above, below)
 
 
+def marred(picture, never):
+    """Whether a picture shows a colour that none should: (kind, text) of what is wrong, or None."""
+    if never is None or _height(picture, never) is None:
+        return None
+    return "picture", "something in the picture has the colour {}, which a right one never has".format(never)
+
+
 def _height(picture, colour):
     """The mean row of all pixels of a colour; None where there are next to none."""
     wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])

@@ -8,7 +8,7 @@ import numpy as np
 from .cell_context import current
 from .cell_episode import single
 from .cell_errors import Skip, violate
-from .cell_pictures import advance, composed, followed, same, values
+from .cell_pictures import advance, composed, followed, marred, same, values
 
 STEPS = 10
 LARGEST = 64 << 20
@@ -58,6 +58,7 @@ def _render(probe, facts):
         wanted = probe.case["picture"] or probe.api.picture(probe.case)
         if wanted:
             _tell(probe, composed(first, wanted["above"], wanted["below"]))
+            _tell(probe, marred(first, wanted.get("never")))
 
 
 def _picture(env):

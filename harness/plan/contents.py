@@ -12,7 +12,16 @@ import msgspec
 
 from harness import repairs
 from harness.errors import BadInput
-from harness.matrix import NO_CHANGES, CaseTable, Changes, Constraint, Matrix, SourceTable, SuiteTable
+from harness.matrix import (
+    NO_CHANGES,
+    CaseTable,
+    Changes,
+    Constraint,
+    Matrix,
+    PictureTable,
+    SourceTable,
+    SuiteTable,
+)
 from harness.model import Case, IndexSettings, Phase, Question, Repair, Subject, Suite
 from harness.plan.choices import Choice, Combination, Condition, condition
 from harness.schema import key_path, located
@@ -236,6 +245,11 @@ def index_settings(matrix: Matrix) -> IndexSettings:
     return IndexSettings(**msgspec.structs.asdict(matrix.index))
 
 
+def _colours(table: PictureTable) -> dict[str, str]:
+    never = {"never": str(table.never)} if table.never else {}
+    return {"above": str(table.above), "below": str(table.below), **never}
+
+
 def _case(table: CaseTable) -> Case:
     api = api_of(table.env, table.api)
     return Case(
@@ -247,7 +261,7 @@ def _case(table: CaseTable) -> Case:
         required=table.required,
         imports=tuple(map(str, table.imports)),
         timeouts={Phase(phase): seconds for phase, seconds in table.timeouts.items()},
-        picture={"above": str(table.picture.above), "below": str(table.picture.below)} if table.picture else None,
+        picture=_colours(table.picture) if table.picture else None,
         steps=table.steps,
         seed=table.seed,
         memory_mb=table.memory_mb,

@@ -22,7 +22,10 @@ WRONG = {
     "UpsideDown-v0": [
         ("render.upside_down", "what is #5a96dc lies below what is #3c7828: the picture is upside down"),
     ],
-    "WrongColours-v0": [("render.picture", "nothing in the picture has the colour #5a96dc")],
+    "WrongColours-v0": [
+        ("render.picture", "nothing in the picture has the colour #5a96dc"),
+        ("render.picture", "something in the picture has the colour #dc965a, which a right one never has"),
+    ],
     "Constant-v0": [
         (
             "render.constant",
