@@ -10,6 +10,7 @@ import pytest
 
 from harness import document, tables
 from harness.commands import reporting
+from harness.model import Verdict
 from harness.reporttypes import Document
 
 REPORTS = Path(__file__).parents[2] / "reports"
@@ -23,9 +24,11 @@ def read(folder: Path) -> Document:
     return document.read((folder / "report.json").read_bytes(), "report.json")
 
 
-def test_quickstart_is_there() -> None:
-    """The report that the README points at is committed."""
-    assert "quickstart" in {folder.name for folder in FOLDERS}
+def test_every_matrix_was_measured() -> None:
+    """Every matrix that comes with the harness has a report, quickstart among them."""
+    matrices = {path.stem for path in (REPORTS.parent / "matrices").glob("*.toml")}
+
+    assert {"quickstart"} <= matrices == {folder.name for folder in FOLDERS}
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
@@ -40,20 +43,25 @@ class TestCommittedReport:
         """No red cell without an expectation, no expectation out of date."""
         whole = read(folder)
 
-        assert [cell.id for cell in whole.cells if cell.as_expected is not True] == []
+        told = [cell for cell in whole.cells if cell.verdict is not Verdict.UNAVAILABLE]
+        assert [cell.id for cell in told if cell.as_expected is not True] == []
+        assert len(whole.cells) - len(told) <= 1
         assert whole.stale == ()
 
     def test_locks_are_those_that_were_measured(self, folder: Path) -> None:
         """Each cell's lock lies beside the report, with the hash that the report gives."""
         for cell in read(folder).cells:
-            assert cell.lock
+            if cell.lock is None:
+                assert cell.verdict in {Verdict.UNRESOLVABLE, Verdict.UNINSTALLABLE, Verdict.UNAVAILABLE}
+                continue
             assert hashlib.sha256((folder / cell.lock).read_bytes()).hexdigest() == cell.lock_sha256
 
     def test_frames_are_there(self, folder: Path) -> None:
-        """Each frame that is named lies beside the report."""
-        frames = [frame for cell in read(folder).cells for case in cell.cases for frame in case.frames]
+        """Each frame that is named lies beside the report, and each picture that was drawn is named."""
+        cases = [case for cell in read(folder).cells for case in cell.cases]
+        frames = [frame for case in cases for frame in case.frames]
 
-        assert frames
+        assert bool(frames) == any(case.checks.get("render.rgb_array") == "passed" for case in cases)
         assert all((folder / frame).is_file() for frame in frames)
 
     def test_nothing_of_a_machine_or_an_index(self, folder: Path) -> None:
