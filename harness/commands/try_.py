@@ -6,7 +6,7 @@ import argparse
 import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from harness.commands import progress, reporting
 from harness.commands.run import VERIFYING, tell
 from harness.errors import BadInput
 from harness.inputfiles import Inputs
-from harness.model import CaseRecord, Cell, CellRecord, Outcome, Phase, Plan, Repair, Subject, Verdict
+from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, Plan, Repair, Subject, Verdict
 from harness.reporttypes import UNTOLD, word
 from harness.schema import located
 from harness.store import Store
@@ -151,9 +151,8 @@ def _plan(
         torch_backend=args.torch_backend,
         as_of=args.as_of,
         subject=tested,
-        files=models(args.env),
     )
-    plan.single(asked)
+    asked = replace(asked, files=models(plan.single(asked).cells[0].cases))
     if args.as_of is None:
         instant = opened.instant(plan.TRY_MATRIX, renew=args.fresh, hours=REUSED_FOR_HOURS)
         asked = replace(asked, as_of=instant)
@@ -197,21 +196,32 @@ def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]
     return found, tuple(text for text in given if text not in names and text != EVERY)
 
 
-def models(envs: Sequence[str]) -> dict[str, str]:
-    """Models of the user's own that environments name, as `mujoco:FILE.xml`: the cell gets them in its HOME."""
+def models(cases: Iterable[Case]) -> dict[str, str]:
+    """Models of the user's own that environments name, as `mujoco:FILE.xml`: the cell gets them in its HOME.
+
+    One that is not in this folder may be the simulator's, where that brings models of its own.
+    """
     found = {}
-    for env in envs:
-        name = env.partition(":")[2]
-        if not name.endswith(".xml"):
+    for case in cases:
+        name = (case.env or "").removeprefix(f"{case.api}:")
+        if (
+            not name.endswith(MODELS)
+            or case.api in FAMILY
+            or (case.api in plan.BRING_MODELS and not Path(name).exists())
+        ):
             continue
-        with located(f"--env {env}"):
+        with located(f"--env {case.env}"):
             name = InnerPath.canonical(name)
         try:
             found[name] = Path(name).read_text(encoding="utf-8")
-        except OSError as error:
-            message = f"--env {env}: {name} cannot be read from this folder: {error.strerror}"
+        except (OSError, UnicodeDecodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+            message = f"--env {case.env}: {name} cannot be read from this folder: {why}"
             raise BadInput(message) from None
     return found
+
+
+MODELS = (".xml", ".urdf", ".sdf")
 
 
 def _variable(text: str) -> tuple[str, str]:

@@ -34,6 +34,10 @@ SPEAKERS = (
 )
 
 
+BRING_MODELS = frozenset({"pybullet"})
+"""The APIs whose package brings models of its own, which environments name as they would a file of the user's."""
+
+
 def speakers(requirements: Iterable[str]) -> tuple[Speaker, ...]:
     """The adapters whose own package is asked for, in that order; gym and gymnasium apart."""
     rows = {row.package: row for row in SPEAKERS if row.api in APIS}

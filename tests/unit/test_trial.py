@@ -59,8 +59,8 @@ def test_a_model_of_ones_own_goes_into_the_cell(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm/scene.xml").write_text("<mujoco/>", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    found = models(["mujoco:./arm/scene.xml", "CartPole-v1", "mujoco:markers"])
-    assert found == {"arm/scene.xml": "<mujoco/>"}
+    found = models(tried("mujoco", "mujoco:./arm/scene.xml", "mujoco:markers"))
+    assert found == models(tried("mujoco", "./arm/scene.xml")) == {"arm/scene.xml": "<mujoco/>"}
     (cell,) = plan.single(asked("mujoco==3.3.7", envs=("mujoco:arm/scene.xml",), files=found)).cells
     assert cell.files == found
 
@@ -69,17 +69,36 @@ def test_a_model_of_ones_own_goes_into_the_cell(tmp_path: Path, monkeypatch: pyt
     ("env", "message"),
     [
         ("mujoco:a.xml", "--env mujoco:a.xml: a.xml cannot be read from this folder: No such file or directory"),
+        ("a.xml", "--env a.xml: a.xml cannot be read from this folder: No such file or directory"),
         ("mujoco:/a.xml", '--env mujoco:/a.xml: "/a.xml" is not a relative path inside the folder'),
+        ("mujoco:latin.xml", "--env mujoco:latin.xml: latin.xml cannot be read from this folder: is not UTF-8 text"),
     ],
 )
 def test_a_model_that_cannot_be_carried_is_refused(
     env: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A file that is not there, or outside the folder, is a mistake of the command line, not of a package."""
+    (tmp_path / "latin.xml").write_bytes(b"<mujoco model='\xe4'/>")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput) as raised:
-        models([env])
+        models(tried("mujoco", env))
     assert str(raised.value) == message
+
+
+def test_a_model_that_the_simulator_brings_is_not_looked_for_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`pybullet:mjcf/ant.xml` is one of pybullet_data, a file of that name in this folder the user's own."""
+    monkeypatch.chdir(tmp_path)
+    named = tried("pybullet", "pybullet:mjcf/ant.xml", "pybullet:arm.urdf", "pybullet:direct")
+    assert models(named) == {}
+    (tmp_path / "arm.urdf").write_text("<robot/>", encoding="utf-8")
+    assert models(named) == {"arm.urdf": "<robot/>"}
+
+
+def tried(requirement: str, *envs: str) -> tuple[Case, ...]:
+    """The cases of a trial."""
+    return plan.single(asked(requirement, envs=envs)).cells[0].cases
 
 
 def test_long_names_are_cut_and_stay_distinct() -> None:
