@@ -32,6 +32,8 @@ from harness.schema import key_path, load_toml, located, suggestion
 from harness.strategy import Strategy
 from harness.vocabulary import (
     ABSENT,
+    APIS,
+    CHECKS,
     HOST,
     IMPORT_CHECK,
     NAMED,
@@ -284,7 +286,7 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
             message = 'a case needs an "env", or "imports" alone'
             raise ValueError(message)
         if case.env is not None and api_of(case.env, case.api) is None:
-            message = 'the key "api" is missing'
+            message = f'the key "api" is missing{suggestion(case.env.rpartition(":")[0], APIS)}'
             raise ValueError(message)
         case_id(case.env, case.imports)
     checks = checks_of(case.checks) if case.env else (IMPORT_CHECK,)
@@ -293,10 +295,17 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
             message = 'without an "env" there is nothing to check but "import"'
             raise ValueError(message)
     phases = {check.partition(".")[0] for check in checks}
+    with located(file, *path, "picture"):
+        if case.picture and "render" not in phases:
+            message = 'is never looked at, since "checks" leaves "render" out'
+            raise ValueError(message)
     for index, name in enumerate(case.required):
         with located(file, *path, "required", index):
             if name.partition(".")[0] not in phases:
                 message = f'"{name}" is never looked at, since "checks" leaves its phase out'
+                raise ValueError(message)
+            if name in CHECKS and name not in checks:
+                message = f'"{name}" is never looked at, since "checks" leaves it out'
                 raise ValueError(message)
     with located(file, *path, "kwargs"):
         _check_finite(case.kwargs)

@@ -9,7 +9,7 @@ import pytest
 from harness import matrixfile, schema
 from harness.errors import BadInput
 from harness.matrix import Matrix, MatrixTable
-from harness.vocabulary import Instant, Kind
+from harness.vocabulary import APIS, Instant, Kind
 
 MATRICES = Path(__file__).parents[2] / "matrices"
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
@@ -213,7 +213,22 @@ MISTAKES: dict[str, tuple[str, str]] = {
         AXES + '[[cases]]\nenv = "x"\napi = "gymnasim"',
         'demo.toml: cases[0].api: unknown value "gymnasim"; did you mean "gymnasium"?',
     ),
-    "no-api": (AXES + '[[cases]]\nenv = "x"', 'demo.toml: cases[0]: the key "api" is missing'),
+    "no-api": (
+        AXES + '[[cases]]\nenv = "x"',
+        'demo.toml: cases[0]: the key "api" is missing; valid: ' + ", ".join(f'"{api}"' for api in APIS),
+    ),
+    "no-api-but-nearly": (
+        AXES + '[[cases]]\nenv = "dm_contol:cheetah/run"',
+        'demo.toml: cases[0]: the key "api" is missing; did you mean "dm_control"?',
+    ),
+    "picture-never-looked-at": (
+        AXES + CASE + 'checks = ["single"]\npicture = { above = "#ff0000", below = "#0000ff" }',
+        'demo.toml: cases[0].picture: is never looked at, since "checks" leaves "render" out',
+    ),
+    "required-of-a-check-that-is-not-run": (
+        AXES + CASE + 'required = ["vector.autoreset"]',
+        'demo.toml: cases[0].required[0]: "vector.autoreset" is never looked at, since "checks" leaves it out',
+    ),
     "two-apis": (
         AXES + '[[cases]]\nenv = "gym:x"\napi = "gymnasium"',
         'demo.toml: cases[0]: "gym:x" names the API "gym", but "gymnasium" is asked for',
