@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Any
 
-from harness import machine, process
+from harness import controls, machine, process
 from harness.filelocks import Claim, claim
 from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.scheduler import control
@@ -46,6 +46,7 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
     flow = Flow(Runner(store, settings, observer))
     left = [cell for cell in cells if not flow.told(cell)]
     if left:
+        controls.cells()  # a mistake in what they are is said now, not in the middle
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         flow.run(left, Past(store, here.id, left))
     return tuple(flow.records[cell.id] for cell in cells)

@@ -141,3 +141,14 @@ def test_fetch_brings_controls(desk: Desk) -> None:
     shutil.rmtree(desk.state)
     ran = desk.run("run", "small.toml", "--fetched", "brought", "--json", HARNESS_CONTROLS=bad["HARNESS_CONTROLS"])
     assert (ran.code, ran.cells("which")["blank"]["verdict"]) == (3, "inconclusive")
+
+
+def test_controls_that_cannot_be_read_are_said_before_anything_is_measured(kept: Desk) -> None:
+    """Bad input at once, though nothing would have failed: not in the middle of a run, when first something does."""
+    missing = kept.folder / "nowhere"
+    ran = kept.run("run", "small.toml", "--fresh", "-k", "*good*", HARNESS_CONTROLS=str(missing))
+    assert (ran.code, ran.err) == (
+        2,
+        f"simmatrix: {missing}/controls.toml: cannot be read: No such file or directory; "
+        "HARNESS_CONTROLS names the folder of the controls\n",
+    )
