@@ -61,7 +61,7 @@ def judge(evidence: CellRecord) -> Judgement:
     verdict = _verdict(evidence, cases, suite)
     phase, decisive = _decided_by(_deciding(verdict), evidence, cases, suite)
     if verdict is Verdict.NOT_RUN and phases[Phase.IMPORT] is Outcome.PASSED:
-        decisive = ONLY_IMPORT
+        decisive = _tried_alone(phases)
     return Judgement(
         verdict=verdict,
         phases=phases,
@@ -69,6 +69,13 @@ def judge(evidence: CellRecord) -> Judgement:
         decisive=decisive,
         unverified=_unverified(cases, suite) if verdict is Verdict.WORKS else (),
     )
+
+
+def _tried_alone(phases: Outcomes) -> str:
+    """What was tried of a cell in which no environment went through `single`, without which nothing works."""
+    others = [phase for phase in (Phase.VECTOR, Phase.RENDER, Phase.INTEROP) if phases.get(phase) is Outcome.PASSED]
+    left_out = phases[Phase.SINGLE] is Outcome.SKIPPED
+    return f"{' and '.join(others)} passed, but {Phase.SINGLE} was not tried" if others and left_out else ONLY_IMPORT
 
 
 def suite_phase(evidence: CellRecord) -> PhaseRecord | None:

@@ -77,6 +77,8 @@ def _all() -> list[Path]:
 def found(name: str) -> Path:
     """The report file that a path or the name of a matrix stands for."""
     reports = store.state_folder() / "reports"
+    if name.endswith(".toml"):
+        name = Path(name).stem
     places = (Path(name), Path(name) / NAME, reports / name / NAME)
     found = next((place for place in places if place.is_file()), None)
     if found:

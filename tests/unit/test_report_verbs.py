@@ -90,6 +90,13 @@ class TestReport:
 
         assert [cell["id"] for cell in json.loads(capsys.readouterr().out)["cells"]] == IDS
 
+    @pytest.mark.usefixtures("state")
+    def test_of_a_matrix_file(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """The file that was run stands for its name, as in every other verb."""
+        (tmp_path / "quick.toml").touch()
+        main(["report", str(tmp_path / "quick.toml"), "--json"])
+        assert [cell["id"] for cell in json.loads(capsys.readouterr().out)["cells"]] == IDS
+
     def test_fail_on(self, state: Path) -> None:
         """A verdict that says nothing fails only where it is named."""
         source = state / "reports/quick/report.json"
@@ -105,6 +112,10 @@ class TestReport:
         [
             (
                 ["quik"],
+                'simmatrix: quik: no report.json here, and no matrix of this name was run; did you mean "quick"?\n',
+            ),
+            (
+                ["matrices/quik.toml"],
                 'simmatrix: quik: no report.json here, and no matrix of this name was run; did you mean "quick"?\n',
             ),
             (

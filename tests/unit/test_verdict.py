@@ -188,6 +188,14 @@ def test_import_alone_is_never_works() -> None:
     assert plain(judged.phases)["single"] == "skipped"
 
 
+def test_without_a_loop_nothing_is_works() -> None:
+    """Where a case asks for environments in batches alone, what is missing is said, and what ran is not denied."""
+    asked = Case(id="ant", env="Ant-v5", api="gymnasium", checks=("import.modules", "vector.sync"))
+    judged = verdict.judge(record(case("psps"), of=replace(cell(), cases=(asked,))))
+
+    assert (judged.verdict, judged.decisive) == (Verdict.NOT_RUN, "vector passed, but single was not tried")
+
+
 def test_import_alone_can_fail() -> None:
     """The failure of an import that is all that was asked for is a verdict."""
     judged = verdict.judge(imported(Outcome.FAILED))
