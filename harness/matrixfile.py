@@ -187,7 +187,9 @@ def _check_pivot(matrix: Matrix) -> None:
     """Its axes are two of the matrix's."""
     for index, name in enumerate(matrix.pivot or ()):
         with located(matrix.path, "pivot", index):
-            _axis(matrix, name)
+            if name not in matrix.axes:
+                message = f'there is no axis "{name}"{suggestion(name, matrix.axes)}'
+                raise ValueError(message)
     if matrix.pivot and len(set(matrix.pivot)) < 2:
         with located(matrix.path, "pivot"):
             message = "down and across are the same axis"

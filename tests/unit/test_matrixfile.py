@@ -370,7 +370,7 @@ class TestPivot:
     def test_two_axes_of_the_matrix(self) -> None:
         """Another name is refused with the nearest, and a table over one axis is none."""
         assert refused('pivot = ["gymnasim", "python"]\n' + AXES + CASE) == (
-            'demo.toml: pivot[0]: there is no such axis; did you mean "gymnasium"?'
+            'demo.toml: pivot[0]: there is no axis "gymnasim"; did you mean "gymnasium"?'
         )
         assert refused('pivot = ["python", "python"]\n' + AXES + CASE) == (
             "demo.toml: pivot: down and across are the same axis"
