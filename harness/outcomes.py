@@ -20,7 +20,7 @@ MACHINE_TROUBLE = re.compile(
 """What the operating system says when this machine or its network is short of something, whatever the package."""
 
 PYGLET_CODE = re.compile(r"/pyglet/")
-IGNORED = re.compile(r"^Traceback \(most recent call last\):\n(?:^[ \t].*\n)+\S.*$", re.MULTILINE)
+IGNORED = re.compile(r"^Traceback \(most recent call last\):\n(?:^[ \t].*\n)+\S.*$(?:\n[ \t].*$)*", re.MULTILINE)
 """A traceback; one that Python prints at its end is of an exception that nobody can catch."""
 
 DRAWING_CODE = re.compile(r"/(?:OpenGL|glfw)/|/mujoco/(?:egl|osmesa|glfw|gl_context|rendering|renderer)\b")
