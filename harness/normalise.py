@@ -29,6 +29,9 @@ LOOKUPS = frozenset({"KeyError", "IndexError", "StopIteration"})
 ANSI = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(?:\x07|\x1b\\)|[@-Z\\-_])")
 
 PATH_START = r"(?:(?<![\w.-])|(?<=-[IL]))"
+DEEP = 3
+"""Folders of a path that is no part of another: it may follow a letter, where two streams were printed into one line."""
+
 PATH_END = r"(?![\w-])(?!\.\w)"
 """`/tmp` is no part of `/var/tmp` or `/tmp2`, and is a part of `-I/tmp/include`."""
 
@@ -54,7 +57,8 @@ def normalise(text: str, places: Mapping[str, str]) -> str:
     """Replace folders of this machine (path to name, such as `$ENV`) and all that changes from run to run."""
     text = strip_ansi(text)
     for path in sorted(filter(None, places), key=len, reverse=True):
-        text = re.sub(PATH_START + re.escape(path.rstrip("/")) + PATH_END, places[path].replace("\\", r"\\"), text)
+        start = PATH_START if path.rstrip("/").count("/") < DEEP else ""
+        text = re.sub(start + re.escape(path.rstrip("/")) + PATH_END, places[path].replace("\\", r"\\"), text)
     for pattern, replacement in CHANGING:
         text = pattern.sub(replacement, text)
     return text

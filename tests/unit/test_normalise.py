@@ -16,6 +16,10 @@ MACHINE_SPECIFIC = {
     "a compiler's flag": ("gcc -I/home/ada/include", "gcc -I$HOME/include"),
     "an address in a URL": ("file:///tmp/x.whl", "file://$TMP/x.whl"),
     "no part of another folder": ("/var/tmp/x /tmp2 /home/adamant", "/var/tmp/x /tmp2 /home/adamant"),
+    "two streams in one line": (
+        "--backgro/home/ada/.cache/sim/env/abc/lib/a.py:3: warns",
+        "--backgro$ENV/lib/a.py:3: warns",
+    ),
     "addresses": ("<function f at 0x7feb2adfa700>", "<function f at 0x…>"),
     "small hexadecimal constants stay": ("GL error 0x502", "GL error 0x502"),
     "process numbers": ("This process (pid=4711) is multi-threaded", "This process (pid=…) is multi-threaded"),
