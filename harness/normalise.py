@@ -30,7 +30,7 @@ ANSI = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(?:\x07|\x1b\\)|[@-
 
 PATH_START = r"(?:(?<![\w.-])|(?<=-[IL]))"
 DEEP = 3
-"""Folders of a path that is no part of another: it may follow a letter, where two streams were printed into one line."""
+"""Folders of a path that is part of no other: it may follow a letter, where two streams were printed in one line."""
 
 PATH_END = r"(?![\w-])(?!\.\w)"
 """`/tmp` is no part of `/var/tmp` or `/tmp2`, and is a part of `-I/tmp/include`."""
