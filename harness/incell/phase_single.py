@@ -13,6 +13,7 @@ def loop(probe, facts):
     """Make, reset with a seed, step, reset at episode ends, close."""
     with single(probe) as env:
         trace = rollout(probe, env)
+        env.reset()  # a training loop comes to its second episode, however few steps were made here
         facts.update(env.describe())
     facts["trajectory"] = trace.steps()
     probe.memo["trace"] = trace

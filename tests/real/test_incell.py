@@ -207,6 +207,7 @@ def test_another_process_has_the_same_trajectory(tried, tmp_path: Path) -> None:
         ("rewards", "step() returned a reward of shape (1,), not ()"),
         ("make-raise", "the true reason"),
         ("reset-raise", "the true reason"),
+        ("again-raise", "the true reason"),
         ("step-raise", "the true reason"),
         ("step-sysexit", "3"),
     ],

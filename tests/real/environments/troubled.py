@@ -74,6 +74,8 @@ class Troubled(gym.Env):
             Troubled.random = np.random.default_rng(seed)
         self.steps = 0
         self.resets += 1
+        if self.resets > 1:
+            self.trouble("again")
         self.trouble("reset")
         if (self.mode == "firstepisode" and self.resets == 1) or self.mode == "eachepisode":
             self.np_random.random(self.resets)
