@@ -29,6 +29,7 @@ from harness.model import (
     Verdict,
 )
 from harness.reporttypes import (
+    BroughtEntry,
     CaseEntry,
     CellEntry,
     ControlEntry,
@@ -97,10 +98,11 @@ def marks() -> Callable[[Cell], str]:
     known: dict[tuple[int, ...], str] = {}
 
     def mark(cell: Cell) -> str:
-        key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs, cell.system)))  # shared between cells
+        shared = (cell.question, cell.cases, cell.files, cell.needs, cell.system, cell.empty, cell.bring)
+        key = tuple(map(id, shared))  # between cells
         if key not in known:
             question = dataclasses.replace(cell.question, index=IndexSettings(), snapshot=None)
-            around = (cell.files, cell.needs, *([cell.system] if cell.system else []))
+            around = (cell.files, cell.needs, *filter(None, (cell.system, cell.empty, cell.python_path, cell.bring)))
             asked = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
             known[key] = sha256(asked).hexdigest()[:16]
         return known[key]
@@ -147,6 +149,8 @@ def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell]
         requirements=cell.question.requirements,
         asked=mark(cell),
         subject=_subject(record),
+        brought=tuple(msgspec.convert(one, BroughtEntry, from_attributes=True) for one in record.brought)
+        or msgspec.UNSET,
         suite=_suite(record, locate),
         controls={
             api: ControlEntry(control=one.control, failed=dict(one.failed), untold=one.untold)
@@ -218,6 +222,7 @@ def _case(evidence: CellRecord, record: CaseRecord, locate: Locate) -> CaseEntry
             if phase.evidence and phase.outcome is not Outcome.PASSED
         },
         drawn=_drawn(checks),
+        told={check.check: told for check in checks if (told := check.facts.get("told"))} or msgspec.UNSET,
     )
 
 

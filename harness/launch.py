@@ -14,6 +14,7 @@ from itertools import islice
 from pathlib import Path
 from stat import S_ISLNK
 from time import monotonic
+from types import MappingProxyType
 
 import msgspec
 
@@ -36,7 +37,9 @@ class Site:
     """Where a probe runs: an environment's folder and interpreter, its compile cache, and the cell's own settings.
 
     `variables` is the whole environment of the probe, `files` maps a path below HOME to its content. `below` is the
-    environment that a thin one leads on to.
+    environment that a thin one leads on to. `python_path` are folders, relative to HOME or not, that modules are
+    imported from before those of the environment; `brought` maps what the user brought, by a variable's name, to its
+    copy.
     """
 
     folder: Path
@@ -45,16 +48,21 @@ class Site:
     variables: Mapping[str, str]
     files: Mapping[str, bytes]
     below: Path | None = None
+    python_path: tuple[str, ...] = ()
+    brought: Mapping[str, Path] = MappingProxyType({})
 
     @property
     def folders(self) -> tuple[Path, ...]:
         """All that a probe runs in, the one that is found first at the end."""
         return (self.below, self.folder) if self.below else (self.folder,)
 
-    def cached(self) -> dict[str, str]:
-        """The variables, with where Python, numba and Warp keep what they compiled: once for all of an environment."""
+    def cached(self, home: Path) -> dict[str, str]:
+        """The variables of a run, with where Python, numba and Warp keep what they compiled for an environment."""
         kept = {"NUMBA_CACHE_DIR": str(self.pycache / "numba"), "WARP_CACHE_PATH": str(self.pycache / "warp")}
-        return {**kept, **self.variables, "PYTHONPYCACHEPREFIX": str(self.pycache)}
+        brought = {name: str(copy) for name, copy in self.brought.items()}
+        path = [*(str(home / folder) for folder in self.python_path), *filter(None, [self.variables.get("PYTHONPATH")])]
+        found = {"PYTHONPATH": os.pathsep.join(path)} if path else {}
+        return {**kept, **self.variables, **brought, **found, "PYTHONPYCACHEPREFIX": str(self.pycache)}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -126,7 +134,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
             str(scratch / "request.json"),
         ),
         cwd=home,
-        env=site.cached(),
+        env=site.cached(home),
         limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
         log=scratch / "log.txt",
         profile=process.Profile.CELL,
@@ -159,6 +167,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
             str(replies): "$REPLY",
             str(INCELL): "$INCELL",
             str(scratch): "$SCRATCH",
+            **{str(copy): f"${name}" for name, copy in site.brought.items()},
         },
     )
 
@@ -184,7 +193,7 @@ def entered(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
     Where writes cannot be laid over the one of all, that is a copy, in which a thin one and the one below become one.
     """
     if process.OVERLAY in process.sandbox_mode():
-        return site.folder, site.folders
+        return site.folder, (*site.folders, *site.brought.values())
     target = scratch / "environment"
 
     def passed_over(at: str, names: list[str]) -> set[str]:

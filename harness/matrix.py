@@ -19,6 +19,7 @@ from harness.vocabulary import (
     CheckName,
     Colour,
     FindingName,
+    InnerFolder,
     InnerPath,
     Instant,
     Kind,
@@ -32,6 +33,7 @@ from harness.vocabulary import (
     SubjectNames,
     SystemPackage,
     TorchBackend,
+    VariableName,
     Variables,
     When,
 )
@@ -95,6 +97,19 @@ class Constraint:
         return cls(convert(plain, Requirement), {})
 
 
+class BringTable(Table, frozen=True, kw_only=True):
+    """Something that no index has: the user brings it, or the cells that need it are unavailable."""
+
+    variable: Annotated[
+        VariableName, Meta(description="the user's variable that names it: a folder, an archive, or git+ADDRESS@REF")
+    ]
+    say: Annotated[str, Meta(min_length=1, description="what to do where it is not there")]
+    source: Annotated[str | None, Meta(description="where it is if the variable is not set")] = None
+    python_path: Annotated[
+        tuple[InnerFolder, ...], Meta(description="folders of it that modules are imported from; `.` is its top")
+    ] = ()
+
+
 class Changes(Table, frozen=True, kw_only=True):
     """What the matrix adds to every cell, or one value of an axis to its cells."""
 
@@ -115,6 +130,11 @@ class Changes(Table, frozen=True, kw_only=True):
         tuple[SystemPackage, ...], Meta(description="Debian's packages that must be there, such as headers")
     ] = ()
     files: Annotated[Files, Meta(description="files placed into the cell's HOME")] = Files()
+    empty: Annotated[tuple[VariableName, ...], Meta(description="variables that are set, to the empty string")] = ()
+    python_path: Annotated[
+        tuple[InnerPath, ...], Meta(description="folders of the cell's HOME that modules are imported from")
+    ] = ()
+    bring: Annotated[dict[Label, BringTable], Meta(description="what the user has to bring, by a name for it")] = {}
     extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject")] = ()
     groups: Annotated[tuple[PackageName, ...], Meta(description="dependency groups of the subject (PEP 735)")] = ()
 

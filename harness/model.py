@@ -219,10 +219,37 @@ class Subject:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Bring:
+    """Something that the user has and no index does, such as a vendor's archive or a research project's checkout.
+
+    `variable` of the user's names it (else `source` does): a folder, an archive or `git+ADDRESS@REFERENCE`; in the cell
+    it names a copy. `python_path` are folders of it that modules are imported from; those that it does not have are
+    passed over. `say` is what to do where there is none.
+    """
+
+    name: str
+    variable: str
+    say: str
+    source: str | None = None
+    python_path: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Brought:
+    """What the user brought, as a cell was measured with it: `mark` is a hash of all that it holds."""
+
+    name: str
+    mark: str
+    commit: str | None = None
+    changed: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Cell:
     """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`).
 
-    `system` are packages of Debian's that it needs.
+    `system` are packages of Debian's that it needs. `empty` are variables that are set, to the empty string,
+    `python_path` folders of its HOME that modules are imported from, `bring` folders that the user brings.
     """
 
     id: str
@@ -235,6 +262,9 @@ class Cell:
     needs: tuple[str, ...] = ()
     system: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
+    empty: tuple[str, ...] = ()
+    python_path: tuple[str, ...] = ()
+    bring: tuple[Bring, ...] = ()
     expect: Expectation | None = None
     subject: Subject | None = None
 
@@ -444,6 +474,7 @@ class CellRecord:
     unavailable: str | None = None
     cases: tuple[CaseRecord, ...] = ()
     subject: Tested | None = None
+    brought: tuple[Brought, ...] = ()
     suite: PhaseRecord | None = None
     findings: tuple[Finding, ...] = ()
     controls: Mapping[str, ControlRecord] = field(default_factory=dict)

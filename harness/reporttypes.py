@@ -66,6 +66,7 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that.
 
     `drawn` is the OpenGL context that drew its frames: api (egl, osmesa, glx), vendor, renderer, version, device.
+    `told` is what a check measured that its page shows.
     """
 
     case: str
@@ -79,6 +80,7 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     masked: dict[str, str] = {}
     evidence: dict[Phase, str] = {}
     drawn: dict[str, str] = {}
+    told: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET
 
 
 class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -106,6 +108,15 @@ class SubjectEntry(msgspec.Struct, frozen=True, kw_only=True):
     wheel_sha256: str | None
     extras: tuple[str, ...] = ()
     groups: tuple[str, ...] = ()
+
+
+class BroughtEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """What the user brought: `mark` is a hash of what it held, `changed` whether that differs from the commit."""
+
+    name: str
+    mark: str
+    commit: str | None
+    changed: bool
 
 
 class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -179,6 +190,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[str, ...] = ()
     asked: str = ""
     subject: SubjectEntry | None = None
+    brought: tuple[BroughtEntry, ...] | msgspec.UnsetType = msgspec.UNSET
     suite: SuiteEntry | None = None
     controls: dict[str, ControlEntry] | msgspec.UnsetType = msgspec.UNSET
 

@@ -218,7 +218,7 @@ def _command(
             f"--junitxml={scratch / 'junit.xml'}",
         ),
         cwd=source,
-        env={**site.cached(), "PATH": path, "VIRTUAL_ENV": str(folder)},
+        env={**site.cached(scratch / "home"), "PATH": path, "VIRTUAL_ENV": str(folder)},
         limits=process.Limits(seconds=seconds, memory_mb=bench.suite.memory_mb),
         log=scratch / "log.txt",
         profile=process.Profile.CELL,

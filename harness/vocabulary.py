@@ -267,6 +267,25 @@ class InnerPath(Word):
         return str(path)
 
 
+class InnerFolder(Word):
+    """A relative path to a folder that stays inside another; `.` is that folder itself."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the path without redundant parts."""
+        return text if text == "." else InnerPath.canonical(text)
+
+
+class VariableName(Word):
+    """The name of an environment variable that a cell may have."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the name itself."""
+        check_variable(text)
+        return text
+
+
 class Variables(dict[str, str]):
     """Environment variables; one set to the empty string stays unset in the cell."""
 

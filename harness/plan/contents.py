@@ -14,6 +14,7 @@ from harness import repairs
 from harness.errors import BadInput
 from harness.matrix import (
     NO_CHANGES,
+    BringTable,
     CaseTable,
     Changes,
     Constraint,
@@ -22,7 +23,7 @@ from harness.matrix import (
     SourceTable,
     SuiteTable,
 )
-from harness.model import Case, IndexSettings, Phase, Question, Repair, Subject, Suite
+from harness.model import Bring, Case, IndexSettings, Phase, Question, Repair, Subject, Suite
 from harness.plan.choices import Choice, Combination, Condition, condition
 from harness.schema import key_path, located
 from harness.vocabulary import ABSENT, IMPORT_CHECK, OF_SUBJECT, SELF, Kind, api_of, case_id, checks_of, required_name
@@ -68,6 +69,9 @@ class Surroundings(NamedTuple):
     needs: tuple[str, ...]
     system: tuple[str, ...]
     files: Mapping[str, str]
+    empty: tuple[str, ...]
+    python_path: tuple[str, ...]
+    bring: tuple[Bring, ...]
 
 
 class Contents:
@@ -198,7 +202,20 @@ class Contents:
                 path: self.sources[content.source] if isinstance(content, SourceTable) else content
                 for path, content in files.items()
             },
+            empty=_distinct(str(name) for change in changes for name in change.empty),
+            python_path=_distinct(str(folder) for change in changes for folder in change.python_path),
+            bring=tuple(_bring(name, table) for name, table in self._brought(changes).items()),
         )
+
+    def _brought(self, changes: Iterable[Changes]) -> dict[str, BringTable]:
+        """What a cell needs of the user; two things by one variable would be one."""
+        found = {str(name): table for change in changes for name, table in change.bring.items()}
+        variables = [str(table.variable) for table in found.values()]
+        twice = next((one for one in variables if variables.count(one) > 1), None)
+        if twice:
+            message = f'{self.matrix.path}: bring: "{twice}" names two things; give each a variable of its own'
+            raise BadInput(message)
+        return found
 
     def _check_places(self, files: Iterable[str]) -> None:
         """Refuse a file where a folder has to be; HOME has a folder for temporary files."""
@@ -243,6 +260,16 @@ class Contents:
 def index_settings(matrix: Matrix) -> IndexSettings:
     """Where the packages of a matrix come from; relative find-links stay relative."""
     return IndexSettings(**msgspec.structs.asdict(matrix.index))
+
+
+def _bring(name: str, table: BringTable) -> Bring:
+    return Bring(
+        name=str(name),
+        variable=str(table.variable),
+        say=table.say,
+        source=table.source,
+        python_path=tuple(map(str, table.python_path)),
+    )
 
 
 def _colours(table: PictureTable) -> dict[str, str]:

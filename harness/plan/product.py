@@ -213,6 +213,9 @@ def _cells(
                 needs=around.needs,
                 system=around.system,
                 files=around.files,
+                empty=around.empty,
+                python_path=around.python_path,
+                bring=around.bring,
                 expect=hit.expectation if hit else None,
                 subject=contents.subject(combination),
             )

@@ -26,6 +26,7 @@ from harness.model import (
     Step,
 )
 from harness.scheduler import control
+from harness.scheduler.brought import Luggage, missing
 from harness.scheduler.lasting import lasts
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
@@ -77,6 +78,10 @@ class Runner:
     pythons: dict[str, Interpreter] = field(default_factory=dict)
     unchanged: set[str] = field(default_factory=set)
     controls: dict[str, ControlRecord] = field(default_factory=dict)
+    luggage: Luggage = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.luggage = Luggage(offline=self.settings.offline)
 
     def measure(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases; its results are kept, its record is not."""
@@ -184,7 +189,7 @@ class Runner:
         missing = interpreter if isinstance(interpreter, str) else _missing(cell)
         if isinstance(interpreter, str) or missing:
             return Prepared(record=replace(record, unavailable=missing, cases=not_reached(cell)))
-        record = replace(record, python=interpreter.version)
+        record = replace(record, python=interpreter.version, brought=self.luggage.of(cell))
         asked, tested = self._asked(cell, interpreter, quick=quick)
         if isinstance(tested, Step):
             return Prepared(record=stopped(record, tested))
@@ -337,14 +342,18 @@ class Runner:
 
     def _variables(self, record: CellRecord) -> dict[str, str]:
         given = {**machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}
-        return {name: value for name, value in given.items() if value != ""}
+        chosen = {name: value for name, value in given.items() if value != ""}
+        return chosen | dict.fromkeys(record.cell.empty, "")
 
     def _identity(self, record: CellRecord) -> tuple[object, ...]:
         """What the keys of results hold of a cell besides its environment."""
         variables, files = sorted(self._variables(record).items()), sorted(record.cell.files.items())
-        return variables, files, process.sandbox_mode(), machine.facts().id
+        cell, brought = record.cell, [(one.name, one.mark) for one in record.brought]
+        around = (cell.python_path, brought, [(one.variable, one.python_path) for one in cell.bring])
+        return variables, files, process.sandbox_mode(), machine.facts().id, *filter(None, around)
 
     def _site(self, record: CellRecord, environment: Environment, below: Path | None) -> launch.Site:
+        copies, folders = self.luggage.unpacked(record.cell)
         return launch.Site(
             folder=environment.path,
             python=environment.python,
@@ -352,6 +361,8 @@ class Runner:
             variables=self._variables(record),
             files={name: content.encode() for name, content in record.cell.files.items()},
             below=below,
+            python_path=folders,
+            brought=copies,
         )
 
     def _context(self, record: CellRecord, pool: Pool, tested: Ready | None) -> cellrun.Context:
@@ -384,7 +395,7 @@ class Runner:
 
 def _missing(cell: Cell) -> str | None:
     """What this machine lacks of what the cell needs."""
-    lacking = machine.missing_for(cell.needs)
+    lacking = "; ".join(filter(None, (*missing(cell), machine.missing_for(cell.needs)))) or None
     if lacking or not cell.system:
         return lacking
     from harness import systempackages  # noqa: PLC0415 - start-up

@@ -91,7 +91,7 @@ class CellUnderTest:
         command = process.Command(
             argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
             cwd=scratch / "home",
-            env=self.site.cached(),
+            env=self.site.cached(scratch / "home"),
             limits=limits,
             log=scratch / "log.txt",
             profile=process.Profile.CELL,

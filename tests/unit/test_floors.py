@@ -19,7 +19,7 @@ FLOORS = {
         "workflows",
     },
     2: {
-        "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched",
+        "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched",
         "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs", "interpreters", "launch",
         "machine", "memory", "overlays", "process", "sdists", "store", "subjects", "supervisor", "systempackages",
         "uv", "uvcli", "warming",

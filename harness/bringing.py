@@ -1,0 +1,99 @@
+"""What no index has and the user brings: a vendor's archive, a research project's checkout.
+
+A cell gets a clean copy, kept in the cache by what it holds: the user's own folder is never written to.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tarfile
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness import checkouts
+from harness.errors import BadInput
+from harness.filelocks import exclusive
+from harness.model import Bring, Brought
+from harness.store import cache_folder, digest
+
+WHOLE = "copied"
+"""The name of the copy in its folder: it is renamed to it once it is whole."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Source:
+    """What is there of something to be brought: what it holds now, and where that was found."""
+
+    bring: Bring
+    source: str
+    found: Brought
+
+
+def absent(bring: Bring) -> str | None:
+    """What to do where nothing was brought, in a sentence; None where something was."""
+    if _source(bring):
+        return None
+    return f"{bring.name} is not here, and {bring.variable} names no place of it: {bring.say}"
+
+
+def looked_at(bring: Bring, *, offline: bool = False) -> Source:
+    """What was brought, as it is now. Raises BadInput where there is nothing at the place that was named."""
+    source = _source(bring)
+    if source.startswith(checkouts.REPOSITORY):
+        state = checkouts.of_repository(source, offline=offline)
+    elif Path(source).is_dir():
+        state = checkouts.of_folder(Path(source))
+    elif Path(source).is_file():
+        with Path(source).open("rb") as file:
+            state = checkouts.State(mark=hashlib.file_digest(file, "sha256").hexdigest())
+    else:
+        message = f"{bring.variable}: {source} is neither a folder nor an archive; {bring.say}"
+        raise BadInput(message)
+    found = Brought(name=bring.name, mark=state.mark, commit=state.commit, changed=state.changed)
+    return Source(bring=bring, source=source, found=found)
+
+
+def copied(source: Source) -> Path:
+    """Where the copy for cells lies, made now or before. Raises BadInput for a file that is no archive."""
+    folder = cache_folder() / "brought" / digest("brought", source.found.mark)
+    with exclusive(folder.with_suffix(".lock")):
+        remembered = folder / WHOLE
+        if not remembered.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            making = Path(tempfile.mkdtemp(dir=folder))
+            place = _copy(source, making / "tree")
+            (making / "place").symlink_to(place.relative_to(making))
+            making.rename(remembered)
+        return (remembered / "place").resolve()
+
+
+def python_path(source: Source, copy: Path) -> tuple[str, ...]:
+    """The folders of a copy that modules are imported from."""
+    places = (copy / folder for folder in source.bring.python_path)
+    return tuple(str(place) for place in places if place.is_dir())
+
+
+def _source(bring: Bring) -> str:
+    return os.environ.get(bring.variable, "") or bring.source or ""
+
+
+def _copy(source: Source, target: Path) -> Path:
+    if source.source.startswith(checkouts.REPOSITORY):
+        return checkouts.copy_commit(source.source, source.found.commit or "", target)
+    path = Path(source.source)
+    if path.is_dir():
+        return checkouts.copy_folder(path, target)
+    try:
+        if tarfile.is_tarfile(path):
+            with tarfile.open(path) as archive:
+                archive.extractall(target, filter="data")
+        else:
+            shutil.unpack_archive(path, target)
+    except (shutil.ReadError, tarfile.TarError, OSError) as error:
+        message = f"{source.bring.variable}: {path.name} cannot be unpacked: {error}"
+        raise BadInput(message) from None
+    return target
