@@ -8,13 +8,12 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
 from stat import S_ISLNK
 from time import monotonic
-from types import MappingProxyType
 
 import msgspec
 
@@ -49,7 +48,7 @@ class Site:
     files: Mapping[str, bytes]
     below: Path | None = None
     python_path: tuple[str, ...] = ()
-    brought: Mapping[str, Path] = MappingProxyType({})
+    brought: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def folders(self) -> tuple[Path, ...]:

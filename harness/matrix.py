@@ -351,6 +351,10 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
     pivot: Annotated[
         tuple[str, str] | None, Meta(description="axes of the small table, down and across; default: two that vary")
     ] = None
+    page: Annotated[
+        InnerPath | None,
+        Meta(description="template of the report's README.md, relative to the folder of the matrix file"),
+    ] = None
     cases: tuple[CaseTable, ...] = ()
     exclude: tuple[ExcludeTable, ...] = ()
     include: tuple[IncludeTable, ...] = ()

@@ -77,7 +77,8 @@ def read(text: str, path: str) -> Matrix:
 
 def sources(matrix: Matrix) -> dict[str, str]:
     """Paths, relative to the folder of the matrix file, of the texts that `files` takes from there, and who asks."""
-    return {
+    page = {str(matrix.page): f"{matrix.path}: page"} if matrix.page else {}
+    return page | {
         str(content.source): f"{matrix.path}: {key_path(*place, 'files', name, 'source')}"
         for place, changes in _changes(matrix)
         for name, content in changes.files.items()

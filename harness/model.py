@@ -287,7 +287,8 @@ class Dropped:
 class Plan:
     """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell.
 
-    `snapshot` is the cutoff that the matrix itself, or its expansion, names, `pivot` the axes of its small table.
+    `snapshot` is the cutoff that the matrix itself, or its expansion, names, `pivot` the axes of its small table,
+    `page` the text of the template of its page.
     """
 
     matrix: str
@@ -298,6 +299,7 @@ class Plan:
     shown: tuple[str, ...] = ()
     snapshot: str | None = None
     pivot: tuple[str, str] | None = None
+    page: str | None = None
 
 
 # --- what was found --------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from harness.model import Verdict
@@ -29,7 +29,13 @@ def markdown(report: Report, template: str) -> str:
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= {
+    environment.filters |= filters()
+    return environment.from_string(template).render(report=report)
+
+
+def filters() -> dict[str, Callable[..., str]]:
+    """What templates may do with the values of a report."""
+    return {
         "cell": _table_cell,
         "codes": _codes,
         "counts": _counts,
@@ -41,7 +47,6 @@ def markdown(report: Report, template: str) -> str:
         "seen_in": lambda labels, cells: _codes(labels) if len(labels) < cells else f"all {number(cells, 'cell')}",
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
     }
-    return environment.from_string(template).render(report=report)
 
 
 def small_table(pivot: Pivot) -> str:

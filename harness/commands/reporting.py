@@ -13,7 +13,7 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
-from harness import document, launch, machine, outcomes, present, store, tables, verdict
+from harness import document, launch, machine, outcomes, pages, present, store, tables, verdict
 from harness.commands import standing
 from harness.errors import HarnessError
 from harness.filelocks import exclusive
@@ -88,7 +88,7 @@ def publish(
             if report is None:
                 locate = place(known, opened, folder)
                 report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, used)
-                shown = write(report, folder, wanted.pivot)
+                shown = write(report, folder, wanted.pivot, plan.page)
                 standing.keep(note, made_of, folder)
         made.append(Published(folder, report, shown))
     return made
@@ -122,12 +122,17 @@ def probes(plan: Plan) -> dict[str, str]:
     return {f"{api or 'none'}.{phase}": launch.probe_hash(api, phase) for api, phase in sorted(used)}
 
 
-def write(report: Document, folder: Path, pivot: tuple[str, str] | None) -> Report:
-    """Write `report.json` and `report.md` into a folder; files that only its last report named go. Gives its tables."""
+def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: str | None = None) -> Report:
+    """Write `report.json` and `report.md` into a folder; files that only its last report named go. Gives its tables.
+
+    `words` is the template of the page in words, `README.md`, if the matrix has one.
+    """
     _sweep(folder, document.paths(report))
     store.write_atomic(folder / "report.json", document.encode(report))
     shown = tables.report(report, pivot)
     store.write_atomic(folder / "report.md", page(shown).encode())
+    if words is not None:
+        store.write_atomic(folder / standing.WORDS, pages.render(words, report, shown).encode())
     return shown
 
 

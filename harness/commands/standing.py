@@ -8,13 +8,14 @@ from pathlib import Path
 
 import msgspec
 
-from harness import document, present, reporttypes, store, tables, trust, verdict
+from harness import document, pages, present, reporttypes, store, tables, trust, verdict
 from harness.errors import HarnessError
 from harness.machine import Machine
 from harness.model import CellRecord, Plan
 from harness.reporttypes import Document
 
 FILES = ("report.json", "report.md")
+WORDS = "README.md"
 
 
 class _Note(msgspec.Struct, frozen=True):
@@ -51,14 +52,14 @@ def keep(note: Path, made_of: str, folder: Path) -> None:
 
 
 def _files(folder: Path) -> tuple[tuple[int, int], ...]:
-    found = [(folder / name).stat() for name in FILES]
+    found = [(folder / name).stat() for name in (*FILES, *([WORDS] if (folder / WORDS).exists() else []))]
     return tuple((one.st_size, one.st_mtime_ns) for one in found)
 
 
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
     """Another version of what makes reports makes another report."""
-    modules = (document, present, reporttypes, tables, trust, verdict)
+    modules = (document, pages, present, reporttypes, tables, trust, verdict)
     files = [*(Path(str(module.__file__)) for module in modules), template()]
     return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)
 

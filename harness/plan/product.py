@@ -59,6 +59,7 @@ def expand(
         shown=tuple(map(str, matrix.shown)),
         snapshot=contents.snapshot,
         pivot=matrix.pivot,
+        page=contents.sources[str(matrix.page)] if matrix.page else None,
     )
 
 

@@ -27,7 +27,7 @@ from harness.vocabulary import ABSENT, Kind
 Axes = Mapping[str, tuple[Choice, ...]]
 WITHOUT_WEIGHT = {
     *("axes", "bring", "cases", "description", "empty", "environment", "exclude", "expect", "files", "include"),
-    *("needs", "pivot", "python_path", "shown", "suite", "system"),
+    *("needs", "page", "pivot", "python_path", "shown", "suite", "system"),
 }
 """Keys that have no say in what resolves; the axes and the combinations that exist are looked into."""
 

@@ -14,7 +14,7 @@ FLOORS = {
     0: {"model", "errors"},
     1: {
         "accepting", "document", "drafts", "expansion", "inputfiles", "locks", "matrix", "matrixfile", "mending",
-        "merging", "normalise", "notices", "outcomes", "pipelines", "plan", "present", "pytestsays", "repairs",
+        "merging", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "pytestsays", "repairs",
         "reporttypes", "schema", "shards", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire",
         "workflows",
     },

@@ -1,0 +1,72 @@
+"""Pages in words about a matrix: a template of its author's, every figure in it from the report document."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from harness import present
+from harness.errors import BadInput
+from harness.reporttypes import CaseEntry, CellEntry, Document, Report
+
+
+def render(template: str, document: Document, report: Report) -> str:
+    """Fill a template with `document`, `report` and functions that find cells. Raises BadInput for a wrong template.
+
+    `cell("LABEL")` is the cell of this label, `cells(AXIS="VALUE", ...)` those with these values (a list is any of
+    them), `case(CELL, "ID")` one of its cases.
+    """
+    from jinja2 import StrictUndefined, TemplateError  # noqa: PLC0415 - start-up
+    from jinja2.sandbox import SandboxedEnvironment  # noqa: PLC0415
+
+    environment = SandboxedEnvironment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    environment.filters |= present.filters()
+    found = _Cells(document.cells)
+    try:
+        return environment.from_string(template).render(
+            document=document, report=report, cell=found.labelled, cells=found.having, case=_case
+        )
+    except TemplateError as error:
+        line = getattr(error, "lineno", None)
+        message = f"the page of {_named(document)}: {f'line {line}: ' if line else ''}{error.message or error}"
+        raise BadInput(message) from None
+
+
+class _Cells:
+    """The cells of a document; of one measured on several machines the latest measurement."""
+
+    def __init__(self, cells: Sequence[CellEntry]) -> None:
+        latest: dict[str, CellEntry] = {}
+        for cell in cells:
+            known = latest.setdefault(cell.id, cell)
+            latest[cell.id] = max(known, cell, key=lambda one: one.measured or "")
+        self.cells = tuple(latest.values())
+
+    def labelled(self, label: str) -> CellEntry:
+        found = next((cell for cell in self.cells if cell.id.partition("/")[2] == label), None)
+        if found is None:
+            message = f'its page speaks of a cell "{label}", which the matrix does not have'
+            raise BadInput(message)
+        return found
+
+    def having(self, **axes: Any) -> tuple[CellEntry, ...]:
+        wanted = {name.replace("_", "-"): (value,) if isinstance(value, str) else value for name, value in axes.items()}
+        return tuple(cell for cell in self.cells if all(_value(cell, name) in wanted[name] for name in wanted))
+
+
+def _value(cell: CellEntry, axis: str) -> str | None:
+    return cell.axes.get(axis, cell.axes.get(axis.replace("-", "_")))
+
+
+def _case(cell: CellEntry, name: str) -> CaseEntry:
+    found = next((case for case in cell.cases if case.case == name), None)
+    if found is None:
+        message = f'its page speaks of a case "{name}", which {cell.id} does not have'
+        raise BadInput(message)
+    return found
+
+
+def _named(document: Document) -> str:
+    return ", ".join(document.matrices)
