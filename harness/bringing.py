@@ -15,7 +15,7 @@ from pathlib import Path
 
 from harness import checkouts
 from harness.errors import BadInput
-from harness.filelocks import exclusive
+from harness.filelocks import exclusive, use
 from harness.model import Bring, Brought
 from harness.store import cache_folder, digest
 
@@ -59,6 +59,7 @@ def looked_at(bring: Bring, *, offline: bool = False) -> Source:
 def copied(source: Source) -> Path:
     """Where the copy for cells lies, made now or before. Raises BadInput for a file that is no archive."""
     folder = cache_folder() / "brought" / digest("brought", source.found.mark)
+    use(folder)
     with exclusive(folder.with_suffix(".lock")):
         remembered = folder / WHOLE
         if not remembered.exists():

@@ -39,6 +39,7 @@ class Kind(StrEnum):
     WHEEL = "built wheels"
     METADATA = "metadata of sdists"
     REPOSITORY = "repositories"
+    BROUGHT = "copies of what users brought"
     UV = "downloads (uv's cache)"
     COMPILED = "compiled bytecode"
     SCRATCH = "left behind by killed processes"
@@ -155,7 +156,8 @@ def _environments(cache: Path, disk: Disk) -> Iterator[Item]:
 
 
 def _cached(cache: Path, disk: Disk) -> Iterator[Item]:
-    for kind, name in ((Kind.WHEEL, "wheels"), (Kind.METADATA, "uv-builds"), (Kind.REPOSITORY, "repositories")):
+    kinds = {"wheels": Kind.WHEEL, "uv-builds": Kind.METADATA, "repositories": Kind.REPOSITORY, "brought": Kind.BROUGHT}
+    for name, kind in kinds.items():
         for path, status in _folders(cache / name):
             if path.name != "requests":
                 yield _item(kind, disk, path, used=status.st_mtime)
@@ -257,7 +259,7 @@ def remove(item: Item, cache: Path) -> bool:
     match item.kind:
         case Kind.ENVIRONMENT:
             return _removed_environment(item, cache)
-        case Kind.WHEEL | Kind.METADATA | Kind.REPOSITORY:
+        case Kind.WHEEL | Kind.METADATA | Kind.REPOSITORY | Kind.BROUGHT:
             return _removed_unused(item, cache)
         case Kind.UV:
             with filelocks.unused(item.paths[0]) as free:

@@ -64,12 +64,14 @@ class TestCache:
         assert waste(places) == {"unfinished", "removed"}
 
     def test_what_else_is_cached(self, places: Places) -> None:
-        """Wheels, metadata, repositories and downloads go by age; interpreters, and what requests led to, never."""
+        """Wheels, metadata, clones, copies and downloads go by age; interpreters, and what requests led to, never."""
         put(places.cache / "wheels/key/a.whl")
         put(places.cache / "wheels/requests/asked.txt", "key")
         put(places.cache / "uv-builds/asked/wheels/x")
         put(places.cache / "repositories/mirror/HEAD")
         put(places.cache / "repositories/mirror.lock")
+        put(places.cache / "brought/state/copied/tree/a.py")
+        put(places.cache / "brought/state.lock")
         put(places.cache / "uv/archive-v0/x/a.py")
         put(places.cache / "pythons/cpython-3.8/bin/python3.8")
         put(places.cache / "machine.json")
@@ -78,6 +80,7 @@ class TestCache:
             "key": Kind.WHEEL,
             "asked": Kind.METADATA,
             "mirror": Kind.REPOSITORY,
+            "state": Kind.BROUGHT,
             "uv": Kind.UV,
         }
         assert waste(places) == set()
