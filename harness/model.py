@@ -245,6 +245,27 @@ class Brought:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Change:
+    """What is done to a cell: the remedy of a known failure, or what a matrix tries by a name.
+
+    `requirements` replace those of the same packages, `uninstall` are packages that may not be in the lock, `overlay`
+    names packages whose releases are repaired, `as_of` is the instant of the resolution.
+    """
+
+    requirements: tuple[str, ...] = ()
+    constraints: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+    build_constraints: tuple[str, ...] = ()
+    build_variables: Mapping[str, str] = field(default_factory=dict)
+    only_binary: tuple[str, ...] = ()
+    overlay: tuple[str, ...] = ()
+    uninstall: tuple[str, ...] = ()
+    environment: Mapping[str, str] = field(default_factory=dict)
+    python: str | None = None
+    as_of: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Cell:
     """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`).
 

@@ -58,6 +58,7 @@ CheckName = Literal[
     "import", "single", "vector", "render", "interop", "vector.*",
     "import.modules", "single.loop", "vector.sync", "vector.async.fork", "vector.async.spawn",
     "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "vector.autoreset", "render.rgb_array",
+    "render.device",
     "interop.sb3.check_env", "interop.sb3.learn",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
@@ -214,6 +215,15 @@ class Colour(Word):
             message = f'"{text}" is not a colour such as "#c83c14"'
             raise ValueError(message)
         return text.lower()
+
+
+class PythonVersion(Word):
+    """A Python, such as `3.10` or `3.10.4`; `host` is the one that the harness runs in."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the normalised version, or `host`."""
+        return text if text == HOST else version_text(text)
 
 
 class SubjectNames(Word):

@@ -55,6 +55,12 @@ def _overlay() -> type:
     return RecipeTable
 
 
+def _signatures() -> type:
+    from harness.signatures import SignaturesFile  # noqa: PLC0415
+
+    return SignaturesFile
+
+
 def _manifest() -> type:
     from harness.fetched import Manifest  # noqa: PLC0415
 
@@ -78,6 +84,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
     "overlay": ("how a package is repaired, `overlays/PACKAGE.toml`", _overlay),
     "controls": ("known-good combinations of adapters, `controls/controls.toml`", _controls),
+    "signatures": ("known failures, `signatures/FAMILY.toml`", _signatures),
     "report": ("`report.json`, and `--json` of run, try, report, show and merge", _report),
     "plan": ("`plan --json`", _plan),
     "lock": ("`lock --json`", _lock),

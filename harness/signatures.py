@@ -1,0 +1,342 @@
+"""Signatures: patterns over evidence that name a cause and a remedy, as data, and the matcher.
+
+A file of them (`signatures/FAMILY.toml`) is read by `read`. Their patterns are regular expressions that a browser
+understands as well as Python does: searched with `^` and `$` at every line, `.` never a line break.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, ClassVar, Self
+
+from msgspec import Meta
+from msgspec.structs import asdict
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.utils import canonicalize_name
+
+from harness.errors import BadInput
+from harness.matrix import Table
+from harness.model import Change, Phase
+from harness.normalise import bounded
+from harness.schema import load_toml, located
+from harness.vocabulary import (
+    Instant,
+    Label,
+    PackageName,
+    Pattern,
+    PythonVersion,
+    Requirement,
+    Variables,
+    Word,
+    parsed_requirement,
+    required_name,
+)
+
+ESCAPED = r"\\[\s\S]"
+CLASS = r"\[[^\]]+\]"
+PYTHONS_ESCAPE = re.compile(r"\\(?:[AZaU]|N\{)")
+UNPORTABLE = (
+    (r"\(\?P", "a named group"),
+    (r"\(\?<", "a lookbehind or a named group"),
+    (r"\(\?[aiLmsux-]", "an inline flag; `[\\s\\S]` is any character, `[Ee]` both cases"),
+    (r"\(\?\(", "a conditional group"),
+    (r"\(\?>", "an atomic group"),
+    (r"\(\?#", "a comment"),
+    (r"[*+?}]\+", "a possessive quantifier"),
+    (r"\[\^?\]", "a class that begins with `]`; write `\\]`"),
+)
+"""What Python's regular expressions have and a browser's have not, or in which the two mean something else."""
+
+
+class PortablePattern(Word):
+    """A regular expression that means the same in Python and in a browser, searched line by line in the evidence."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself, once it compiles and has nothing that is Python's alone."""
+        Pattern.canonical(text)
+        foreign = PYTHONS_ESCAPE.search(text.replace("\\\\", ""))
+        plain = re.sub(ESCAPED, "e", text)
+        found = next((what for syntax, what in UNPORTABLE if re.search(syntax, _searched(syntax, plain))), None)
+        if foreign:
+            found = f'the escape "{foreign[0]}"; `^` and `$` are the ends of a line'
+        if found:
+            message = f'"{text}" has what a browser does not know: {found}'
+            raise ValueError(message)
+        if re.search(text, "", re.MULTILINE):
+            message = f'"{text}" matches the empty text, and so everything'
+            raise ValueError(message)
+        return text
+
+
+def _searched(syntax: str, plain: str) -> str:
+    """A pattern without its classes, in which signs have no meaning, unless those are looked for."""
+    return plain if syntax.startswith(r"\[") else re.sub(CLASS, "c", plain)
+
+
+class Specifier(Word):
+    """Versions of Python, such as `>=3.10,<3.12`."""
+
+    @classmethod
+    def canonical(cls, text: str) -> str:
+        """Return the text itself, once it parses."""
+        try:
+            SpecifierSet(text)
+        except InvalidSpecifier:
+            message = f'"{text}" is not a specifier such as ">=3.8,<3.12"'
+            raise ValueError(message) from None
+        return text
+
+
+class PartTaking:
+    """A requirement, or several of which one has to hold."""
+
+    __slots__ = ("requirements",)
+    reads: ClassVar[tuple[Any, ...]] = (Requirement, Annotated[tuple[Requirement, ...], Meta(min_length=2)])
+
+    def __init__(self, requirements: tuple[str, ...]) -> None:
+        self.requirements = requirements
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Any) -> Self:
+        """Return what either form stands for."""
+        if isinstance(plain, list):
+            return cls(tuple(map(str, convert(plain, cls.reads[1]))))
+        return cls((str(convert(plain, Requirement)),))
+
+
+class RemedyTable(Table, frozen=True, kw_only=True):
+    """What to do: the keys that a `[[change]]` of a matrix has, and in words what no machine can do."""
+
+    requirements: Annotated[
+        tuple[Requirement, ...], Meta(description="asked for instead of what was asked for of the same package")
+    ] = ()
+    constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on whatever is installed")] = ()
+    overrides: Annotated[tuple[Requirement, ...], Meta(description="replace what packages themselves require")] = ()
+    build_constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on what builds use")] = ()
+    build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = Variables()
+    only_binary: Annotated[tuple[PackageName, ...], Meta(description="packages never built from source")] = ()
+    overlay: Annotated[tuple[PackageName, ...], Meta(description="packages whose releases are repaired")] = ()
+    uninstall: Annotated[tuple[PackageName, ...], Meta(description="packages that may not be there")] = ()
+    environment: Annotated[Variables, Meta(description="environment variables; an empty one is unset")] = Variables()
+    python: PythonVersion | None = None
+    as_of: Annotated[Instant | None, Meta(description="everything resolved as the index stood then")] = None
+    text: Annotated[str, Meta(description="what to do that no machine can")] = ""
+
+    @property
+    def change(self) -> Change | None:
+        """What a machine can apply of it; None where that is nothing."""
+        said = {name: value for name, value in self.plain.items() if name != "text"}
+        found: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in said.items()
+        }
+        return Change(**found) if found else None
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """What it says, as documents hold it."""
+        return {
+            name: list(map(str, value)) if isinstance(value, tuple) else _text(value)
+            for name, value in asdict(self).items()
+            if value
+        }
+
+
+def _text(value: Any) -> Any:
+    return dict(value) if isinstance(value, dict) else str(value)
+
+
+class VerifiedTable(Table, frozen=True, kw_only=True):
+    """One occasion on which the failure was seen here, with real packages."""
+
+    on: Annotated[str, Meta(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date")]
+    what: Annotated[str, Meta(min_length=1, description="what was run: versions, Python, platform")]
+
+
+class Signature(Table, frozen=True, kw_only=True):
+    """A known failure: how to tell it, what causes it, what helps."""
+
+    id: Label
+    cause: Annotated[str, Meta(min_length=1)]
+    remedy: RemedyTable
+    phases: Annotated[
+        tuple[Phase, ...], Meta(description="where it shows; without any it is a trouble of the machine, in any phase")
+    ] = ()
+    pattern: PortablePattern | None = None
+    signal: Annotated[str, Meta(pattern="^SIG[A-Z]+$", description="what killed the process")] | None = None
+    packages: Annotated[
+        tuple[PartTaking, ...],
+        Meta(description="that take part: each, or one of each list, is installed in a version that fits"),
+    ] = ()
+    python: Specifier | None = None
+    masks: Annotated[bool, Meta(description="it hides another failure, which goes before it")] = False
+    generic: Annotated[bool, Meta(description="broad: what is specific goes before it, and its packages are there")] = (
+        False
+    )
+    references: tuple[str, ...] = ()
+    examples: Annotated[
+        tuple[str, ...], Meta(min_length=2, description="texts that it matches, of other paths, lines and versions")
+    ]
+    verified_on: tuple[VerifiedTable, ...] = ()
+
+
+class SignaturesFile(Table, frozen=True, kw_only=True):
+    """Known failures of one family of packages: `signatures/FAMILY.toml`."""
+
+    signature: Annotated[tuple[Signature, ...], Meta(min_length=1)]
+
+
+def read(texts: Mapping[str, str]) -> tuple[Signature, ...]:
+    """The signatures of files, by the name that messages give each. Raises BadInput."""
+    known: dict[str, str] = {}
+    found: list[Signature] = []
+    for file, text in texts.items():
+        for index, one in enumerate(load_toml(text, SignaturesFile, file).signature):
+            with located(file, "signature", index):
+                _check(one)
+            if one.id in known:
+                message = f'{file}: signature[{index}].id: "{one.id}" is listed twice, first in {known[one.id]}'
+                raise BadInput(message)
+            known[one.id] = file
+            found.append(one)
+    return tuple(found)
+
+
+def _check(one: Signature) -> None:
+    message = None
+    if not one.pattern and not one.signal:
+        message = f'"{one.id}" has neither a "pattern" nor a "signal", and so could be anything'
+    elif one.generic and not (one.packages or one.masks):
+        message = f'"{one.id}" is generic, and so has to name its "packages"'
+    elif not one.remedy.plain:
+        message = f'"{one.id}" has an empty remedy; say in words ("text") what can be done, or that nothing can'
+    if message:
+        raise ValueError(message)
+
+
+# --- matching --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Evidence:
+    """What is known of one failure. `told` are the lines that say why, `logs` all else that was written.
+
+    `phase` is None where that is not known: then it may be any.
+    """
+
+    phase: Phase | None
+    told: tuple[str, ...] = ()
+    logs: tuple[str, ...] = ()
+    signal: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Around:
+    """What a failure met: `installed` versions, where anything was installed, else what was asked for."""
+
+    installed: Mapping[str, str] | None = None
+    requirements: tuple[str, ...] = ()
+    python: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Diagnosis:
+    """A known failure that fits. `seen` is the line by which it was told, in the log only where not `told`."""
+
+    signature: Signature
+    phase: Phase | None
+    seen: str
+    told: bool
+
+    @property
+    def rank(self) -> tuple[Any, ...]:
+        """The deepest cause is least: no mask, of packages rather than of the machine, specific, in so many words."""
+        one = self.signature
+        order = list(Phase).index(self.phase) if self.phase else len(Phase)
+        return one.masks, not one.phases, one.generic, not self.told, order
+
+
+def diagnose(known: Iterable[Signature], evidence: Sequence[Evidence], around: Around) -> tuple[Diagnosis, ...]:
+    """The known failures that fit, the deepest cause first, each once."""
+    found: dict[str, Diagnosis] = {}
+    for one in known:
+        if _fits(one, around):
+            hits = [hit for each in evidence if (hit := _hit(one, each))]
+            if hits:
+                found[one.id] = min(hits, key=lambda hit: hit.rank)
+    return tuple(sorted(found.values(), key=lambda each: each.rank))
+
+
+def _hit(one: Signature, evidence: Evidence) -> Diagnosis | None:
+    """The evidence as this signature sees it, if it fits."""
+    if one.phases and evidence.phase is not None and evidence.phase not in one.phases:
+        return None
+    if one.signal and one.signal != evidence.signal:
+        return None
+    if one.pattern is None:
+        return Diagnosis(signature=one, phase=evidence.phase, seen=f"killed by {one.signal}", told=True)
+    for told, texts in ((True, evidence.told), (False, evidence.logs)):
+        for text in texts:
+            if found := compiled(one.pattern).search(text):
+                return Diagnosis(signature=one, phase=evidence.phase, seen=_line(text, found), told=told)
+    return None
+
+
+@cache
+def compiled(pattern: str) -> re.Pattern[str]:
+    """A pattern as it is searched for."""
+    return re.compile(pattern, re.MULTILINE)
+
+
+def _line(text: str, found: re.Match[str]) -> str:
+    """The line on which a match ends: of a traceback and its exception that is the exception."""
+    start = text.rfind("\n", 0, max(found.end() - 1, 0)) + 1
+    stop = text.find("\n", found.end())
+    return bounded(text[start : stop if stop >= 0 else len(text)])
+
+
+# --- packages --------------------------------------------------------------------------------------------------
+
+
+def _fits(one: Signature, around: Around) -> bool:
+    """Whether nothing that is known of packages and Python speaks against it; of a generic one all speaks for it."""
+    if one.python and around.python and not SpecifierSet(one.python).contains(around.python, prereleases=True):
+        return False
+    standing = [_any(_standing(text, around) for text in part.requirements) for part in one.packages]
+    return all(standing) if one.generic else False not in standing
+
+
+def _any(standing: Iterable[bool | None]) -> bool | None:
+    """Whether one of several holds; None where that cannot be told."""
+    found = set(standing)
+    return True if True in found else None if None in found else False
+
+
+def _standing(text: str, around: Around) -> bool | None:
+    """Whether a package that takes part is there; None where that is not known."""
+    name, wanted = required_name(text), parsed_requirement(text).specifier
+    if around.installed is not None:
+        version = _versions(around.installed).get(name)
+        return version is not None and wanted.contains(version, prereleases=True)
+    asked = [parsed_requirement(each).specifier for each in around.requirements if required_name(each) == name]
+    if not asked:
+        return None
+    together = wanted
+    for each in asked:
+        together &= each
+    return not together.is_unsatisfiable()
+
+
+def _versions(installed: Mapping[str, str]) -> dict[str, str]:
+    return {str(canonicalize_name(name)): version for name, version in installed.items()}
+
+
+def machine_applicable(known: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:
+    """The signatures whose remedy a machine can apply, with that."""
+    for one in known:
+        change = one.remedy.change
+        if change:
+            yield one, change

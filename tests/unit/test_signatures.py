@@ -1,0 +1,195 @@
+"""Signatures: what a file of them may say, and which of them fit a failure, the deepest cause first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from harness import signatures
+from harness.errors import BadInput
+from harness.model import Change, Phase
+from harness.signatures import Around, Evidence, Signature, diagnose
+
+FULL = """
+[[signature]]
+id = "numpy-2"
+phases = ["import", "single"]
+pattern = '''has no attribute '(bool8|float_)\\''''
+packages = ["numpy>=2", ["gym", "gymnasium<1"]]
+python = ">=3.9"
+cause = "numpy 2 took the name away"
+examples = ["AttributeError: module 'numpy' has no attribute 'bool8'", "`np` has no attribute 'float_'"]
+references = ["https://example.org/1"]
+[signature.remedy]
+requirements = ["numpy<2"]
+environment = { A = "b" }
+python = "3.10"
+as_of = 2024-06-15
+text = "or wait"
+[[signature.verified_on]]
+on = 2026-11-22
+what = "gym 0.26.2, numpy 2.0.0"
+"""
+LINE = "AttributeError: module 'numpy' has no attribute 'bool8'"
+
+
+def one(name: str = "it", pattern: str | None = "it broke", **more: Any) -> Signature:
+    """A signature of the import phase."""
+    remedy = signatures.RemedyTable(text="mend it")
+    values: dict[str, Any] = {"phases": (Phase.IMPORT,), "examples": ("it broke", "it broke again")} | more
+    packages = tuple(
+        signatures.PartTaking((each,) if isinstance(each, str) else each) for each in values.pop("packages", ())
+    )
+    return Signature(id=name, cause="because", remedy=remedy, pattern=pattern, packages=packages, **values)  # type: ignore[arg-type]
+
+
+def found(known: list[Signature], *evidence: Evidence, **around: Any) -> list[str]:
+    """The ids of what fits, in order."""
+    return [each.signature.id for each in diagnose(known, evidence, Around(**around))]
+
+
+SAID = Evidence(phase=Phase.IMPORT, told=("RuntimeError: it broke",))
+
+
+def test_a_file_says_what_there_is_to_say() -> None:
+    """Every field is read; a remedy is the change that a machine can apply, and words."""
+    (read,) = signatures.read({"numpy.toml": FULL})
+    change = Change(requirements=("numpy<2",), environment={"A": "b"}, python="3.10", as_of="2024-06-15T23:59:59Z")
+    assert (read.id, read.phases, read.python) == ("numpy-2", (Phase.IMPORT, Phase.SINGLE), ">=3.9")
+    assert [part.requirements for part in read.packages] == [("numpy>=2",), ("gym", "gymnasium<1")]
+    assert (read.remedy.change, read.remedy.text) == (change, "or wait")
+    assert (read.verified_on[0].on, read.verified_on[0].what) == ("2026-11-22", "gym 0.26.2, numpy 2.0.0")
+
+
+def test_words_alone_are_no_change() -> None:
+    """What no machine can do is never tried by one."""
+    assert signatures.RemedyTable(text="buy a GPU").change is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('id = "numpy-2"', 'id = "numpy 2"', '.id: "numpy 2" cannot be a label: use letters, digits and "._+-" only'),
+        ('"single"]', '"singel"]', '.phases[1]: unknown value "singel"; did you mean "single"?'),
+        ("cause =", "coarse =", '.coarse: unknown key; did you mean "cause"?'),
+        ("gymnasium<1", "gymnasium<", '.packages[1][1]: "gymnasium<" is not a requirement: '),
+        ('python = ">=3.9"', 'python = "new"', '.python: "new" is not a specifier such as ">=3.8,<3.12"'),
+        ('python = "3.10"', 'python = "new"', '.remedy.python: "new" is not a version'),
+        ("\npattern = ", "\nremark = 1\n#", ".remark: unknown key"),
+        ("\npattern = ", "\n#", ': "numpy-2" has neither a "pattern" nor a "signal", and so could be anything'),
+        ('packages = [', 'generic = true\n#', ': "numpy-2" is generic, and so has to name its "packages"'),
+        ("has no attr", "|has no attr", " matches the empty text, and so everything"),
+        ("has no attr", "(?i)has no attr", " has what a browser does not know: an inline flag; "),
+        ("has no attr", "(?P<what>has) no attr", " has what a browser does not know: a named group"),
+        ("has no attr", "(?<=x)has no attr", " has what a browser does not know: a lookbehind or a named group"),
+        ("has no attr", "has no++ attr", " has what a browser does not know: a possessive quantifier"),
+        ("has no attr", "\\Ahas no attr", 'the escape "\\A"; `^` and `$` are the ends of a line'),
+        ("has no attr", "[]h]as no attr", "a class that begins with `]`; write `\\]`"),
+        ("has no attr", "(has no attr", " is not a regular expression: "),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_at_their_place(old: str, new: str, message: str) -> None:
+    """File and key, what is wrong, and the nearest name."""
+    assert old in FULL
+    with pytest.raises(BadInput) as told:
+        signatures.read({"numpy.toml": FULL.replace(old, new, 1)})
+    assert str(told.value).startswith("numpy.toml: signature[0]")
+    assert message in str(told.value)
+
+
+def test_a_remedy_says_something() -> None:
+    """An empty one is a mistake."""
+    with pytest.raises(BadInput, match='"x" has an empty remedy; say in words'):
+        signatures.read({"x.toml": '[[signature]]\nid="x"\npattern="x"\ncause="x"\nexamples=["x","xx"]\nremedy={}\n'})
+
+
+def test_an_id_is_there_once() -> None:
+    """Also across files."""
+    with pytest.raises(BadInput) as told:
+        signatures.read({"a.toml": FULL, "b.toml": FULL})
+    assert str(told.value) == 'b.toml: signature[0].id: "numpy-2" is listed twice, first in a.toml'
+
+
+@pytest.mark.parametrize("pattern", [r"a\+\+b", r"[*+]+x", r"C:\\Zone", r"\(\?P", r"x{2,3}?y", "a(?!b)", "(?:a|b)c"])
+def test_what_both_understand_is_a_pattern(pattern: str) -> None:
+    """What only looks like Python's own syntax is none."""
+    assert signatures.PortablePattern.canonical(pattern) == pattern
+
+
+def test_where_nothing_fits_nothing_is_said() -> None:
+    """No text, or another phase."""
+    assert found([one()], Evidence(phase=Phase.IMPORT, told=("it works",))) == []
+    assert found([one()], Evidence(phase=Phase.VECTOR, told=("it broke",))) == []
+    assert found([one()], Evidence(phase=None, told=("it broke",))) == ["it"]
+
+
+def test_the_line_that_matched_is_shown() -> None:
+    """Of a traceback that the pattern reaches over, the exception."""
+    trace = one(pattern=r'gym/core\.py", line \d+[\s\S]{0,80}it broke')
+    log = 'x\n  File "gym/core.py", line 5, in step\n    fly()\nRuntimeError: it broke at 0x1\nmore\n'
+    (seen,) = diagnose([trace], [Evidence(phase=Phase.IMPORT, told=("RuntimeError",), logs=(log,))], Around())
+    assert (seen.seen, seen.told, seen.phase) == ("RuntimeError: it broke at 0x1", False, Phase.IMPORT)
+
+
+def test_a_signal_alone_can_be_the_sign() -> None:
+    """With a pattern both have to fit."""
+    alone, both = one("alone", None, signal="SIGSEGV"), one("both", signal="SIGSEGV")
+    assert found([alone, both], Evidence(phase=Phase.IMPORT, told=("killed",), signal="SIGSEGV")) == ["alone"]
+    assert found([alone, both], Evidence(phase=Phase.IMPORT, told=("it broke",), signal="SIGABRT")) == []
+    assert found([both], Evidence(phase=Phase.IMPORT, told=("it broke",), signal="SIGSEGV")) == ["both"]
+
+
+@pytest.mark.parametrize(
+    ("around", "fits"),
+    [
+        ({"installed": {"NumPy": "2.1.0", "gym": "0.26.2"}}, True),
+        ({"installed": {"numpy": "2.1.0", "gymnasium": "0.29.1"}}, True),
+        ({"installed": {"numpy": "2.1.0", "gymnasium": "1.2.0"}}, False),
+        ({"installed": {"numpy": "1.26.4", "gym": "0.26.2"}}, False),
+        ({"installed": {"gym": "0.26.2"}}, False),
+        ({"requirements": ("gym==0.26.2",)}, True),
+        ({"requirements": ("gym==0.26.2", "numpy>=1.20", "numpy<2")}, False),
+        ({"requirements": ("gym==0.26.2", "numpy>=1.20")}, True),
+        ({"requirements": ("gymnasium==1.2.0",)}, True),
+        ({"installed": {"numpy": "2.1.0", "gym": "0.26.2"}, "python": "3.8.10"}, False),
+        ({"installed": {"numpy": "2.1.0", "gym": "0.26.2"}, "python": "3.13.0rc1"}, True),
+    ],
+)
+def test_packages_and_python(around: dict[str, Any], fits: bool) -> None:
+    """What is installed decides; where nothing was, what was asked for must not speak against it."""
+    (read,) = signatures.read({"numpy.toml": FULL})
+    assert found([read], Evidence(phase=Phase.SINGLE, told=(LINE,)), **around) == (["numpy-2"] if fits else [])
+
+
+def test_what_is_generic_needs_its_packages() -> None:
+    """Where a specific one asks only that nothing speaks against it."""
+    known = [one("specific", packages=("pip",)), one("generic", packages=("pip",), generic=True)]
+    assert found(known, SAID) == ["specific"]
+    assert found(known, SAID, requirements=("pip",)) == ["specific", "generic"]
+
+
+def test_the_deepest_cause_comes_first() -> None:
+    """Masks last, then troubles of the machine, then what is generic; what was told before what only a log has."""
+    known = [
+        one("mask", "pipe", masks=True),
+        one("machine", "no GPU", phases=()),
+        one("broad", packages=("gym",), generic=True),
+        one("logged", "deep"),
+        one("later", "other", phases=(Phase.VECTOR,)),
+        one("specific"),
+    ]
+    texts = Evidence(phase=Phase.IMPORT, told=("it broke; no GPU; pipe",), logs=("deep",))
+    vector = Evidence(phase=Phase.VECTOR, told=("other",))
+    order = ["specific", "later", "logged", "broad", "machine", "mask"]
+    for turn in range(len(known)):
+        assert found(known[turn:] + known[:turn], vector, texts, installed={"gym": "1"}) == order
+
+
+def test_each_is_said_once_where_it_was_told_best() -> None:
+    """Of several phases the first, of told and logged what was told."""
+    twice = one(phases=(Phase.IMPORT, Phase.SINGLE))
+    logged = Evidence(phase=Phase.IMPORT, logs=("it broke in a log",))
+    told = Evidence(phase=Phase.SINGLE, told=("it broke in so many words",))
+    (seen,) = diagnose([twice], [logged, told], Around())
+    assert (seen.phase, seen.seen) == (Phase.SINGLE, "it broke in so many words")
