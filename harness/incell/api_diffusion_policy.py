@@ -1,0 +1,243 @@
+"""The adapter of Diffusion Policy: `diffusion_policy:kitchen`, as its own `KitchenLowdimRunner` makes and drives it.
+
+The runner itself cannot be had without torch and wandb; what it does before a policy comes in is done here with the
+same classes of the checkout, in its order. `kwargs` are arguments of the runner, with its defaults, and `dummy`: false
+leaves out the `dummy_env_fn` by which the runner's parent process learns the spaces without making an environment.
+"""
+
+import importlib
+import os
+
+from .cell_adapter import Adapter
+from .cell_classic import Classic
+from .cell_errors import Skip, library, violate
+from .cell_values import Examiner
+
+NAME = "kitchen"
+VARIABLE = "DIFFUSION_POLICY"
+DATA = ("data", "kitchen")
+"""Where the runner's settings have the data set, below the checkout."""
+
+RUNNER = {
+    "abs_action": False,
+    "robot_noise_ratio": 0.1,
+    "n_obs_steps": 2,
+    "n_action_steps": 8,
+    "max_steps": 280,
+    "render_hw": (240, 360),
+    "fps": 12.5,
+    "crf": 22,
+}
+OBSERVED, ACTED, BOUND = 60, 9, 8
+"""What the runner's stand-in for the environment promises: sizes of observation and action, and their bound."""
+
+STATES, SPREAD = 10, 0.01
+"""How many initial states are generated, and how far around the environment's own (standard deviation)."""
+
+
+class DiffusionPolicy(Adapter):
+    """The Kitchen, one and several, whose modules the runner imports first; the environment's come in with it."""
+
+    imports = (
+        "diffusion_policy.gym_util.async_vector_env",
+        "diffusion_policy.gym_util.sync_vector_env",
+        "diffusion_policy.gym_util.multistep_wrapper",
+        "diffusion_policy.gym_util.video_recording_wrapper",
+    )
+
+    def knows(self, case):
+        """Whether it is the environment that this adapter makes."""
+        return _named(case) == NAME
+
+    def make(self, case, tell, draw=False):
+        """Make one environment."""
+        with library:
+            raw = self.bare(case)
+        return Kitchen(raw, tell)
+
+    def bare(self, case):
+        """Do what the runner's `env_fn` does."""
+        if not self.knows(case):
+            violate("there is no environment {!r} here, only {!r}", _named(case), NAME)
+        asked = _asked(case)
+        made = _part("env.kitchen.v0").KitchenAllV0(use_abs_action=asked["abs_action"])
+        made.robot_noise_ratio = asked["robot_noise_ratio"]
+        seen = _part("env.kitchen.kitchen_lowdim_wrapper").KitchenLowdimWrapper(
+            env=made, init_qpos=None, init_qvel=None, render_hw=tuple(asked["render_hw"])
+        )
+        video = _part("gym_util.video_recording_wrapper")
+        recorder = video.VideoRecorder.create_h264(
+            fps=asked["fps"],
+            codec="h264",
+            input_pix_fmt="rgb24",
+            crf=asked["crf"],
+            thread_type="FRAME",
+            thread_count=1,
+        )
+        filmed = video.VideoRecordingWrapper(seen, video_recoder=recorder, file_path=None, steps_per_render=1)
+        return _in_steps(filmed, asked)
+
+    def make_vector(self, makers, way, tell):
+        """Make Diffusion Policy's own vector environments, in workers with a stand-in for the spaces unless refused."""
+        with library:
+            case = makers[0].case
+            asked = _asked(case)
+            if way is None:
+                raw = _part("gym_util.sync_vector_env").SyncVectorEnv(makers)
+            else:
+                dummy = None if case["kwargs"].get("dummy") is False else Dummy(asked)
+                raw = _part("gym_util.async_vector_env").AsyncVectorEnv(makers, dummy_env_fn=dummy, **way)
+        return Kitchens(raw, tell, len(makers), asked)
+
+    def autoreset_modes(self):
+        """Say that none of them begins episodes anew."""
+        message = "Diffusion Policy took the autoreset out of its vector environments"
+        raise Skip(message)
+
+
+class Dummy:
+    """The runner's `dummy_env_fn`: spaces without an environment."""
+
+    def __init__(self, asked):
+        self.asked = asked
+
+    def __call__(self):
+        """Make an empty environment that has the spaces."""
+        import numpy as np
+
+        gym = importlib.import_module("gym")
+        spaces = importlib.import_module("gym.spaces")
+        env = gym.Env()
+        env.observation_space = spaces.Box(-BOUND, BOUND, shape=(OBSERVED,), dtype=np.float32)
+        env.action_space = spaces.Box(-BOUND, BOUND, shape=(ACTED,), dtype=np.float32)
+        env.metadata = {"render.modes": ["human", "rgb_array", "depth_array"], "video.frames_per_second": 12}
+        return _in_steps(env, self.asked)
+
+
+class Start:
+    """The runner's `init_fn`: what an episode starts from, put into an environment in the process that has it."""
+
+    def __init__(self, seed):
+        self.seed = seed
+
+    def __call__(self, env):
+        """Put an initial state there, and a seed, too: it decides the noise of what is observed."""
+        seen = env.env.env
+        env.env.video_recoder.stop()
+        env.env.file_path = None
+        states = known_states() or generated_states(seen.env)
+        seen.init_qpos, seen.init_qvel = [part[self.seed % len(part)] for part in states]
+        env.seed(self.seed)
+
+
+def known_states():
+    """The initial positions and velocities of the data set; None where the checkout has none."""
+    import numpy as np
+
+    folder = os.path.join(os.environ.get(VARIABLE, ""), *DATA)
+    files = [os.path.join(folder, "all_init_{}.npy".format(part)) for part in ("qpos", "qvel")]
+    return [np.load(path) for path in files] if all(map(os.path.isfile, files)) else None
+
+
+def generated_states(env):
+    """Initial positions around the environment's own, and its own velocities."""
+    import numpy as np
+
+    random = np.random.RandomState(0)
+    qpos, qvel = [np.tile(np.asarray(part, float), (STATES, 1)) for part in (env.init_qpos, env.init_qvel)]
+    return [qpos + SPREAD * random.standard_normal(qpos.shape), qvel]
+
+
+class Kitchen(Classic):
+    """One environment: each of its steps takes several actions and gives the last observations."""
+
+    def __init__(self, raw, tell, batch=None):
+        super().__init__(raw, Examiner(importlib.import_module("gym.spaces"), raw, tell, batch), heeds=False)
+
+    def reset(self, seed=None):
+        """Start an episode, with a seed also from another state, and return the observation."""
+        with library:
+            if seed is not None:
+                self.begin_from(seed)
+            observation = self.raw.reset()
+        self.examiner.observation("reset()", observation)
+        return observation
+
+    def begin_from(self, seed):
+        """Choose what episodes start from until another is chosen."""
+        self.raw.run_dill_function(_dilled(Start(seed)))
+
+    def render(self):
+        """Return the picture that a video is made of."""
+        with library:
+            return self.raw.env.env.render(mode="rgb_array")
+
+    def where_drawn(self, ask):
+        """Ask in the thread in which dm_control draws."""
+        with self.raw.env.env.env.sim.contexts.gl.make_current() as context:
+            return context.call(ask)
+
+    def describe(self):
+        """The spaces, and where the initial states are from."""
+        generated = "generated: {} around the environment's own, standard deviation {}".format(STATES, SPREAD)
+        return dict(super().describe(), told={"initial states": "of the data set" if known_states() else generated})
+
+
+class Kitchens(Kitchen):
+    """Several of them, driven as the runner drives them: each is told in its own process what to start from."""
+
+    def __init__(self, raw, tell, number, asked):
+        super().__init__(raw, tell, number)
+        self.number = number
+        self.asked = asked
+        self.seed_actions(0)
+
+    def begin_from(self, seed):
+        """Choose another state for each."""
+        starts = [(_dilled(Start(seed + place)),) for place in range(self.number)]
+        self.raw.call_each("run_dill_function", args_list=starts)
+
+    def seed_actions(self, seed):
+        """Seed a generator of our own: the space of the runner's stand-in is wider than the environment's."""
+        import numpy as np
+
+        self.random = np.random.RandomState(seed)
+
+    def action(self):
+        """Draw actions within what the environment itself allows."""
+        bound = BOUND if self.asked["abs_action"] else 1
+        shape = (self.number, self.asked["n_action_steps"], ACTED)
+        return self.random.uniform(-bound, bound, shape).astype("float32")
+
+
+def _in_steps(env, asked):
+    return _part("gym_util.multistep_wrapper").MultiStepWrapper(
+        env,
+        n_obs_steps=asked["n_obs_steps"],
+        n_action_steps=asked["n_action_steps"],
+        max_episode_steps=asked["max_steps"],
+    )
+
+
+def _dilled(start):
+    return importlib.import_module("dill").dumps(start)
+
+
+def _asked(case):
+    """The runner's arguments."""
+    asked = {name: value for name, value in case["kwargs"].items() if name != "dummy"}
+    for name in asked:
+        if name not in RUNNER:
+            violate("the runner has no argument {!r}; it has {}", name, ", ".join(RUNNER))
+    return dict(RUNNER, **asked)
+
+
+def _named(case):
+    return (case["env"] or "").rpartition(":")[2]
+
+
+def _part(name):
+    return importlib.import_module("diffusion_policy." + name)
+
+
+API = DiffusionPolicy()
