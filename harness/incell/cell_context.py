@@ -13,13 +13,19 @@ LONGEST = 300
 
 def current():
     """`api` (egl, osmesa, glx), vendor, renderer, version and, of EGL, `device`; empty where no context is current."""
+    found = asked(("libEGL.so", _egl), ("libOSMesa.so", _osmesa), ("libGLX.so", _glx), ("libGL.so", _glx))
+    return {name: text[:LONGEST] for name, text in found.items() if text}
+
+
+def asked(*ways):
+    """What the first loaded library says that says something: each way is how its file begins, and what asks it."""
     mapped = _mapped()
-    for stem, ask in (("libEGL.so", _egl), ("libOSMesa.so", _osmesa), ("libGLX.so", _glx), ("libGL.so", _glx)):
+    for stem, ask in ways:
         for path in mapped:
             if os.path.basename(path).startswith(stem):
                 found = _asked(ask, path)
                 if found:
-                    return {name: text[:LONGEST] for name, text in found.items() if text}
+                    return found
     return {}
 
 
@@ -38,10 +44,10 @@ def _asked(ask, path):
 
 
 def _egl(library):
-    display = _pointer(library.eglGetCurrentDisplay)
-    if not display or not _pointer(library.eglGetCurrentContext):
+    find, device = library.eglGetProcAddress, drawing_device(library)
+    if device is None:
         return None
-    return dict(_strings(library.eglGetProcAddress), api="egl", device=_device(library.eglGetProcAddress, display))
+    return dict(_strings(find), api="egl", device=described(find, device) if device else "")
 
 
 def _osmesa(library):
@@ -56,31 +62,50 @@ def _glx(library):
     return dict(_strings(library.glXGetProcAddressARB), api="glx")
 
 
-def _device(find, display):
-    """The file of the device that draws, the number by which CUDA knows it, or that it is no hardware."""
-    of_display = _entry(find, "eglQueryDisplayAttribEXT", ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
-    of_device = _entry(find, "eglQueryDeviceAttribEXT", ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
-    text = _entry(find, "eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
-    device, cuda = ctypes.c_void_p(), ctypes.c_void_p()
-    if not (of_display and text) or not of_display(display, EGL_DEVICE, ctypes.byref(device)):
+def drawing_device(library):
+    """The device of EGL's current context; 0 where it cannot be asked, None without a context."""
+    display = _pointer(library.eglGetCurrentDisplay)
+    if not display or not _pointer(library.eglGetCurrentContext):
+        return None
+    kinds = ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
+    of_display = entry(library.eglGetProcAddress, "eglQueryDisplayAttribEXT", *kinds)
+    device = ctypes.c_void_p()
+    known = of_display and of_display(display, EGL_DEVICE, ctypes.byref(device))
+    return device.value or 0 if known else 0
+
+
+def described(find, device):
+    """The file of a device, the number by which CUDA knows it, or that it is no hardware."""
+    text = entry(find, "eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
+    if not text:
         return ""
     extensions = (text(device, EGL_EXTENSIONS) or b"").split()
     found = []
     if b"EGL_EXT_device_drm" in extensions:
         found.append(_text(text(device, EGL_DRM_FILE)))
-    if b"EGL_NV_device_cuda" in extensions and of_device and of_device(device, EGL_CUDA_DEVICE, ctypes.byref(cuda)):
-        found.append("CUDA {}".format(cuda.value or 0))
+    cuda = ordinal(find, device) if b"EGL_NV_device_cuda" in extensions else None
+    if cuda is not None:
+        found.append("CUDA {}".format(cuda))
     if b"EGL_MESA_device_software" in extensions:
         found.append("software")
     return ", ".join(one for one in found if one)
 
 
+def ordinal(find, device):
+    """The number by which CUDA knows a device of EGL; None where it knows it not."""
+    kinds = ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
+    of_device = entry(find, "eglQueryDeviceAttribEXT", *kinds)
+    cuda = ctypes.c_void_p()
+    known = of_device and of_device(device, EGL_CUDA_DEVICE, ctypes.byref(cuda))
+    return cuda.value or 0 if known else None
+
+
 def _strings(find):
-    ask = _entry(find, "glGetString", ctypes.c_char_p, ctypes.c_uint)
+    ask = entry(find, "glGetString", ctypes.c_char_p, ctypes.c_uint)
     return {name: _text(ask(number)) for name, number in STRINGS} if ask else {}
 
 
-def _entry(find, name, result, *arguments):
+def entry(find, name, result, *arguments):
     """A C function, as these libraries find it by its name; None where they know none."""
     find.restype, find.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
     address = find(name.encode())

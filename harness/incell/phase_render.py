@@ -6,6 +6,7 @@ import sys
 import numpy as np
 
 from .cell_context import current
+from .cell_device import device
 from .cell_episode import single
 from .cell_errors import Skip, violate
 from .cell_pictures import advance, composed, followed, marred, same, values
@@ -97,5 +98,5 @@ def _examine(probe, facts, frame, which):
         violate("blank frame: every pixel is {}", [int(v) for v in frame[0, 0]])
 
 
-CHECKS = {"render.rgb_array": rgb_array, "render.unclosed": unclosed}
+CHECKS = {"render.rgb_array": rgb_array, "render.device": device, "render.unclosed": unclosed}
 FOLLOWERS = {"render.rgb_array": ("render.unclosed",)}

@@ -1,0 +1,229 @@
+"""The device that draws: which one was asked for and which one it is, and whose memory it takes.
+
+A device is known by its place in what eglQueryDevicesEXT lists. That order is the driver's: CUDA counts otherwise.
+"""
+
+import ctypes
+import json
+import os
+
+from .cell_context import asked, current, described, drawing_device, entry, ordinal
+from .cell_episode import opened, single, tell
+from .cell_errors import Skip, summary, violate
+from .cell_workers import Maker, endings, finish, processes
+
+ARGUMENT = "render_gpu_device_id"
+VARIABLES = ("MUJOCO_EGL_DEVICE_ID", "CUDA_VISIBLE_DEVICES")
+MOST = 32
+CAMERA = {"has_offscreen_renderer": True, "use_camera_obs": True, "camera_names": "agentview"}
+"""What makes robosuite draw whenever it observes."""
+
+PATIENCE = 5.0
+
+
+def device(probe, facts):
+    """Draw one picture; the device that did it has to be the one that each setting asked for."""
+    wanted = settings(probe.case)
+    told = facts["told"] = {"asked": wanted}
+    memory = Memory()
+    memory.note("before")
+    try:
+        with single(probe, draw=True) as env:
+            env.seed_actions(probe.case["seed"])
+            env.reset(probe.case["seed"])
+            env.render()
+            got = told["got"] = env.where_drawn(seen)
+            told["devices"] = got.pop("devices", [])
+            memory.note("after")
+        if memory.gpus:
+            told["workers"] = _workers(probe, memory)
+    finally:
+        told["memory"] = memory.told()
+    _compare(probe, wanted, got)
+
+
+def settings(case):
+    """What was asked for, by the name of the setting that says so; one that is empty stands there, too."""
+    found = {name: os.environ[name] for name in VARIABLES if name in os.environ}
+    if ARGUMENT in case["kwargs"]:
+        found[ARGUMENT] = case["kwargs"][ARGUMENT]
+    return found
+
+
+def seen():
+    """What draws (see `cell_context`); of EGL also the `index` of its device, its `cuda` number, and all `devices`."""
+    return dict(current(), **asked(("libEGL.so", _place)))
+
+
+def _place(library):
+    drawing = drawing_device(library)
+    if not drawing:
+        return None
+    find = library.eglGetProcAddress
+    query = entry(find, "eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+    listed, count = (ctypes.c_void_p * MOST)(), ctypes.c_int()
+    if not query or not query(MOST, listed, ctypes.byref(count)):
+        return None
+    devices = list(listed[: count.value])
+    found = {"devices": [described(find, one) for one in devices], "cuda": ordinal(find, drawing)}
+    if drawing in devices:
+        found["index"] = devices.index(drawing)
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _compare(probe, wanted, got):
+    """Fail where a setting names another device than the one that drew."""
+    asking = {name: numbers for name, numbers in ((name, named(name, wanted[name])) for name in wanted) if numbers}
+    if not got:
+        if asking:
+            message = "what draws cannot be asked here"
+            raise Skip(message)
+        return
+    index, cuda = got.get("index"), got.get("cuda")
+    if got["api"] == "egl" and index is None:
+        message = "this driver does not tell which of its devices draws"
+        raise Skip(message)
+    here = [number for number in (index, cuda) if number is not None]
+    right = [name for name in asking if set(asking[name]) & set(here)]
+    for name in (ARGUMENT, *VARIABLES):
+        if name in asking and name not in right and (name != "CUDA_VISIBLE_DEVICES" or cuda is not None):
+            text = "asked for device {} by {}, drew {}"
+            numbers = " or ".join(str(number) for number in asking[name])
+            violate(text, numbers, written(name, wanted[name]), _where(got, [(one, wanted[one]) for one in right]))
+    if right and cuda is not None and cuda != index:
+        text = "EGL device {} is CUDA device {}: {} counts by one of them"
+        probe.finding("render.device", text.format(index, cuda, " and ".join(right)))
+
+
+def named(name, value):
+    """The numbers of devices that a setting names: none where it leaves the choice open or names them otherwise."""
+    parts = str(value).split(",") if name == "CUDA_VISIBLE_DEVICES" else [str(value)]
+    return [int(part) for part in parts if part.strip().isdigit()]
+
+
+def written(name, value):
+    """A setting as it is typed."""
+    return "{}={}".format(name, value)
+
+
+def _where(got, right):
+    """Where it was drawn, and which settings name that place."""
+    if got["api"] != "egl":
+        return "by {}, which knows no devices".format(got["api"])
+    by = " and ".join(written(*one) for one in right)
+    if got.get("cuda") is not None:
+        return "on EGL device {} (CUDA device {}), which {} named".format(got["index"], got["cuda"], by or "nothing")
+    return "on EGL device {}, which {} named".format(got["index"], by or "nothing")
+
+
+# --- memory ----------------------------------------------------------------------------------------------------
+
+
+class Memory:
+    """What is in use of each NVIDIA GPU, by all processes of the machine, as NVML tells, which the driver brings."""
+
+    def __init__(self):
+        self.gpus = []
+        self.missing = ""
+        try:
+            self.library = ctypes.CDLL("libnvidia-ml.so.1")
+        except OSError:
+            self.missing = "no libnvidia-ml.so.1: no NVIDIA driver here"
+            return
+        try:
+            self._find()
+        except (OSError, AttributeError) as error:
+            self.missing = summary(error)
+
+    def _find(self):
+        self._call("nvmlInit_v2")
+        count = ctypes.c_uint()
+        self._call("nvmlDeviceGetCount_v2", ctypes.byref(count))
+        for number in range(min(count.value, MOST)):
+            handle, name = ctypes.c_void_p(), ctypes.create_string_buffer(96)
+            self._call("nvmlDeviceGetHandleByIndex_v2", ctypes.c_uint(number), ctypes.byref(handle))
+            self._call("nvmlDeviceGetName", handle, name, ctypes.c_uint(len(name)))
+            self.gpus.append((handle, {"name": name.value.decode("utf-8", "replace")}))
+
+    def _call(self, name, *arguments):
+        code = getattr(self.library, name)(*arguments)
+        if code:
+            message = "{} returned {}".format(name, code)
+            raise OSError(message)
+
+    def note(self, when):
+        """Keep how many MiB are in use now."""
+        used = (ctypes.c_ulonglong * 3)()  # total, free, used
+        for handle, gpu in self.gpus:
+            try:
+                self._call("nvmlDeviceGetMemoryInfo", handle, ctypes.byref(used))
+                gpu[when] = used[2] >> 20
+            except OSError as error:
+                gpu[when] = str(error)
+
+    def told(self):
+        """MiB by GPU, in NVML's order (that of the PCI bus), or why there are none."""
+        return [gpu for _, gpu in self.gpus] or "unavailable: " + (self.missing or "NVML names no GPU")
+
+
+# --- workers ---------------------------------------------------------------------------------------------------
+
+
+class Drawing(Maker):
+    """Makes an environment that draws; a worker leaves in a file what drew after its reset."""
+
+    def made(self):
+        """Make the library's own object, as it draws."""
+        env = drawing(self.api, self.case)
+        if os.getpid() != self.parent:
+            self._watch(env)
+        return env
+
+    def _watch(self, env):
+        reset, path = env.reset, os.path.join(self.folder, "drew-{}.json".format(os.getpid()))
+
+        def drawn(*args, **kwargs):
+            result = reset(*args, **kwargs)
+            if self.case["api"] != "robosuite":  # which draws what it observes
+                env.render()
+            with open(path, "w", encoding="utf-8") as file:
+                json.dump(seen(), file)
+            return result
+
+        env.reset = drawn
+
+
+def drawing(api, case):
+    """The library's own object, as it draws."""
+    if case["api"] == "robosuite":
+        name = case["env"].partition(":")[2] or case["env"]
+        wrapped = name if name.startswith("GymWrapper(") else "GymWrapper({})".format(name)
+        return api.bare(dict(case, env="robosuite:" + wrapped, kwargs=dict(CAMERA, **case["kwargs"])))
+    return api.bare(case, render_mode="rgb_array")
+
+
+def _workers(probe, memory):
+    """Draw in the workers of a vector environment, too: the devices that they drew on, or why there are none."""
+    makers = [Drawing(probe, "render.device")] * probe.num_envs
+    env = None
+    try:
+        way = {"context": "spawn"}
+        with opened(probe, "vector", lambda: probe.api.make_vector(makers, way, tell(probe, "vector"))) as env:
+            env.reset(probe.case["seed"])
+            memory.note("with {} workers".format(len(makers)))
+            names = sorted(name for name in os.listdir(probe.folder) if name.startswith("drew-"))
+            return [_read(os.path.join(probe.folder, name)) for name in names]
+    except Skip as skip:
+        return str(skip)
+    except Exception as error:
+        return "they failed: " + summary(error)
+    finally:
+        workers = processes(env, None)
+        endings(workers, PATIENCE)
+        finish(workers)
+
+
+def _read(path):
+    with open(path, encoding="utf-8") as file:
+        found = json.load(file)
+    return {name: found[name] for name in ("api", "index", "cuda") if name in found}
