@@ -17,6 +17,7 @@ from itertools import combinations, permutations
 from typing import Any
 
 from harness.errors import BadInput
+from harness.evidence import causes
 from harness.matrix import ExpectTable, Matrix
 from harness.merging import natural
 from harness.model import Cell, Phase, Verdict
@@ -85,7 +86,7 @@ def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], toda
 def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
     """Judge a result by what the matrix expects of the cell now: whether it fits, and why that is out of date."""
     judged = Judgement(verdict=entry.verdict, phases=entry.phases, phase=entry.phase, decisive=entry.decisive)
-    return expected(cell, judged, today)
+    return expected(cell, judged, today, causes({one.signature: one.masks for one in entry.diagnoses}))
 
 
 # --- the tables ------------------------------------------------------------------------------------------------

@@ -6,11 +6,12 @@ import dataclasses
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
 from harness import schema, verdict
+from harness.evidence import NOTHING_KNOWN, Knowledge, causes, diagnosed
 from harness.model import (
     CASE_PHASES,
     CaseRecord,
@@ -33,6 +34,7 @@ from harness.reporttypes import (
     CaseEntry,
     CellEntry,
     ControlEntry,
+    DiagnosisEntry,
     Document,
     DroppedEntry,
     ExpectationEntry,
@@ -41,6 +43,7 @@ from harness.reporttypes import (
     SubjectEntry,
     SuiteEntry,
 )
+from harness.signatures import Diagnosis
 
 DRAWN = ("api", "vendor", "renderer", "version", "device")
 LONGEST_TEXT = 300
@@ -52,26 +55,28 @@ Locate = Callable[[str], str]
 # --- making it -------------------------------------------------------------------------------------------------
 
 
-def build(
+def build(  # noqa: PLR0913 - all that a document is made of
     records: Iterable[CellRecord],
     plans: Sequence[Plan],
     machines: Mapping[str, Mapping[str, Any]],
     generated: str,
     locate: Locate = str,
     probes: Mapping[str, str] = MappingProxyType({}),
+    *,
+    known: Knowledge = NOTHING_KNOWN,
 ) -> Document:
     """Judge every planned cell on every machine it was measured on; one without a record has a row that says so."""
-    known: dict[str, list[CellRecord]] = {}
+    measured: dict[str, list[CellRecord]] = {}
     for record in records:
-        known.setdefault(record.cell.id, []).append(record)
+        measured.setdefault(record.cell.id, []).append(record)
     here = next(iter(machines)) if len(machines) == 1 else ""
     cells: list[CellEntry] = []
     stale = [sentence for plan in plans for sentence in plan.stale]
-    mark = marks()
+    making = _Making(generated, locate, marks(), known)
     for cell in (cell for plan in plans for cell in plan.cells):
         unrun = CellRecord(cell=cell, machine=here)
-        for record in sorted(known.get(cell.id, [unrun]), key=lambda record: record.machine):
-            entry, outdated = _entry(record, generated, locate, mark)
+        for record in sorted(measured.get(cell.id, [unrun]), key=lambda record: record.machine):
+            entry, outdated = _entry(record, making)
             cells.append(entry)
             stale += [outdated] if outdated else []
     return Document(
@@ -110,9 +115,20 @@ def marks() -> Callable[[Cell], str]:
     return mark
 
 
-def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell], str]) -> tuple[CellEntry, str | None]:
-    cell, judged = record.cell, verdict.judge(record)
-    as_expected, stale = verdict.expected(cell, judged, today)
+class _Making(NamedTuple):
+    """What the entries of a document are made with."""
+
+    today: str
+    locate: Locate
+    mark: Callable[[Cell], str]
+    known: Knowledge
+
+
+def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
+    cell, judged, locate = record.cell, verdict.judge(record), making.locate
+    found = diagnosed(record, judged, making.known)
+    fitting = causes({one.signature.id: one.signature.masks for one in found})
+    as_expected, stale = verdict.expected(cell, judged, making.today, fitting)
     phases = [phase for case in record.cases for phase in case.phases] + ([record.suite] if record.suite else [])
     lock = locate(record.lock) if record.lock else None
     entry = CellEntry(
@@ -142,12 +158,12 @@ def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell]
         phases={phase: judged.phases[phase] for phase in Phase if phase in judged.phases},
         cases=tuple(_case(record, case, locate) for case in record.cases),
         decisive=judged.decisive,
-        diagnoses=(),
+        diagnoses=tuple(map(_diagnosis, found)),
         evidence=_evidence(record, judged.phase, locate),
         phase=judged.phase,
         expectation=_expectation(cell),
         requirements=cell.question.requirements,
-        asked=mark(cell),
+        asked=making.mark(cell),
         subject=_subject(record),
         brought=tuple(msgspec.convert(one, BroughtEntry, from_attributes=True) for one in record.brought)
         or msgspec.UNSET,
@@ -161,6 +177,21 @@ def _entry(record: CellRecord, today: str, locate: Locate, mark: Callable[[Cell]
     return entry, stale
 
 
+def _diagnosis(found: Diagnosis) -> DiagnosisEntry:
+    one = found.signature
+    return DiagnosisEntry(
+        signature=one.id,
+        cause=one.cause,
+        remedy=one.remedy.plain,
+        proven=False,
+        masks=one.masks,
+        references=one.references,
+        generic=one.generic,
+        phase=found.phase,
+        seen=found.seen,
+    )
+
+
 def _repair(repair: Repair) -> dict[str, Any]:
     """What was changed of a release, so that anybody can make the same wheel."""
     return {
@@ -169,7 +200,7 @@ def _repair(repair: Repair) -> dict[str, Any]:
         "edits": [{"field": edit.field, "from": edit.old, "to": edit.new} for edit in repair.edits],
         "reason": repair.reason,
         "link": repair.link,
-        "sdist_sha256": repair.sdist,
+        ("wheel_from_sha256" if repair.python is None else "sdist_sha256"): repair.origin,
         "wheel_sha256": repair.wheel,
         "build": list(repair.build),
     }

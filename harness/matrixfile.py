@@ -7,7 +7,7 @@ form, keys that exclude one another. Everything is pure; `sources` names the fil
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -84,6 +84,21 @@ def sources(matrix: Matrix) -> dict[str, str]:
         for name, content in changes.files.items()
         if isinstance(content, SourceTable)
     }
+
+
+def signatures(matrix: Matrix) -> list[tuple[Keys, str]]:
+    """Ids of the known failures that the matrix names, and where."""
+    return [(("expect", n, "signature"), one.signature) for n, one in enumerate(matrix.expect) if one.signature]
+
+
+def check_signatures(matrix: Matrix, known: Iterable[str]) -> None:
+    """Refuse the name of a failure that is not known."""
+    ids = set(known)
+    for path, name in signatures(matrix):
+        with located(matrix.path, *path):
+            if name not in ids:
+                message = f'no signature is called "{name}"{suggestion(name, ids)}'
+                raise ValueError(message)
 
 
 def repairing(matrix: Matrix) -> bool:
@@ -333,8 +348,6 @@ def _check_expect(expected: ExpectTable, phases: Sequence[Phase]) -> None:
         message = f'"{expected.verdict}" says nothing about packages and cannot be expected'
     elif expected.phase is not None and expected.phase not in phases:
         message = f'no cell goes through the phase "{expected.phase}" yet'
-    elif expected.signature is not None:
-        message = f'no signature "{expected.signature}" is known; say with "match" what the decisive line is like'
     if message:
         raise ValueError(message)
 

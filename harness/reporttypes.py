@@ -140,7 +140,10 @@ class ControlEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 
 class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A known cause that fits the evidence."""
+    """A known cause that fits the evidence: `seen` is the line by which it was told.
+
+    The remedy is proven where the cell `proof`, which is this one with the remedy applied, was measured and works.
+    """
 
     signature: str
     cause: str
@@ -148,6 +151,10 @@ class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
     proven: bool
     masks: bool
     references: tuple[str, ...]
+    generic: bool = False
+    phase: Phase | None = None
+    seen: str = ""
+    proof: str | None = None
 
 
 class CellEntry(msgspec.Struct, frozen=True, kw_only=True):

@@ -276,10 +276,13 @@ def _unverified(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | Non
 # --- against what was expected ---------------------------------------------------------------------------------
 
 
-def expected(cell: Cell, judgement: Judgement, today: str) -> tuple[bool | None, str | None]:
+def expected(
+    cell: Cell, judgement: Judgement, today: str, causes: Collection[str] = ()
+) -> tuple[bool | None, str | None]:
     """Whether the cell is as expected (None where nothing can be said), and why its expectation is stale, if it is.
 
-    `today` is an ISO date or instant. A cell without expectation is expected to work.
+    `today` is an ISO date or instant, `causes` are the known failures that fit it, by id. A cell without expectation is
+    expected to work.
     """
     expect = cell.expect
     told = judgement.verdict not in UNTOLD
@@ -289,6 +292,7 @@ def expected(cell: Cell, judgement: Judgement, today: str) -> tuple[bool | None,
         judgement.verdict is expect.verdict
         and expect.phase in {None, judgement.phase}
         and (expect.match is None or re.search(expect.match, judgement.decisive or "") is not None)
+        and (expect.signature is None or expect.signature in causes)
     )
     return (fits if told else None), outdated(cell.id, judgement.verdict, expect, today)
 

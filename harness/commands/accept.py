@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from harness import accepting, catalog, document, machine, matrixfile, store
+from harness import accepting, catalog, document, knowledge, machine, matrixfile, store
 from harness.commands import report, reporting
 from harness.commands.run import choose, tell
 from harness.errors import BadInput, HarnessError
@@ -88,7 +88,8 @@ def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
     if not known:
         message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
         raise BadInput(message)
-    return _by_id(document.build(known, [dated], {here.id: here.facts}, store.now()).cells)
+    causes = knowledge.beside(opened.folder)
+    return _by_id(document.build(known, [dated], {here.id: here.facts}, store.now(), known=causes).cells)
 
 
 def _reported(source: str, plan: Plan) -> dict[str, list[CellEntry]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document, machine, store, verdict
+from harness import document, knowledge, machine, store, verdict
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Cell, Verdict
@@ -89,4 +89,5 @@ def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
     if record is None:
         return False
     judged = verdict.judge(record)
-    return judged.verdict is Verdict.INCONCLUSIVE or verdict.expected(cell, judged, today)[0] is False
+    causes = knowledge.fitting(record, opened.folder)
+    return judged.verdict is Verdict.INCONCLUSIVE or verdict.expected(cell, judged, today, causes)[0] is False

@@ -13,7 +13,7 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
-from harness import document, launch, machine, outcomes, pages, present, store, tables, verdict
+from harness import document, knowledge, launch, machine, outcomes, pages, present, store, tables, verdict
 from harness.commands import standing
 from harness.errors import HarnessError
 from harness.filelocks import exclusive
@@ -87,7 +87,8 @@ def publish(
             report, shown = standing.read(note, made_of, folder), None
             if report is None:
                 locate = place(known, opened, folder)
-                report = document.build(known, [plan], {here.id: here.facts}, store.now(), locate, used)
+                facts, causes = {here.id: here.facts}, knowledge.beside(opened.folder)
+                report = document.build(known, [plan], facts, store.now(), locate, used, known=causes)
                 shown = write(report, folder, wanted.pivot, plan.page)
                 standing.keep(note, made_of, folder)
         made.append(Published(folder, report, shown))

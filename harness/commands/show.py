@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import catalog, document, plan, store, tables
+from harness import catalog, document, knowledge, plan, store, tables
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
@@ -75,7 +75,8 @@ def _document(records: Sequence[CellRecord], opened: Store) -> Document:
     planned = Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes))
     machines = {record.machine: opened.load_machine(record.machine) for record in records}
     locate = reporting.seen_from_here(opened.folder)
-    return document.build(records, [planned], machines, store.now(), locate)
+    causes = knowledge.beside(opened.folder)
+    return document.build(records, [planned], machines, store.now(), locate, known=causes)
 
 
 # --- what is said ----------------------------------------------------------------------------------------------

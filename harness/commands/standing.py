@@ -8,7 +8,19 @@ from pathlib import Path
 
 import msgspec
 
-from harness import document, pages, present, reporttypes, store, tables, trust, verdict
+from harness import (
+    document,
+    evidence,
+    knowledge,
+    pages,
+    present,
+    reporttypes,
+    signatures,
+    store,
+    tables,
+    trust,
+    verdict,
+)
 from harness.errors import HarnessError
 from harness.machine import Machine
 from harness.model import CellRecord, Plan
@@ -59,8 +71,8 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
     """Another version of what makes reports makes another report."""
-    modules = (document, pages, present, reporttypes, tables, trust, verdict)
-    files = [*(Path(str(module.__file__)) for module in modules), template()]
+    modules = (document, evidence, pages, present, reporttypes, signatures, tables, trust, verdict)
+    files = [*(Path(str(module.__file__)) for module in modules), template(), *knowledge.files()]
     return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)
 
 

@@ -19,6 +19,7 @@ from harness import (
     document,
     inputs,
     interpreters,
+    knowledge,
     machine,
     plan,
     repairs,
@@ -112,7 +113,8 @@ def main(args: argparse.Namespace) -> int:
         here = machine.facts()
         locate = reporting.seen_from_here(opened.folder)
         facts = {here.id: here.facts}
-        made = document.build([record], [planned], facts, store.now(), locate, reporting.probes(planned))
+        used, causes = reporting.probes(planned), knowledge.beside(opened.folder)
+        made = document.build([record], [planned], facts, store.now(), locate, used, known=causes)
         sys.stdout.write(document.encode(made).decode())
     else:
         print(answer(record, judged))

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import pytest
 
-from harness import outcomes, store, verdict
+from harness import knowledge, outcomes, store, verdict
 from harness.__main__ import SHORTAGES
 from harness.errors import CouldNotTell, HarnessError
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan
@@ -161,9 +161,10 @@ class VerdictItem(CellItem):
 
     def measured(self) -> Ended:
         """How the cell is judged."""
-        self.record = self.config.stash[SESSION].measuring.whole(self.cell)
+        measuring = self.config.stash[SESSION].measuring
+        self.record = measuring.whole(self.cell)
         self.facts = {**self.told_of(self.record), "verdict": verdict.judge(self.record).verdict.value}
-        return judging.judged(self.record, store.now())
+        return judging.judged(self.record, store.now(), knowledge.fitting(self.record, measuring.store.folder))
 
 
 class ExpectationItem(Told):

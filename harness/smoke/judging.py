@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -101,10 +101,13 @@ def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozense
     return Ended(kind=told.kind, text=text, evidence=told.evidence)
 
 
-def judged(record: CellRecord, today: str) -> Ended:
-    """How the item of a cell's verdict ended: an expected failure is a strict xfail."""
+def judged(record: CellRecord, today: str, causes: Collection[str] = ()) -> Ended:
+    """How the item of a cell's verdict ended: an expected failure is a strict xfail.
+
+    `causes` are the known failures that fit it, by id.
+    """
     cell, judgement = record.cell, verdict.judge(record)
-    right, stale = verdict.expected(cell, judgement, today)
+    right, stale = verdict.expected(cell, judgement, today, causes)
     told = f"{judgement.verdict}{_where(judgement)}"
     line = f": {judgement.decisive}" if judgement.decisive else ""
     match judgement.verdict:

@@ -269,10 +269,6 @@ MISTAKES: dict[str, tuple[str, str]] = {
         AXES + CASE + "timeouts = { single = inf }",
         "demo.toml: cases[0].timeouts: inf cannot be handed to a cell",
     ),
-    "signature": (
-        AXES + CASE + '[[expect]]\ncells = "*"\nverdict = "broken"\nsignature = "numpy2"\nreason = "known"',
-        'demo.toml: expect[0]: no signature "numpy2" is known; say with "match" what the decisive line is like',
-    ),
     "when-axis": (
         AXES + CASE + 'when = { gymnasum = ">=1" }',
         'demo.toml: cases[0].when.gymnasum: there is no such axis; did you mean "gymnasium"?',
@@ -335,6 +331,18 @@ MISTAKES: dict[str, tuple[str, str]] = {
 def test_mistakes_are_one_sentence(text: str, sentence: str) -> None:
     """Every mistake is told with file, key path, what is wrong, and where it helps the nearest valid name."""
     assert refused(text) == sentence
+
+
+def test_signatures_that_it_names_are_known_ones() -> None:
+    """Another id is a mistake, told with the nearest."""
+    text = AXES + CASE + '[[expect]]\ncells = "*"\nverdict = "broken"\nsignature = "numpy2"\nreason = "known"'
+    read = matrixfile.read(text, "demo.toml")
+    matrixfile.check_signatures(read, ["numpy2", "worker-eof"])
+    with pytest.raises(BadInput) as told:
+        matrixfile.check_signatures(read, ["numpy-2", "worker-eof"])
+    assert str(told.value) == (
+        'demo.toml: expect[0].signature: no signature is called "numpy2"; did you mean "numpy-2"?'
+    )
 
 
 def test_name_of_the_file_must_be_a_label() -> None:

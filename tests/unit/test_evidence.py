@@ -1,0 +1,169 @@
+"""What was written of a cell's failures, the known ones among them, and how documents and expectations tell of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from specimens import GENERATED, MACHINES, RESET, XML, case, phase, record, step, warning
+
+from harness import document, knowledge, signatures, verdict
+from harness.errors import BadInput
+from harness.evidence import Knowledge, causes, diagnosed, failures
+from harness.model import CellRecord, Expectation, Outcome, Phase, Plan, Verdict
+from harness.reporttypes import CellEntry, DiagnosisEntry
+
+KNOWN = signatures.read(
+    {
+        "known.toml": """
+[[signature]]
+id = "mask"
+phases = ["vector"]
+pattern = "ConnectionResetError"
+masks = true
+cause = "a worker is gone"
+examples = ["ConnectionResetError", "builtins.ConnectionResetError"]
+remedy = { text = "look at the worker" }
+[[signature]]
+id = "xml"
+phases = ["vector"]
+pattern = "XML Error"
+packages = ["gymnasium<2"]
+cause = "the model is wrong"
+examples = ["XML Error", "ValueError: XML Error"]
+references = ["https://example.org/1"]
+remedy = { requirements = ["mujoco<3"], text = "or mend it" }
+[[signature]]
+id = "crash"
+signal = "SIGSEGV"
+cause = "something broke"
+examples = ["killed by SIGSEGV", "worker killed by SIGSEGV"]
+remedy = { text = "who knows" }
+"""
+    }
+)
+VECTOR = phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET, evidence="evidence/v")
+MASKED = record(case("ppfp", vector=VECTOR))
+
+
+def known(**logs: dict[str, str]) -> Knowledge:
+    """The signatures above, with texts kept at `evidence/NAME`."""
+    return Knowledge(signatures=lambda: KNOWN, logs=lambda path: logs.get(Path(path).name, {}))
+
+
+def entry(made: CellRecord, knowledge: Knowledge) -> CellEntry:
+    """The entry of a record in a document of its own."""
+    plan = Plan(matrix="quick", cells=(made.cell,))
+    return document.build([made], [plan], MACHINES, GENERATED, known=knowledge).cells[0]
+
+
+def test_what_a_failure_says() -> None:
+    """Its lines first, what hid them last of these; findings and what was kept of its phase are beside."""
+    reply = [
+        {"check": "vector.sync", "outcome": "failed", "raised": {"type": "E", "traceback": "File a\nE: deep"}},
+        {"check": "vector.sync", "outcome": "failed", "workers": [{"stacks": "File b"}], "reason": "it hung"},
+        {"check": "single.loop", "outcome": "failed", "raised": {"traceback": "of another phase"}},
+        {"check": "vector.async.fork", "outcome": "passed", "raised": {"traceback": "of what passed"}},
+        {"kind": "raised", "raised": {"traceback": "of a worker"}},
+    ]
+    lines = "\n".join(map(json.dumps, reply)) + '\n{"cut'
+    logs = {"v": {"log.txt": "libEGL warning", "reply.jsonl": lines}}
+    found = (warning("vector.repeat", "another trajectory"),)
+    failed = replace(VECTOR, findings=found)
+    (told,) = failures(record(case("ppfp", vector=failed)), lambda path: logs[Path(path).name])
+    assert (told.phase, told.told, told.signal) == (Phase.VECTOR, (XML, RESET), None)
+    assert told.logs == (
+        "another trajectory", "libEGL warning", "File a\nE: deep", "File b", "it hung", "of a worker",
+    )  # fmt: skip
+
+
+def test_a_step_of_the_host_and_a_signal() -> None:
+    """The log of a build is read; what killed a process is told from its line."""
+    failed = replace(step(Phase.INSTALL, Outcome.FAILED, "worker killed by SIGSEGV in f"), log="evidence/build.log")
+    made = record(install=failed, installed=None)
+    (told,) = failures(made, lambda path: {path: "gcc: no"})
+    assert (told.phase, told.told, told.logs, told.signal) == (
+        Phase.INSTALL, ("worker killed by SIGSEGV in f",), ("gcc: no",), "SIGSEGV",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("letters", ["pppp", "ppip", "pppu", "ssss"])
+def test_only_red_cells_are_diagnosed(letters: str) -> None:
+    """Of what works, or says nothing about packages, no cause is sought."""
+    made = record(case(letters, single=phase(Phase.SINGLE, Outcome.PASSED, findings=(warning("x", "XML Error"),))))
+    assert diagnosed(made, verdict.judge(made), known()) == ()
+
+
+def test_the_document_has_the_cause_before_its_mask() -> None:
+    """With all that a reader needs; packages that are not there speak against a signature."""
+    red = entry(MASKED, known())
+    first = DiagnosisEntry(
+        signature="xml",
+        cause="the model is wrong",
+        remedy={"requirements": ["mujoco<3"], "text": "or mend it"},
+        proven=False,
+        masks=False,
+        references=("https://example.org/1",),
+        phase=Phase.VECTOR,
+        seen=XML,
+    )
+    assert red.diagnoses[0] == first
+    assert [each.signature for each in red.diagnoses] == ["xml", "mask"]
+    other = replace(MASKED, installed={"gymnasium": "2.0"})
+    assert [each.signature for each in entry(other, known()).diagnoses] == ["mask"]
+    assert entry(MASKED, Knowledge()).diagnoses == ()
+
+
+def expecting(signature: str) -> CellRecord:
+    """The masked failure in a cell that is expected to be of this kind."""
+    expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature=signature)
+    return replace(MASKED, cell=replace(MASKED.cell, expect=expect))
+
+
+@pytest.mark.parametrize(("signature", "fits"), [("xml", True), ("mask", False), ("crash", False)])
+def test_a_cell_can_be_expected_to_fail_in_a_known_way(signature: str, fits: bool) -> None:
+    """By its cause, never by the mask of it."""
+    assert entry(expecting(signature), known()).as_expected is fits
+
+
+def test_a_mask_counts_where_nothing_else_is_known() -> None:
+    """So a cell can be expected to fail by one."""
+    assert causes({"xml": False, "mask": True, "other": False}) == ("xml", "other")
+    assert causes({"mask": True}) == ("mask",)
+    bare = replace(VECTOR, decisive=RESET, checks=())
+    made = replace(expecting("mask"), cases=(case("ppfp", vector=bare),))
+    assert entry(made, known()).as_expected is True
+
+
+def test_kept_texts_are_read_to_a_bound(tmp_path: Path) -> None:
+    """Files of a folder by name, of a long one both ends; no pictures; nothing where nothing is."""
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / "log.txt").write_text("begin" + "x" * 100_000 + "end")
+    (tmp_path / "e" / "first.png").write_bytes(b"\x89")
+    (tmp_path / "uv.log").write_text("short")
+    read = knowledge.texts(tmp_path / "e")["log.txt"]
+    assert (read[:5], read[-3:], len(read) < 65_000) == ("begin", "end", True)
+    assert list(knowledge.texts(tmp_path / "e")) == ["log.txt"]
+    assert knowledge.texts(tmp_path / "uv.log") == {"uv.log": "short"}
+    assert knowledge.texts(tmp_path / "gone") == {}
+
+
+def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From another folder where the user says so, from none if that is empty; a wrong one is told."""
+    monkeypatch.setenv(knowledge.VARIABLE, "")
+    assert knowledge.known() == ()
+    monkeypatch.setenv(knowledge.VARIABLE, str(tmp_path / "gone"))
+    with pytest.raises(BadInput, match="is no folder; HARNESS_SIGNATURES names the folder of the signatures"):
+        knowledge.known()
+
+
+def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What the pytest items and `--only-failed` ask is free for other cells."""
+    monkeypatch.setenv(knowledge.VARIABLE, str(tmp_path / "gone"))
+    assert knowledge.fitting(MASKED, tmp_path) == ()
+    monkeypatch.delenv(knowledge.VARIABLE)
+    reset = replace(VECTOR, decisive=RESET, checks=())
+    made = replace(expecting("worker-connection-reset"), cases=(case("ppfp", vector=reset),))
+    assert knowledge.fitting(made, tmp_path) == ("worker-connection-reset",)

@@ -1,0 +1,84 @@
+"""The signatures that come with the harness: each knows its own texts, no other's, and nothing of green cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from harness import document, knowledge, signatures
+from harness.model import Verdict
+from harness.reporttypes import CellEntry
+from harness.signatures import Around, Evidence, Signature, diagnose
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "matrices" / knowledge.FOLDER
+KNOWN = signatures.read({path.name: path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.toml"))})
+ENOUGH = 30
+"""Green cells whose texts no signature may know."""
+
+
+def around(one: Signature) -> Around:
+    """Requirements under which nothing speaks against a signature."""
+    return Around(requirements=tuple(part.requirements[0] for part in one.packages))
+
+
+def named(one: Signature, text: str) -> list[tuple[str, bool]]:
+    """What all signatures make of a text where the packages of one are asked for: ids, and whether they are masks."""
+    seen = Evidence(phase=None, told=(text,), signal=one.signal)
+    return [(each.signature.id, each.signature.masks) for each in diagnose(KNOWN, [seen], around(one))]
+
+
+@pytest.mark.parametrize("one", KNOWN, ids=lambda one: one.id)
+class TestSignature:
+    """One of them."""
+
+    def test_knows_its_own_texts(self, one: Signature) -> None:
+        """Each of its examples, and goes before all others that see something there; of a mask those are masks."""
+        for text in one.examples:
+            assert one.pattern is None or signatures.compiled(one.pattern).search(text), text
+            found = named(one, text)
+            if one.masks:
+                assert (one.id, True) in found
+                assert [name for name, masks in found if not masks] == [], text
+            else:
+                assert found[0] == (one.id, False), (text, found)
+                assert [name for name, masks in found[1:] if not masks and not _broad(name)] == [], text
+
+    def test_examples_differ(self, one: Signature) -> None:
+        """Two of the same text would prove nothing."""
+        assert len(set(one.examples)) == len(one.examples) >= 2
+
+    def test_where_it_was_seen_is_written_down(self, one: Signature) -> None:
+        """Somebody met it: there is a reference, or it was reproduced here."""
+        assert one.references or one.verified_on
+
+
+def _broad(name: str) -> bool:
+    return next(one.generic or not one.phases for one in KNOWN if one.id == name)
+
+
+def green() -> Iterator[tuple[Path, CellEntry]]:
+    """Cells of committed reports that work, with the folder of their report."""
+    for path in sorted((ROOT / "reports").glob("*/report.json")):
+        read = document.read(path.read_bytes(), str(path))
+        yield from ((path.parent, cell) for cell in read.cells if cell.verdict is Verdict.WORKS)
+
+
+def texts(folder: Path, cell: CellEntry) -> tuple[str, ...]:
+    """All that was kept of a green cell: its findings, reasons and log."""
+    said = [found.text for found in cell.findings]
+    said += [line for case in cell.cases for line in (*case.reasons.values(), *case.masked.values())]
+    kept = knowledge.texts(folder / cell.evidence) if cell.evidence else {}
+    return (*said, *(text for name, text in kept.items() if not name.endswith(".jsonl")))
+
+
+def test_green_cells_have_no_known_failure() -> None:
+    """Not in any phase, of all that was measured with the packages that take part."""
+    cells = list(green())
+    assert len(cells) >= ENOUGH
+    for folder, cell in cells:
+        seen = Evidence(phase=None, told=texts(folder, cell))
+        found = diagnose(KNOWN, [seen], Around(installed=cell.installed, python=cell.python))
+        assert [(each.signature.id, each.seen) for each in found] == [], cell.id
