@@ -35,7 +35,7 @@ def mended(wheel: bytes, repair: Repair) -> bytes:
         contents = {name: archive.read(info) for name, info in entries.items()}
     folder = next((name.partition("/")[0] for name in contents if name.endswith(".dist-info/METADATA")), None)
     if folder is None or not PURE.search(contents.get(f"{folder}/WHEEL", b"")):
-        message = f"{repair.name} {repair.version}: what its sdist builds is no wheel that fits every machine"
+        message = f"{repair.name} {repair.version}: only a wheel that fits every machine can be repaired"
         raise Unrepairable(message)
     contents[f"{folder}/METADATA"] = _metadata(contents[f"{folder}/METADATA"].decode(), repair).encode()
     record = f"{folder}/RECORD"

@@ -144,19 +144,20 @@ class Edit:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Repair:
-    """A release that no resolver accepts, made acceptable: its sdist built here, lines of the wheel's metadata edited.
+    """A release that no resolver accepts, made acceptable by editing lines of its wheel's metadata.
 
-    `sdist` and `wheel` are SHA-256, that of the wheel once repaired. `build` pins what builds it, `python` says with
-    which Pythons; `uploaded` is the instant at which the index got the sdist.
+    `origin` and `wheel` are SHA-256: of the file that the index has, and of the wheel once repaired. An sdist is built
+    here, with what `build` pins, by the Pythons that `python` says; of a wheel that is None. `uploaded` is the instant
+    at which the index got the file.
     """
 
     name: str
     version: str
     uploaded: str
-    sdist: str
+    origin: str
     wheel: str
     build: tuple[str, ...]
-    python: str
+    python: str | None
     edits: tuple[Edit, ...]
     reason: str
     link: str

@@ -1,17 +1,18 @@
-"""Wheels of repaired releases: built here from the index's own sdist, mended, found by resolutions, locked by hash.
+"""Wheels of repaired releases: the index's own, or built here from its sdist; mended, found by resolutions, locked.
 
 They lie among the wheels that were built here, each in a folder of its own that a resolution is led to.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import builds, environments, index, interpreters, locks, mending, repairs, uv
+from harness import builds, environments, index, interpreters, locks, mending, repairs, uv, uvcli
 from harness.errors import CouldNotTell
 from harness.filelocks import exclusive
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
@@ -71,16 +72,44 @@ def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> 
 
 def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes] | Step:
     """File name and content of the repaired wheel."""
+    take = _fetched if repair.python is None else _built
+    original = take(repair, settings, offline=offline)
+    if isinstance(original, Step):
+        return original
+    name, wheel, told = original
+    try:
+        content = mending.mended(wheel, repair)
+    except mending.Unrepairable as error:
+        return _failed(repair, str(error))
+    found = mending.sha256(content)
+    if found != repair.wheel:
+        return _failed(repair, f"the SHA-256 is {found}{told}, and the recipe says {repair.wheel}")
+    return name, content
+
+
+def _fetched(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str] | Step:
+    """File name and content of the index's own wheel."""
+    try:
+        artifact = index.find(repair.name, repair.origin, settings, offline=offline)
+        with uvcli.scratch() as folder:
+            content = index.fetch(artifact, folder, settings, offline=offline).read_bytes()
+    except CouldNotTell as error:
+        return _failed(repair, str(error))
+    return artifact.filename, content, ""
+
+
+def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str] | Step:
+    """File name and content of the wheel that the index's sdist builds, and who built it."""
     builder = _builder(repair)
     if builder is None:
         told = f"its repaired wheel is built by a Python {repair.python}, and there is none here"
         return _failed(repair, told, Outcome.UNAVAILABLE)
     question = Question(requirements=(), build_constraints=repair.build, index=settings)
     try:
-        artifact = index.find(repair.name, repair.sdist, settings, offline=offline)
+        artifact = index.find(repair.name, repair.origin, settings, offline=offline)
     except CouldNotTell as error:
         return _failed(repair, str(error))
-    pin = Pin(name=repair.name, version=repair.version, artifact=artifact, hashes=(repair.sdist,))
+    pin = Pin(name=repair.name, version=repair.version, artifact=artifact, hashes=(repair.origin,))
 
     def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> environments.Environment | Step:
         return environments.ensure(lock, builder, question, offline=offline, chain=chain)
@@ -88,15 +117,7 @@ def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[st
     built = builds.build(pin, builder, question, provide, offline=offline)
     if isinstance(built, Step):
         return replace(_failed(repair, built.decisive or "its build failed"), log=built.log)
-    try:
-        content = mending.mended(built.path.read_bytes(), repair)
-    except mending.Unrepairable as error:
-        return _failed(repair, str(error))
-    found = mending.sha256(content)
-    if found != repair.wheel:
-        told = f"the SHA-256 is {found} (built by Python {builder.version}), and the recipe says {repair.wheel}"
-        return _failed(repair, told)
-    return built.path.name, content
+    return built.path.name, built.path.read_bytes(), f" (built by Python {builder.version})"
 
 
 def _failed(repair: Repair, told: str, outcome: Outcome = Outcome.INFRA) -> Step:
@@ -106,7 +127,7 @@ def _failed(repair: Repair, told: str, outcome: Outcome = Outcome.INFRA) -> Step
 
 def _builder(repair: Repair) -> Interpreter | None:
     """The newest Python here that can build it."""
-    allowed = SpecifierSet(repair.python)
+    allowed = SpecifierSet(repair.python or "")
     found = [
         one
         for one in interpreters.available()
@@ -131,19 +152,21 @@ def _led(question: Question, *, offline: bool) -> Question | Step:
 
 
 def _dated(answer: Lock | Step, question: Question) -> Lock | Step:
-    """The lock in which a repaired wheel is as old as its sdist: so it did not escape the cutoff."""
+    """The lock in which a repaired wheel is as old as what it was made of: so it did not escape the cutoff."""
     if isinstance(answer, Step) or not question.overlay:
         return answer
     known = {repair.wheel: repair for repair in question.overlay}
-    return locks.assembled((_as_made(pin, known.get(pin.artifact.sha256)) for pin in answer.pins), answer.instant)
+    return locks.assembled((_as_made(pin, known) for pin in answer.pins), answer.instant)
 
 
-def _as_made(pin: Pin, repair: Repair | None) -> Pin:
-    """A pin with the age of its sdist and the path of its wheel, where that was repaired."""
+def _as_made(pin: Pin, known: Mapping[str, Repair]) -> Pin:
+    """A pin of the repaired wheel where it may be one: the index has another, or a wheel of the same name."""
+    repair = next((known[mark] for mark in pin.hashes if mark in known), None)
     if repair is None:
         return pin
     source = str(_folder(repair) / pin.artifact.filename)
-    return replace(pin, artifact=replace(pin.artifact, source=source, uploaded=repair.uploaded))
+    artifact = replace(pin.artifact, sha256=repair.wheel, source=source, size=None, uploaded=repair.uploaded)
+    return replace(pin, artifact=artifact, hashes=(repair.wheel,))
 
 
 def _folder(repair: Repair) -> Path:

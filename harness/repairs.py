@@ -1,6 +1,7 @@
 """Releases that no resolver accepts any more, and lines of their metadata that make them acceptable: recipes as data.
 
-A recipe (`overlays/PACKAGE.toml`) names the sdist and the repaired wheel by their hashes; `mending` changes the lines.
+A recipe (`overlays/PACKAGE.toml`) names what the index has, an sdist or a wheel, and the repaired wheel by their
+hashes; `mending` changes the lines.
 """
 
 from __future__ import annotations
@@ -32,11 +33,12 @@ class EditTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class ReleaseTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One release: its sdist, when that was uploaded, and the wheel that comes out."""
+    """One release: its sdist or its wheel, when that was uploaded, and the wheel that comes out."""
 
     version: str
-    uploaded: Annotated[Instant, msgspec.Meta(description="when the index got the sdist")]
-    sdist: Annotated[Sha256, msgspec.Meta(description="SHA-256 of the index's sdist")]
+    uploaded: Annotated[Instant, msgspec.Meta(description="when the index got the file")]
+    sdist: Annotated[Sha256 | None, msgspec.Meta(description="SHA-256 of the index's sdist, which is built")] = None
+    wheel_from: Annotated[Sha256 | None, msgspec.Meta(description="SHA-256 of the index's wheel, if one is")] = None
     wheel: Annotated[Sha256, msgspec.Meta(description="SHA-256 of the repaired wheel, the same on every machine")]
 
 
@@ -46,8 +48,8 @@ class RecipeTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     package: PackageName
     reason: Annotated[str, msgspec.Meta(min_length=1)]
     link: str
-    build: Annotated[tuple[Requirement, ...], msgspec.Meta(description="all that the sdist is built with, pinned")]
-    python: Annotated[str, msgspec.Meta(description="the Pythons that can build it, as a specifier")]
+    build: Annotated[tuple[Requirement, ...], msgspec.Meta(description="all that sdists are built with, pinned")] = ()
+    python: Annotated[str | None, msgspec.Meta(description="the Pythons that can build them, as a specifier")] = None
     edits: Annotated[tuple[EditTable, ...], msgspec.Meta(min_length=1)]
     releases: Annotated[tuple[ReleaseTable, ...], msgspec.Meta(min_length=1)]
 
@@ -57,7 +59,7 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
     table = load_toml(text, RecipeTable, file)
     with located(file, "python"):
         try:
-            SpecifierSet(table.python)
+            SpecifierSet(table.python or "")
         except InvalidSpecifier:
             message = f'"{table.python}" is not a specifier such as ">=3.7,<3.12"'
             raise ValueError(message) from None
@@ -69,6 +71,8 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
     edits = tuple(Edit(field=edit.field, old=edit.old, new=edit.new) for edit in table.edits)
     made = {}
     for index, release in enumerate(table.releases):
+        with located(file, "releases", index):
+            _check_origin(release, table)
         with located(file, "releases", index, "version"):
             try:
                 version = Version(release.version)
@@ -82,10 +86,10 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
             name=str(table.package),
             version=str(version),
             uploaded=str(release.uploaded),
-            sdist=release.sdist,
+            origin=release.sdist or release.wheel_from or "",
             wheel=release.wheel,
-            build=tuple(map(str, table.build)),
-            python=table.python,
+            build=tuple(map(str, table.build)) if release.sdist else (),
+            python=table.python if release.sdist else None,
             edits=edits,
             reason=table.reason,
             link=table.link,
@@ -93,8 +97,18 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
     return tuple(made[version] for version in sorted(made))
 
 
+def _check_origin(release: ReleaseTable, table: RecipeTable) -> None:
+    """Raise a ValueError unless the release says what it is made of, and its recipe how."""
+    if (release.sdist is None) == (release.wheel_from is None):
+        message = 'name the file of the index that is repaired: either "sdist", which is built, or "wheel_from"'
+        raise ValueError(message)
+    if release.sdist and table.python is None:
+        message = 'the sdist is built: say with which Pythons, as in python = ">=3.7,<3.12", at the top of the file'
+        raise ValueError(message)
+
+
 def fitting(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
-    """The repairs of releases that a question may come to: its bounds allow them, and there were their sdists."""
+    """The repairs of releases that a question may come to: its bounds allow them, and the index had them."""
     lines = (*question.requirements, *question.constraints)
     bounds = _bounds(lines) | _bounds(question.overrides)
     absent = set(question.absent)

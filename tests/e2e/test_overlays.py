@@ -1,4 +1,4 @@
-"""Repaired releases: made from the index's own sdist, resolved, locked by hash, restored elsewhere."""
+"""Repaired releases: made from the index's own sdist or wheel, resolved, locked by hash, restored elsewhere."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 import pytest
 import recipes
 
-from harness import environments, interpreters, overlays, repairs
+from harness import environments, interpreters, mending, overlays, repairs
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 
-INVALID, NARROW = recipes.WHEELS
+INVALID, NARROW, NEW = recipes.WHEELS
 
 
 @pytest.fixture
 def asked(workplace: Path, wheelhouse: Path, offline_index: IndexSettings) -> Question:
-    """Both fakes that have a recipe, repaired."""
+    """The fakes that have a recipe, repaired."""
     overlay = [repairs.read(recipes.recipe(name, wheelhouse), "x.toml")[0] for name in recipes.WHEELS]
-    return Question(requirements=(INVALID, NARROW), index=offline_index, overlay=tuple(overlay))
+    return Question(requirements=tuple(recipes.WHEELS), index=offline_index, overlay=tuple(overlay))
 
 
 def resolved(question: Question, python: Interpreter, folder: Path) -> Lock:
@@ -35,7 +35,12 @@ def test_a_repaired_release_is_found_locked_and_installed(asked: Question, host:
     lock = resolved(asked, host, tmp_path / "state" / "x")
 
     assert {pin.name: pin.artifact.sha256 for pin in lock.pins if pin.name in recipes.WHEELS} == recipes.WHEELS
-    assert lock.versions == {"fake-metadata-invalid": "1.0", "fake-plain": "3.0", "fake-too-narrow": "1.0"}
+    assert lock.versions == {
+        "fake-metadata-invalid": "1.0",
+        "fake-new-python": "1.0",
+        "fake-plain": "3.0",
+        "fake-too-narrow": "1.0",
+    }
     assert all(mark in lock.requirements for mark in recipes.WHEELS.values())
 
     made = environments.ensure(lock, host, asked)
@@ -65,7 +70,8 @@ def test_a_lock_is_restored_where_the_wheel_was_never_made(
     restored = overlays.restore(lock.requirements, asked, host, tmp_path / "state" / "y")
     assert isinstance(restored, Lock)
     assert restored.requirements == lock.requirements
-    assert all((tmp_path / "elsewhere") in Path(pin.artifact.source).parents for pin in restored.pins[::2])
+    sources = [Path(pin.artifact.source) for pin in restored.pins if pin.name in recipes.WHEELS]
+    assert all((tmp_path / "elsewhere") in source.parents for source in sources)
 
     bare = overlays.restore(lock.requirements, replace(asked, overlay=()), host, tmp_path / "state" / "z")
     assert isinstance(bare, Step)
@@ -92,16 +98,16 @@ def test_a_wheel_that_is_gone_is_made_anew(asked: Question, host: Interpreter, t
 
 def test_nothing_is_repaired_before_it_was_released(asked: Question, host: Interpreter, tmp_path: Path) -> None:
     """A repaired wheel is as old as its sdist: the cutoff keeps it out, or it did not escape the cutoff."""
-    early = replace(asked, requirements=(NARROW,), snapshot="2021-10-06T22:04:24Z")
+    early = replace(asked, requirements=(NARROW, NEW), snapshot="2021-10-06T22:04:24Z")
     step = overlays.resolve(early, host, tmp_path / "state" / "x")
     assert isinstance(step, Step)
     assert (step.phase, step.outcome) == (Phase.RESOLVE, Outcome.FAILED)
     assert not list((tmp_path / "cache").glob("wheels/*/*.whl"))
 
-    late = replace(asked, requirements=(NARROW,), snapshot=recipes.UPLOADED)
+    late = replace(asked, requirements=(NARROW, NEW), snapshot=recipes.UPLOADED)
     lock = resolved(late, host, tmp_path / "state" / "y")
     assert lock.escaped == ()
-    assert [pin.artifact.uploaded for pin in lock.pins] == [recipes.UPLOADED]
+    assert [pin.artifact.uploaded for pin in lock.pins] == [recipes.UPLOADED] * 2
 
 
 def test_a_wheel_that_is_not_the_promised_one_is_refused(
@@ -121,10 +127,39 @@ def test_a_wheel_that_is_not_the_promised_one_is_refused(
     )
 
 
+def test_the_indexs_own_wheel_is_no_choice_beside_the_repaired_one(
+    asked: Question, host: Interpreter, wheelhouse: Path, tmp_path: Path
+) -> None:
+    """Both have one name, and uv lists both: the lock holds the hash of the repaired one, of which nothing is built."""
+    lock = resolved(replace(asked, requirements=(NEW,), overlay=asked.overlay[2:]), host, tmp_path / "state" / "x")
+
+    (pin,) = lock.pins
+    (own,) = wheelhouse.glob("fake_new_python-1.0-*.whl")
+    assert pin.hashes == (recipes.WHEELS[NEW],)
+    assert Path(pin.artifact.source).name == own.name
+    assert mending.sha256(Path(pin.artifact.source).read_bytes()) == recipes.WHEELS[NEW]
+    assert mending.sha256(own.read_bytes()) == asked.overlay[2].origin != recipes.WHEELS[NEW]
+    assert not list((tmp_path / "cache" / "wheels" / "requests").glob("*.txt"))
+
+
+def test_a_wheel_that_is_mended_otherwise_is_refused(asked: Question, host: Interpreter, tmp_path: Path) -> None:
+    """Both hashes are told, and nobody who built it."""
+    wrong = replace(asked, overlay=(replace(asked.overlay[2], wheel="f" * 64),), requirements=(NEW,))
+
+    step = overlays.resolve(wrong, host, tmp_path / "state" / "x")
+
+    assert isinstance(step, Step)
+    assert (step.outcome, step.decisive) == (
+        Outcome.INFRA,
+        f"fake-new-python 1.0 could not be repaired: the SHA-256 is {recipes.WHEELS[NEW]}, "
+        f"and the recipe says {'f' * 64}",
+    )
+
+
 @pytest.mark.parametrize(
     ("more", "ended"),
     [
-        ({"sdist": "e" * 64},
+        ({"origin": "e" * 64},
          (Outcome.INFRA, "no index or find-links place that was asked has the file of fake-too-narrow "
                          f"with the SHA-256 {'e' * 64}")),
         ({"python": ">=4"},

@@ -155,7 +155,7 @@ REPAIR = Repair(
     name="gymnasium",
     version="0.29.1",
     uploaded="2023-08-21T00:00:00Z",
-    sdist="1" * 64,
+    origin="1" * 64,
     wheel="2" * 64,
     build=("setuptools==66.1.1",),
     python=">=3.8",

@@ -103,7 +103,7 @@ class TestRecipe:
             name="gym",
             version="0.21.0",
             uploaded="2021-10-06T22:04:25Z",
-            sdist="1" * 64,
+            origin="1" * 64,
             wheel="2" * 64,
             build=("setuptools==66.1.1",),
             python=">=3.7,<3.12",
@@ -125,6 +125,15 @@ class TestRecipe:
             ('version = "0.9"', 'version = "old"', 'gym.toml: releases[1].version: "old" is not a version'),
             ('field = "Requires-Python"', 'field = "Requires"',
              'gym.toml: edits[1].field: unknown value "Requires"; did you mean "Requires-Dist"?'),
+            ('sdist = "3', f'wheel_from = "{"5" * 64}"\nsdist = "3',
+             'gym.toml: releases[1]: name the file of the index that is repaired: either "sdist", which is built, or '
+             '"wheel_from"'),
+            (f'sdist = "{"3" * 64}"', "",
+             'gym.toml: releases[1]: name the file of the index that is repaired: either "sdist", which is built, or '
+             '"wheel_from"'),
+            ('python = ">=3.7,<3.12"', "",
+             'gym.toml: releases[0]: the sdist is built: say with which Pythons, as in python = ">=3.7,<3.12", at the '
+             "top of the file"),
             ("from = ", "form = ", 'gym.toml: edits[0].form: unknown key; did you mean "from"?'),
         ],
     )  # fmt: skip
@@ -134,6 +143,13 @@ class TestRecipe:
             repairs.read(RECIPE.replace(old, new), "gym.toml")
 
         assert str(caught.value) == message
+
+    def test_a_wheel_needs_nothing_to_build_it(self) -> None:
+        """It is taken as the index has it, whatever builds the sdists beside it."""
+        (old, new) = repairs.read(RECIPE.replace('sdist = "1', 'wheel_from = "1'), "gym.toml")
+
+        assert (new.origin, new.build, new.python) == ("1" * 64, (), None)
+        assert (old.origin, old.build, old.python) == ("3" * 64, ("setuptools==66.1.1",), ">=3.7,<3.12")
 
     def test_a_package_without_a_recipe_is_refused(self) -> None:
         """With the name that is nearest."""
@@ -230,7 +246,7 @@ class TestMending:
         with pytest.raises(mending.Unrepairable) as caught:
             mending.mended(wheel(pure=False), read()[1])
 
-        assert str(caught.value) == "gym 0.21.0: what its sdist builds is no wheel that fits every machine"
+        assert str(caught.value) == "gym 0.21.0: only a wheel that fits every machine can be repaired"
 
 
 def test_the_committed_recipes_can_be_read() -> None:

@@ -20,10 +20,10 @@ python = ["host"]
 
 [axes.defect]
 invalid = { requirements = ["fake-metadata-invalid"] }
-narrow = { requirements = ["fake-plain", "fake-too-narrow"] }
+narrow = { requirements = ["fake-plain", "fake-too-narrow", "fake-new-python"] }
 
 [axes.overlay.with]
-overlay = ["fake-metadata-invalid", "fake-too-narrow"]
+overlay = ["fake-metadata-invalid", "fake-too-narrow", "fake-new-python"]
 
 [axes.overlay.without]
 
@@ -38,7 +38,7 @@ reason = "its metadata cannot be read"
 when = { defect = "narrow", overlay = "without" }
 verdict = "unresolvable"
 phase = "resolve"
-match = "fake-too-narrow"
+match = "fake-(too-narrow|new-python)"
 reason = "it asks for a Python that nobody has"
 """
 
@@ -63,7 +63,8 @@ def test_the_same_cell_with_and_without(desk: Desk) -> None:
         f"{HOST}-narrow-without": "not_reached",
     }, ran.err
     assert told[f"{HOST}-invalid-without"] == told[f"{HOST}-narrow-without"] == ("not_reached", True)
-    (repair,) = cells[f"{HOST}-narrow-with"]["repairs"]
+    repair, wheel = cells[f"{HOST}-narrow-with"]["repairs"]
+    assert (wheel["package"], "wheel_from_sha256" in wheel, "sdist_sha256" in wheel) == ("fake-new-python", True, False)
     assert (repair["package"], repair["version"]) == ("fake-too-narrow", "1.0")
     assert repair["edits"] == [{"field": "Requires-Python", "from": ">=3.99", "to": ">=3.9"}]
     assert repair["wheel_sha256"] == recipes.WHEELS["fake-too-narrow"]
