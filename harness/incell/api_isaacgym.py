@@ -1,0 +1,263 @@
+"""The adapter of NVIDIA's Isaac Gym: `isaacgym:boxes` is a scene of ours with a camera in each environment.
+
+Arguments of make: `compute_device` and `graphics_device` as create_sim takes them, `pipeline` (`gpu` or `cpu`),
+`envs`, and `path`, the way of a picture to the user: `tensor` leaves it on the GPU for PyTorch, `cpu` copies it.
+
+Written against the calls that NVIDIA's documentation and examples show, and checked against isaacgym-stubs.
+"""
+
+import importlib
+
+from .cell_adapter import Adapter, Environment
+from .cell_errors import Skip, library, violate
+from .cell_gpus import devices
+from .cell_values import numbers
+
+SCENE = "boxes"
+DEFAULTS = {"compute_device": 0, "graphics_device": 0, "path": "tensor", "pipeline": "gpu", "envs": 2}
+HEIGHT, WIDTH = 240, 320
+CHANNELS = 4
+STATE = 13
+"""Numbers of a body's state: place, orientation, linear and angular velocity."""
+
+NO_GRAPHICS = -1
+RED, BLUE, GREEN = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+BODIES = ((RED, (0.0, 0.3, 1.6), True), (BLUE, (0.0, 0.3, 0.4), True), (GREEN, (0.7, 0.0, 1.8), False))
+"""Colour, place and whether it stays there: a box above another, and a sphere that falls beside."""
+
+FROM, AT = (2.4, -3.1, 1.9), (0.2, 0.1, 0.9)
+"""Where the camera is and looks to: one along an axis has drawn black (iamlab-cmu/isaacgym-utils, issue 1)."""
+
+SEES = {"compute": ("cuda", "CUDA"), "graphics": ("vulkan", "Vulkan")}
+
+
+class IsaacGym(Adapter):
+    """The calls of a user: create_sim, create_camera_sensor, simulate, and either way to the picture."""
+
+    def modules(self, case):
+        """Isaac Gym goes before PyTorch, which its gymtorch imports; without tensors there is no need of either."""
+        chosen = arguments(case)
+        tensors = chosen["path"] == "tensor" or chosen["pipeline"] == "gpu"
+        return ["isaacgym.gymapi"] + (["isaacgym.gymtorch"] if tensors else [])
+
+    def make(self, case, tell, draw=False):
+        """Make a simulation on the devices asked for, without graphics unless it is to draw."""
+        name = case["env"].partition(":")[2] or case["env"]
+        if name != SCENE:
+            message = "no scene {!r}; write isaacgym:{}".format(name, SCENE)
+            raise LookupError(message)
+        chosen = arguments(case)
+        seen = there(chosen, ("compute", "graphics") if draw else ("compute",))
+        return Simulation(chosen, seen, tell, draw)
+
+
+def arguments(case):
+    """The arguments of a case, completed."""
+    unknown = sorted(set(case["kwargs"]) - set(DEFAULTS))
+    chosen = dict(DEFAULTS, **case["kwargs"])
+    if unknown or chosen["path"] not in ("tensor", "cpu") or chosen["pipeline"] not in ("gpu", "cpu"):
+        message = "arguments are {}, path tensor or cpu, pipeline gpu or cpu; not {}"
+        raise LookupError(message.format(", ".join(sorted(DEFAULTS)), case["kwargs"]))
+    return chosen
+
+
+def there(chosen, needed):
+    """The devices that CUDA and Vulkan see. A device that is needed and that this machine has not is no failure."""
+    seen = {role: devices(way) for role, (way, _) in SEES.items()}
+    for role in needed:
+        wanted, found = chosen[role + "_device"], seen[role]
+        if found is not None and wanted >= len(found):
+            message = "no {} device {}: {} sees {}".format(role, wanted, SEES[role][1], len(found))
+            raise Skip(message)
+    return seen
+
+
+def told(seen):
+    """The devices by their numbers, as their drivers call them, and which of both are one and the same."""
+    facts = {role: found and [named(device) for device in found] for role, found in seen.items()}
+    graphics = {device["uuid"]: number for number, device in enumerate(seen["graphics"] or ()) if device["uuid"]}
+    facts["same"] = [graphics.get(device["uuid"]) for device in seen["compute"] or ()]
+    return facts
+
+
+def named(device):
+    """The name of a device, and that it is no hardware."""
+    return device["name"] + (" (software)" if device.get("kind") == "software" else "")
+
+
+class Simulation(Environment):
+    """Environments side by side in one simulation, no action, no reward, no end; the same start each time."""
+
+    def __init__(self, chosen, seen, tell, draw):
+        super().__init__(tell)
+        self.chosen = chosen
+        self.seen = seen
+        with library:
+            gymapi = importlib.import_module("isaacgym.gymapi")
+            self.gymapi = gymapi
+            self.gym = gymapi.acquire_gym()
+        self.tensors = importlib.import_module("isaacgym.gymtorch") if chosen["pipeline"] == "gpu" else None
+        self.sim = self._simulation(draw)
+        self.envs = [self._environment(number) for number in range(chosen["envs"])]
+        self.cameras = [self._camera(env) for env in self.envs] if draw else []
+        with library:
+            prepared = self.gym.prepare_sim(self.sim)
+        if not prepared:
+            tell("simulation", "prepare_sim() says that it failed")
+        self.states = self._states()
+
+    def _simulation(self, draw):
+        chosen = self.chosen
+        gymapi = self.gymapi
+        graphics = chosen["graphics_device"] if draw else NO_GRAPHICS
+        gpu = chosen["pipeline"] == "gpu"
+        with library:
+            params = gymapi.SimParams()
+            params.dt = 1.0 / 60.0
+            params.up_axis = gymapi.UP_AXIS_Z
+            params.gravity = gymapi.Vec3(0.0, 0.0, -9.81)
+            params.physx.use_gpu = gpu
+            params.use_gpu_pipeline = gpu
+            sim = self.gym.create_sim(chosen["compute_device"], graphics, gymapi.SIM_PHYSX, params)
+            if sim is not None:
+                ground = gymapi.PlaneParams()
+                ground.normal = gymapi.Vec3(0.0, 0.0, 1.0)
+                self.gym.add_ground(sim, ground)
+        if sim is None:
+            text = "create_sim() returned None for compute device {} and graphics device {}"
+            violate(text, chosen["compute_device"], graphics)
+        return sim
+
+    def _environment(self, group):
+        gym = self.gym
+        gymapi = self.gymapi
+        with library:
+            env = gym.create_env(
+                self.sim, gymapi.Vec3(-2.0, -2.0, 0.0), gymapi.Vec3(2.0, 2.0, 4.0), self.chosen["envs"]
+            )
+            for colour, place, stays in BODIES:
+                options = gymapi.AssetOptions()
+                options.fix_base_link = stays
+                if stays:
+                    asset = gym.create_box(self.sim, 0.6, 0.1, 0.4, options)
+                else:
+                    asset = gym.create_sphere(self.sim, 0.15, options)
+                pose = gymapi.Transform(gymapi.Vec3(*place), gymapi.Quat(0.0, 0.0, 0.0, 1.0))
+                actor = gym.create_actor(env, asset, pose, "body", group, 0)
+                gym.set_rigid_body_color(env, actor, 0, gymapi.MESH_VISUAL_AND_COLLISION, gymapi.Vec3(*colour))
+        return env
+
+    def _camera(self, env):
+        gymapi = self.gymapi
+        with library:
+            properties = gymapi.CameraProperties()
+            properties.width = WIDTH
+            properties.height = HEIGHT
+            properties.enable_tensors = self.chosen["path"] == "tensor"
+            camera = self.gym.create_camera_sensor(env, properties)
+            if camera == gymapi.INVALID_HANDLE:
+                violate("no camera: create_camera_sensor() returned {}", camera)
+            self.gym.set_camera_location(camera, env, gymapi.Vec3(*FROM), gymapi.Vec3(*AT))
+        return camera
+
+    def _states(self):
+        """The states of all bodies before the first step: a tensor on the GPU, an array else."""
+        with library:
+            if self.tensors is None:
+                self.start = self.gym.get_sim_rigid_body_states(self.sim, self.gymapi.STATE_ALL).copy()
+                return None
+            bodies = self.gym.acquire_rigid_body_state_tensor(self.sim)
+            self.roots = self.gym.acquire_actor_root_state_tensor(self.sim)
+        if bodies is None or self.roots is None:
+            violate("state tensor is None: acquire_{}_state_tensor()", "rigid_body" if bodies is None else "actor_root")
+        with library:
+            self.gym.refresh_actor_root_state_tensor(self.sim)
+            self.root = self.tensors.wrap_tensor(self.roots)
+            self.start = self.root.clone()
+            return self.tensors.wrap_tensor(bodies)
+
+    def begin(self, seed):
+        """Put all bodies back, and make the step with which that takes effect."""
+        if self.tensors is None:
+            done = self.gym.set_sim_rigid_body_states(self.sim, self.start, self.gymapi.STATE_ALL)
+        else:
+            self.root.copy_(self.start)
+            done = self.gym.set_actor_root_state_tensor(self.sim, self.roots)
+        if not done:
+            violate("setting the states of all bodies says that it failed")
+        return self._step()
+
+    def advance(self, action):
+        """Make one step of the simulation, of 1/60 s."""
+        return self._step(), 0.0, False, False
+
+    def _step(self):
+        gym = self.gym
+        sim = self.sim
+        gym.simulate(sim)
+        gym.fetch_results(sim, True)
+        if self.tensors is None:
+            states = gym.get_sim_rigid_body_states(sim, self.gymapi.STATE_ALL).copy().view("f4")
+        else:
+            if not gym.refresh_rigid_body_state_tensor(sim):
+                violate("refresh_rigid_body_state_tensor() says that it failed")
+            states = self.states.cpu().numpy().copy()
+        expected = self.chosen["envs"] * len(BODIES)
+        if states.size != expected * STATE:
+            violate("the states of all bodies have {} numbers, not {} of {} bodies", states.size, STATE, expected)
+        return {"bodies": states.reshape(expected, STATE)}
+
+    def draw(self):
+        """Draw what the cameras see, and return what the first one does; every one has to have a picture."""
+        gym = self.gym
+        sim = self.sim
+        gym.fetch_results(sim, True)
+        gym.step_graphics(sim)
+        gym.render_all_camera_sensors(sim)
+        if self.chosen["path"] == "cpu":
+            pictures = [self._copied(number) for number in range(len(self.envs))]
+        else:
+            gym.start_access_image_tensors(sim)
+            try:
+                pictures = [self._wrapped(number) for number in range(len(self.envs))]
+            finally:
+                gym.end_access_image_tensors(sim)
+        return pictures[0]
+
+    def _wrapped(self, number):
+        env = self.envs[number]
+        camera = self.cameras[number]
+        raw = self.gym.get_camera_image_gpu_tensor(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
+        if raw is None:
+            violate("camera image is None: get_camera_image_gpu_tensor() of environment {}", number)
+        tensors = importlib.import_module("isaacgym.gymtorch")
+        return self._picture(number, tensors.wrap_tensor(raw).cpu().numpy())
+
+    def _copied(self, number):
+        env = self.envs[number]
+        camera = self.cameras[number]
+        raw = self.gym.get_camera_image(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
+        if raw is None:
+            violate("camera image is None: get_camera_image() of environment {}", number)
+        return self._picture(number, raw)
+
+    def _picture(self, number, raw):
+        """The colours of a picture, whose fourth channel is no colour."""
+        picture = numbers(raw, "the camera image of environment {}".format(number))
+        if picture.size != HEIGHT * WIDTH * CHANNELS or picture.dtype.name != "uint8":
+            text = "camera image of environment {} has {} values of {}, not {} x {} x {} of uint8"
+            violate(text, number, picture.size, picture.dtype, HEIGHT, WIDTH, CHANNELS)
+        return picture.reshape(HEIGHT, WIDTH, CHANNELS)[:, :, :3].copy()
+
+    def describe(self):
+        """The release, and the devices of this machine."""
+        with library:
+            version = self.gym.get_version()
+        return {"told": dict(told(self.seen), version="{}.{}".format(version.major, version.minor))}
+
+    def close(self):
+        """End the simulation."""
+        self.gym.destroy_sim(self.sim)
+
+
+API = IsaacGym()
