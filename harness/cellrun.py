@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
-from harness import frames, launch, normalise, outcomes
+from harness import frames, launch, nativesays, normalise, outcomes
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -295,7 +295,8 @@ class _Measurement:
         if run.completed.stray and run.reply.complete:
             text = f"left {run.completed.stray} process(es) behind at its end"
             found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
-        return found
+        printed = nativesays.errors(self._clean(run, run.printed()))
+        return found + [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in printed]
 
     def _keep(self, run: launch.ProbeRun, name: str) -> str:
         """Keep the texts of a run, without this machine's paths."""

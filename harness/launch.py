@@ -98,6 +98,11 @@ class ProbeRun:
             stacks=self.last_lines + self.stacks,
         )
 
+    def printed(self) -> str:
+        """What the process printed, as far as its log is kept."""
+        log = self.completed.log
+        return log.read_bytes()[: 4 << 20].decode("utf-8", "replace") if log.is_file() else ""
+
     def last_words(self) -> str:
         """The last line that the process printed, or how it ended."""
         lines = self.last_lines.splitlines()

@@ -1,0 +1,111 @@
+"""What became of a camera on each pair of devices, by either way to the picture; its cases are `c0g1-tensor`, `-cpu`.
+
+One way leaves pictures on the GPU, the other copies them to the host: the known way round where the first one fails.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from harness.model import Outcome
+from harness.reporttypes import CaseEntry, CellEntry
+
+CASE = re.compile(r"c(\d+)g(\d+)-(tensor|cpu)")
+CHECK = "render.rgb_array"
+NUMBER = re.compile(r" failed on .* with error (\d+)$")
+NO_PICTURE, NO_CAMERA, BLACK = "camera image is None", "no camera:", "blank frame:"
+"""What the decisive line of a failure has, see `incell/api_isaacgym.py` and `phase_render.py`."""
+
+
+class Seen(StrEnum):
+    """What came of one way to the picture."""
+
+    OK = "ok"
+    ERROR = "CUDA error"
+    NONE = "None"
+    NO_CAMERA = "no camera"
+    BLACK = "black"
+    CRASH = "crash"
+    HANG = "hang"
+    FAILED = "another failure"
+    ABSENT = "no such device"
+    UNTOLD = "not told"
+
+
+BAD = frozenset({Seen.ERROR, Seen.NONE, Seen.NO_CAMERA, Seen.BLACK, Seen.CRASH, Seen.HANG, Seen.FAILED})
+ENDS = {
+    Outcome.PASSED: Seen.OK,
+    Outcome.CRASHED: Seen.CRASH,
+    Outcome.TIMED_OUT: Seen.HANG,
+    Outcome.SKIPPED: Seen.ABSENT,
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Way:
+    """One way to the picture: what came of it, why, and what native code printed besides.
+
+    `error` is CUDA's number where the picture is None and a buffer could not be mapped or imported.
+    """
+
+    seen: Seen = Seen.UNTOLD
+    why: str = ""
+    native: tuple[str, ...] = ()
+    error: int | None = None
+
+    def __str__(self) -> str:
+        """The class in words: `error 101`, `black`."""
+        return f"error {self.error}" if self.seen is Seen.ERROR else self.seen.value
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pair:
+    """A compute device and a graphics device, and both ways on them."""
+
+    compute: int
+    graphics: int
+    tensor: Way
+    cpu: Way
+
+    @property
+    def proven(self) -> bool | None:
+        """Whether copying mends what tensors do not give on the same devices; None where there is nothing to mend."""
+        if self.tensor.seen not in BAD or self.cpu.seen in {Seen.UNTOLD, Seen.ABSENT}:
+            return None
+        return self.cpu.seen is Seen.OK
+
+
+def pairs(cell: CellEntry) -> tuple[Pair, ...]:
+    """Every pair of devices that a cell has cases for, in their order."""
+    native = {
+        case.case: tuple(one.text for one in cell.findings if one.check.endswith(".native") and case.case in one.cases)
+        for case in cell.cases
+    }
+    found: dict[tuple[int, int], dict[str, Way]] = {}
+    for case in cell.cases:
+        if named := CASE.fullmatch(case.case):
+            compute, graphics, path = named.groups()
+            found.setdefault((int(compute), int(graphics)), {})[path] = way(case, native[case.case])
+    return tuple(_pair(devices, ways) for devices, ways in sorted(found.items()))
+
+
+def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
+    """Classify one case."""
+    last = CHECK if CHECK in case.checks else next(reversed(case.checks), "")
+    outcome, why = case.checks.get(last), case.reasons.get(last, "")
+    if outcome is None or (last != CHECK and outcome is Outcome.PASSED):
+        return Way(native=native)
+    if outcome is not Outcome.FAILED:
+        return Way(seen=ENDS.get(outcome, Seen.UNTOLD), why=why, native=native)
+    number = next((int(told[1]) for line in native if (told := NUMBER.search(line))), None)
+    if NO_PICTURE in why:
+        return Way(seen=Seen.NONE if number is None else Seen.ERROR, why=why, native=native, error=number)
+    seen = Seen.NO_CAMERA if NO_CAMERA in why else Seen.BLACK if BLACK in why else Seen.FAILED
+    return Way(seen=seen, why=why, native=native)
+
+
+def _pair(devices: tuple[int, int], ways: Mapping[str, Way]) -> Pair:
+    return Pair(compute=devices[0], graphics=devices[1], tensor=ways.get("tensor", Way()), cpu=ways.get("cpu", Way()))
