@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness import expansion, interpreters, knowledge, matrixfile, plan, repairs
+from harness import expansion, interpreters, knowledge, matrixfile, plan, remedies, repairs
 from harness.errors import BadInput, CouldNotTell
 from harness.matrix import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
@@ -57,8 +57,8 @@ def load(
     """
     path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrixfile.read(_text(path), str(path))
-    if matrixfile.signatures(matrix):
-        matrixfile.check_signatures(matrix, (one.id for one in knowledge.known()))
+    if remedies.named(matrix):
+        matrix = remedies.filled(matrix, knowledge.known())
     breaks = _breaks() if matrix.strategy.boundaries else expansion.NO_BREAKS
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew)
     sources = {source: _text(path.parent / source, place) for source, place in matrixfile.sources(matrix).items()}

@@ -28,6 +28,7 @@ from harness.vocabulary import (
     PackageName,
     PackageSelector,
     Pattern,
+    PythonVersion,
     Requirement,
     Rule,
     SubjectNames,
@@ -324,6 +325,41 @@ class ExpectTable(Table, frozen=True, kw_only=True):
     until: Instant | None = None
 
 
+class ChangedTable(Table, frozen=True, kw_only=True):
+    """What cells are expected to be once they are changed."""
+
+    verdict: Verdict = Verdict.WORKS
+    reason: Annotated[str | None, Meta(description="by default that of the change")] = None
+    phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
+    match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
+    signature: Annotated[str | None, Meta(description="a known failure that it is")] = None
+    link: str | None = None
+    until: Instant | None = None
+
+
+class ChangeTable(Changes, frozen=True, kw_only=True):
+    """One change, tried on some cells: each with it is a cell of its own, `LABEL-with-NAME`.
+
+    What it asks for replaces what the cell asks for of the same packages.
+    """
+
+    name: Label
+    reason: Annotated[str, Meta(min_length=1, description="why it is tried")]
+    cells: Annotated[str | None, Meta(description="glob on the cell's id or on its label")] = None
+    when: When = {}
+    python: PythonVersion | None = None
+    as_of: Annotated[Instant | None, Meta(description="everything resolved as the index stood then")] = None
+    uninstall: Annotated[tuple[PackageName, ...], Meta(description="packages that may not be there")] = ()
+    remedy_of: Annotated[
+        str | None, Meta(description="it is the remedy of this signature, and changes nothing besides")
+    ] = None
+    advice: Annotated[bool, Meta(description="whether it is what people say helps")] = False
+    link: Annotated[str | None, Meta(description="where that is said")] = None
+    expect: Annotated[ChangedTable, Meta(description="what comes of it; default: it works")] = field(
+        default_factory=ChangedTable
+    )
+
+
 class MatrixTable(Changes, frozen=True, kw_only=True):
     """A compatibility matrix: axes, what is installed, cases, and what is left out, added or expected, with reasons."""
 
@@ -359,6 +395,7 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
     exclude: tuple[ExcludeTable, ...] = ()
     include: tuple[IncludeTable, ...] = ()
     expect: tuple[ExpectTable, ...] = ()
+    change: Annotated[tuple[ChangeTable, ...], Meta(description="single changes tried on some of the cells")] = ()
 
 
 class Matrix(MatrixTable, frozen=True, kw_only=True):

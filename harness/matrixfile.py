@@ -7,7 +7,7 @@ form, keys that exclude one another. Everything is pure; `sources` names the fil
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -19,7 +19,9 @@ from harness.errors import BadInput
 from harness.matrix import (
     Axis,
     CaseTable,
+    ChangedTable,
     Changes,
+    ChangeTable,
     ExpectTable,
     IncludeTable,
     Matrix,
@@ -57,6 +59,10 @@ from harness.vocabulary import (
 EXPECTABLE = frozenset(Verdict) - {Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE}
 """Verdicts about packages; the others are about this machine, and no cell can be expected to be them."""
 
+WHICH = 'say which cells: a glob as "cells", or a "when"'
+DOING = tuple(name for name in (*Changes.__struct_fields__, "python", "as_of", "uninstall"))
+"""Keys by which a change does something."""
+
 Keys = tuple[str | int, ...]
 
 
@@ -84,21 +90,6 @@ def sources(matrix: Matrix) -> dict[str, str]:
         for name, content in changes.files.items()
         if isinstance(content, SourceTable)
     }
-
-
-def signatures(matrix: Matrix) -> list[tuple[Keys, str]]:
-    """Ids of the known failures that the matrix names, and where."""
-    return [(("expect", n, "signature"), one.signature) for n, one in enumerate(matrix.expect) if one.signature]
-
-
-def check_signatures(matrix: Matrix, known: Iterable[str]) -> None:
-    """Refuse the name of a failure that is not known."""
-    ids = set(known)
-    for path, name in signatures(matrix):
-        with located(matrix.path, *path):
-            if name not in ids:
-                message = f'no signature is called "{name}"{suggestion(name, ids)}'
-                raise ValueError(message)
 
 
 def repairing(matrix: Matrix) -> bool:
@@ -196,7 +187,14 @@ def _check(matrix: Matrix) -> None:
         _check_when(matrix, path, when)
     for index, expected in enumerate(matrix.expect):
         with located(matrix.path, "expect", index):
-            _check_expect(expected, (*CELL_PHASES, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ())))
+            if expected.cells is None and not expected.when:
+                raise ValueError(WHICH)
+            _check_expect(matrix, expected)
+    for index, change in enumerate(matrix.change):
+        with located(matrix.path, "change", index):
+            _check_change(change)
+        with located(matrix.path, "change", index, "expect"):
+            _check_expect(matrix, change.expect)
 
 
 def _check_pivot(matrix: Matrix) -> None:
@@ -236,6 +234,7 @@ def _changes(matrix: Matrix) -> Iterator[tuple[Keys, Changes]]:
     for name, axis in matrix.axes.items():
         for index, value in enumerate(axis.values):
             yield ("axes", name, value.text if axis.kind is Kind.BUNDLE else index), value.changes
+    yield from ((("change", index), table) for index, table in enumerate(matrix.change))
 
 
 def _cases(matrix: Matrix) -> Iterator[tuple[Keys, CaseTable]]:
@@ -251,6 +250,7 @@ def _conditions(matrix: Matrix) -> Iterator[tuple[Keys, When]]:
     yield from [(("suite",), matrix.suite.when)] if matrix.suite else []
     yield from ((("exclude", index), table.when) for index, table in enumerate(matrix.exclude))
     yield from ((("expect", index), table.when) for index, table in enumerate(matrix.expect))
+    yield from ((("change", index), table.when) for index, table in enumerate(matrix.change))
 
 
 def _check_when(matrix: Matrix, path: Keys, when: When, *, locks: bool = False) -> None:
@@ -340,11 +340,24 @@ def _check_finite(plain: Any) -> None:
         _check_finite(inner)
 
 
-def _check_expect(expected: ExpectTable, phases: Sequence[Phase]) -> None:
+def _check_change(change: ChangeTable) -> None:
+    """It says of which cells, and does something: of its own, or what a remedy says."""
+    does = [name for name in DOING if getattr(change, name)]
     message = None
-    if expected.cells is None and not expected.when:
-        message = 'say which cells: a glob as "cells", or a "when"'
-    elif expected.verdict not in EXPECTABLE:
+    if change.cells is None and not change.when:
+        message = WHICH
+    elif change.remedy_of and does:
+        message = f'it is the remedy of "{change.remedy_of}", and cannot change "{does[0]}" besides'
+    elif not change.remedy_of and not does:
+        message = "it changes nothing; say what, such as requirements, environment or python"
+    if message:
+        raise ValueError(message)
+
+
+def _check_expect(matrix: Matrix, expected: ExpectTable | ChangedTable) -> None:
+    phases = (*CELL_PHASES, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ()))
+    message = None
+    if expected.verdict not in EXPECTABLE:
         message = f'"{expected.verdict}" says nothing about packages and cannot be expected'
     elif expected.phase is not None and expected.phase not in phases:
         message = f'no cell goes through the phase "{expected.phase}" yet'

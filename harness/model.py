@@ -267,11 +267,27 @@ class Change:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Tried:
+    """The change that makes a cell of another one, and why it is tried; `advice` is what people say helps.
+
+    `also` says in words what it changes besides.
+    """
+
+    name: str
+    reason: str
+    change: Change
+    also: tuple[str, ...] = ()
+    advice: bool = False
+    link: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Cell:
     """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`).
 
     `system` are packages of Debian's that it needs. `empty` are variables that are set, to the empty string,
-    `python_path` folders of its HOME that modules are imported from, `bring` folders that the user brings.
+    `python_path` folders of its HOME that modules are imported from, `bring` folders that the user brings. Where a
+    change is `tried`, `base` is the id of the cell without it, whose axes it has.
     """
 
     id: str
@@ -289,6 +305,8 @@ class Cell:
     bring: tuple[Bring, ...] = ()
     expect: Expectation | None = None
     subject: Subject | None = None
+    base: str | None = None
+    tried: Tried | None = None
 
     @property
     def label(self) -> str:

@@ -60,6 +60,7 @@ CheckName = Literal[
     "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "vector.autoreset", "render.rgb_array",
     "render.device",
     "interop.sb3.check_env", "interop.sb3.learn",
+    "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab", "interop.torchrl.backend",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
 
@@ -68,6 +69,7 @@ FindingName = Literal[
     "single.space", "single.type", "single.state", "single.check_env", "single.teardown",
     "vector.repeat", "vector.autoreset",
     "render.constant", "render.stale", "render.upside_down", "render.picture", "render.teardown",
+    "interop.torchrl.alias", "interop.torchrl.keys", "interop.torchrl.reset",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""
 

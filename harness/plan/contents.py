@@ -17,13 +17,14 @@ from harness.matrix import (
     BringTable,
     CaseTable,
     Changes,
+    ChangeTable,
     Constraint,
     Matrix,
     PictureTable,
     SourceTable,
     SuiteTable,
 )
-from harness.model import Bring, Case, IndexSettings, Phase, Question, Repair, Subject, Suite
+from harness.model import Bring, Case, Change, IndexSettings, Phase, Question, Repair, Subject, Suite
 from harness.plan.choices import Choice, Combination, Condition, condition
 from harness.schema import key_path, located
 from harness.vocabulary import ABSENT, IMPORT_CHECK, OF_SUBJECT, SELF, Kind, api_of, case_id, checks_of, required_name
@@ -136,6 +137,27 @@ class Contents:
         if key not in self.surrounded:
             self.surrounded[key] = self._surroundings(combination)
         return self.surrounded[key]
+
+    def change(self, choice: Choice, table: ChangeTable, combination: Combination) -> Change:
+        """What a change of the matrix does to the cell of a combination; `choice` stands for it."""
+        part = self._parts((choice,))[-1]
+
+        def holding(rules: Rules) -> tuple[str, ...]:
+            return _distinct(text for text, when in rules if when.holds(combination))
+
+        return Change(
+            requirements=part.requirements,
+            constraints=holding(part.constraints),
+            overrides=holding(part.overrides),
+            build_constraints=holding(part.build_constraints),
+            build_variables=dict(table.build_variables),
+            only_binary=_distinct(map(str, table.only_binary)),
+            overlay=_distinct(map(str, table.overlay)),
+            uninstall=_distinct(map(str, table.uninstall)),
+            environment=dict(table.environment),
+            python=str(table.python) if table.python else None,
+            as_of=str(table.as_of) if table.as_of else None,
+        )
 
     def cases(self, combination: Combination) -> tuple[Case, ...]:
         """The cases that exist in a combination, none perhaps."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from fnmatch import translate
 from itertools import chain, product
 from pathlib import PurePosixPath
@@ -12,6 +13,7 @@ from typing import NamedTuple
 from harness.expansion import NO_BREAKS, Breaks
 from harness.matrix import Expansion, ExpectTable, Matrix, Value
 from harness.model import Case, Cell, Dropped, Expectation, Plan
+from harness.plan.changing import Changing, speaks_of_changed
 from harness.plan.choices import Choice, Combination, Condition, as_folder, choice_of, choices, condition
 from harness.plan.contents import NO_RECIPES, Contents, Recipes
 from harness.plan.strategies import Axes, Candidates, baseline_combinations
@@ -42,17 +44,20 @@ def expand(
     for index, table in enumerate(matrix.include):
         with located(matrix.path, "include", index, "axes"):
             _include(sorted_out, matrix, _combination(matrix, axes, table.axes, host_python), contents)
-    cells, unmet = _cells(matrix, sorted_out.planned, contents)
+    changing = Changing(matrix, contents, sorted_out.claim)
+    cells, unmet = _cells(matrix, sorted_out.planned, contents, changing)
     return Plan(
         matrix=matrix.name,
         cells=cells,
         dropped=(
             *(Dropped(id=name, reason=reason) for name, reason in sorted_out.dropped.items()),
+            *(Dropped(id=name, reason=reason) for name, reason in changing.dropped.items()),
             *known.left_out(sorted_out.planned, expansion),
         ),
         stale=(
             *sorted_out.stale,
             *unmet,
+            *changing.stale(_file(matrix)),
             *_unused_cases(matrix, cells, contents.places(chain.from_iterable(axes.values()))),
         ),
         axes=tuple(matrix.axes),
@@ -181,6 +186,7 @@ class _Expected(NamedTuple):
     glob: re.Pattern[str] | None
     when: Condition
     expectation: Expectation
+    of_changed: bool
 
     def fits(self, name: str, label: str, combination: Combination) -> bool:
         """Whether it speaks of a cell."""
@@ -190,11 +196,12 @@ class _Expected(NamedTuple):
 
 
 def _cells(
-    matrix: Matrix, planned: Mapping[str, Combination], contents: Contents
+    matrix: Matrix, planned: Mapping[str, Combination], contents: Contents, changing: Changing
 ) -> tuple[tuple[Cell, ...], tuple[str, ...]]:
-    """The cells, and a line for each expectation that no cell met."""
+    """The cells, what changes make of them behind each, and a line for each expectation that no cell met."""
     expected = [_expected(matrix, index, table) for index, table in enumerate(matrix.expect)]
     start = len(matrix.name) + 1
+    of_changed = [each for each in expected if each.of_changed]
     met: set[str] = set()
     cells = []
     for name, combination in planned.items():
@@ -202,25 +209,29 @@ def _cells(
         if hit:
             met.add(hit.place)
         around = contents.surroundings(combination)
-        cells.append(
-            Cell(
-                id=name,
-                matrix=matrix.name,
-                axes={choice.axis: choice.text for choice in combination},
-                python=next(choice.asked for choice in combination if choice.kind is Kind.PYTHON),
-                question=contents.question(combination),
-                environment=around.environment,
-                cases=contents.cases(combination),
-                needs=around.needs,
-                system=around.system,
-                files=around.files,
-                empty=around.empty,
-                python_path=around.python_path,
-                bring=around.bring,
-                expect=hit.expectation if hit else None,
-                subject=contents.subject(combination),
-            )
+        cell = Cell(
+            id=name,
+            matrix=matrix.name,
+            axes={choice.axis: choice.text for choice in combination},
+            python=next(choice.asked for choice in combination if choice.kind is Kind.PYTHON),
+            question=contents.question(combination),
+            environment=around.environment,
+            cases=contents.cases(combination),
+            needs=around.needs,
+            system=around.system,
+            files=around.files,
+            empty=around.empty,
+            python_path=around.python_path,
+            bring=around.bring,
+            expect=hit.expectation if hit else None,
+            subject=contents.subject(combination),
         )
+        cells.append(cell)
+        for changed in changing.of(cell, combination):
+            hit = next((each for each in of_changed if each.fits(changed.id, changed.label, combination)), None)
+            if hit:
+                met.add(hit.place)
+            cells.append(replace(changed, expect=hit.expectation) if hit else changed)
     unmet = (each for each in expected if each.place not in met)
     return tuple(cells), tuple(f'{each.place} matches no cell (reason: "{each.expectation.reason}")' for each in unmet)
 
@@ -230,6 +241,7 @@ def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
         place=f"{_file(matrix)}: expect[{index}]",
         glob=re.compile(translate(table.cells)) if table.cells is not None else None,
         when=condition(matrix, table.when),
+        of_changed=not table.when and speaks_of_changed(table.cells),
         expectation=Expectation(
             verdict=table.verdict,
             reason=table.reason,

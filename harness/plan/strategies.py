@@ -26,8 +26,8 @@ from harness.vocabulary import ABSENT, Kind
 
 Axes = Mapping[str, tuple[Choice, ...]]
 WITHOUT_WEIGHT = {
-    *("axes", "bring", "cases", "description", "empty", "environment", "exclude", "expect", "files", "include"),
-    *("needs", "page", "pivot", "python_path", "shown", "suite", "system"),
+    *("axes", "bring", "cases", "change", "description", "empty", "environment", "exclude", "expect", "files"),
+    *("include", "needs", "page", "pivot", "python_path", "shown", "suite", "system"),
 }
 """Keys that have no say in what resolves; the axes and the combinations that exist are looked into."""
 

@@ -333,18 +333,6 @@ def test_mistakes_are_one_sentence(text: str, sentence: str) -> None:
     assert refused(text) == sentence
 
 
-def test_signatures_that_it_names_are_known_ones() -> None:
-    """Another id is a mistake, told with the nearest."""
-    text = AXES + CASE + '[[expect]]\ncells = "*"\nverdict = "broken"\nsignature = "numpy2"\nreason = "known"'
-    read = matrixfile.read(text, "demo.toml")
-    matrixfile.check_signatures(read, ["numpy2", "worker-eof"])
-    with pytest.raises(BadInput) as told:
-        matrixfile.check_signatures(read, ["numpy-2", "worker-eof"])
-    assert str(told.value) == (
-        'demo.toml: expect[0].signature: no signature is called "numpy2"; did you mean "numpy-2"?'
-    )
-
-
 def test_name_of_the_file_must_be_a_label() -> None:
     """The file's name is part of every id."""
     assert (

@@ -1,0 +1,174 @@
+"""A change made to a cell, whether a matrix tries it by a name or a remedy asks for it; and what came of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from enum import StrEnum
+from typing import Any
+
+from harness import repairs
+from harness.model import FAILING, Cell, Change, Phase, Question, Repair, Verdict
+from harness.reporttypes import UNTOLD, CellEntry
+from harness.vocabulary import parsed_requirement, required_name
+
+NEVER = "python_version < '0'"
+"""The marker of an override that takes a package out, whoever asks for it."""
+
+CHANGING = re.compile(r"\bline \d+|\d+(?:\.\d+)+")
+"""What differs in two lines about the same failure: lines of files, and versions."""
+
+
+# --- making it -------------------------------------------------------------------------------------------------
+
+
+def applied(cell: Cell, change: Change, recipes: Mapping[str, tuple[Repair, ...]]) -> Cell:
+    """The cell with a change made to it; `recipes` are the repairs of packages by name.
+
+    Raises ValueError where no recipe repairs a package of its overlay.
+    """
+    return replace(
+        cell,
+        python=change.python or cell.python,
+        question=_question(cell.question, change, recipes),
+        environment={**cell.environment, **change.environment},
+        empty=tuple(name for name in cell.empty if name not in change.environment),
+    )
+
+
+def _question(question: Question, change: Change, recipes: Mapping[str, tuple[Repair, ...]]) -> Question:
+    asked = _names(change.requirements)
+    gone = {*asked, *change.uninstall}
+    requirements = _with_extras(change.requirements, question.requirements)
+    changed = replace(
+        question,
+        requirements=_replaced(question.requirements, requirements, gone),
+        constraints=_replaced(question.constraints, change.constraints, gone | _names(change.constraints)),
+        overrides=_replaced(
+            question.overrides,
+            (*change.overrides, *(f"{name} ; {NEVER}" for name in change.uninstall)),
+            gone | _names(change.overrides),
+        ),
+        build_constraints=_replaced(
+            question.build_constraints, change.build_constraints, _names(change.build_constraints)
+        ),
+        build_variables={**question.build_variables, **change.build_variables},
+        only_binary=tuple(dict.fromkeys((*question.only_binary, *change.only_binary))),
+        absent=(*(name for name in question.absent if name not in gone), *change.uninstall),
+        snapshot=change.as_of or question.snapshot,
+    )
+    names = tuple(dict.fromkeys((*(one.name for one in question.overlay), *change.overlay)))
+    if not names:
+        return changed
+    return replace(changed, overlay=repairs.fitting(repairs.chosen(recipes, names), changed))
+
+
+def _names(requirements: Iterable[str]) -> set[str]:
+    return set(map(required_name, requirements))
+
+
+def _replaced(lines: Iterable[str], new: Iterable[str], names: set[str]) -> tuple[str, ...]:
+    """The lines without those on packages of these names, and the new ones after them."""
+    return tuple(dict.fromkeys((*(line for line in lines if required_name(line) not in names), *new)))
+
+
+def _with_extras(new: Iterable[str], old: Iterable[str]) -> Iterator[str]:
+    """Requirements with the extras of those that they replace, unless they have some: `gym<1` asks for other versions.
+
+    A requirement that takes over nothing stays as it is written.
+    """
+    extras: dict[str, set[str]] = {}
+    for line in old:
+        extras.setdefault(required_name(line), set()).update(parsed_requirement(line).extras)
+    for line in new:
+        taken = extras.get(required_name(line), set())
+        if parsed_requirement(line).extras or not taken:
+            yield line
+        else:
+            name = parsed_requirement(line).name
+            yield line.replace(name, f"{name}[{','.join(sorted(taken))}]", 1)
+
+
+def same(one: Cell, other: Cell) -> bool:
+    """Whether two cells come to the same measurement, whatever they are called and in whatever order they ask."""
+    return _plain(one) == _plain(other)
+
+
+def _plain(cell: Cell) -> Cell:
+    question = cell.question
+    lists = ("requirements", "constraints", "overrides", "build_constraints", "only_binary", "absent")
+    ordered: dict[str, Any] = {name: tuple(sorted(getattr(question, name))) for name in lists}
+    question = replace(question, **ordered)
+    return replace(cell, id="", question=question, expect=None, base=None, tried=None)
+
+
+def described(change: Change) -> tuple[str, ...]:
+    """What a change does, in a few words each."""
+    words = {
+        "install": change.requirements,
+        "keep to": change.constraints,
+        "override": change.overrides,
+        "build with": change.build_constraints,
+        "set for builds": _variables(change.build_variables),
+        "wheels only of": change.only_binary,
+        "repair": change.overlay,
+        "remove": change.uninstall,
+        "set": [one for one in _variables(change.environment) if not one.endswith("=")],
+        "unset": [name for name, value in change.environment.items() if not value],
+    }
+    told = [f"{verb} {', '.join(f'`{one}`' for one in what)}" for verb, what in words.items() if what]
+    told += [f"Python {change.python}"] if change.python else []
+    return (*told, *([f"resolved as of {change.as_of}"] if change.as_of else []))
+
+
+def _variables(variables: Mapping[str, str]) -> list[str]:
+    return [f"{name}={value}" for name, value in variables.items()]
+
+
+# --- what came of it -------------------------------------------------------------------------------------------
+
+
+class Effect(StrEnum):
+    """What a change did to a cell."""
+
+    CURES = "cures"
+    PARTLY = "cures part of it"
+    UNCOVERS = "another failure behind it"
+    NOTHING = "no difference"
+    BREAKS = "breaks"
+    UNTOLD = "not known"
+
+
+def effect(before: CellEntry, after: CellEntry) -> Effect:
+    """Compare a cell with what a change made of it, both on one machine."""
+    if before.verdict in UNTOLD or after.verdict in UNTOLD:
+        return Effect.UNTOLD
+    works = before.verdict is Verdict.WORKS, after.verdict is Verdict.WORKS
+    if any(works):
+        return {(True, True): Effect.NOTHING, (False, True): Effect.CURES}.get(works, Effect.BREAKS)
+    first, second = _failed(before), _failed(after)
+    if second < first:
+        return Effect.PARTLY
+    if _alike(before, after):
+        return Effect.BREAKS if first < second else Effect.NOTHING
+    order = list(Phase)
+    places = [order.index(cell.phase) if cell.phase else len(order) for cell in (before, after)]
+    return Effect.BREAKS if places[1] < places[0] else Effect.UNCOVERS
+
+
+def _alike(before: CellEntry, after: CellEntry) -> bool:
+    """Whether what decided is the same failure: by the deepest cause that is known, else by its line."""
+    if before.phase is not after.phase:
+        return False
+    causes = [next((one.signature for one in cell.diagnoses if not one.masks), None) for cell in (before, after)]
+    if all(causes):
+        return causes[0] == causes[1]
+    lines = [CHANGING.sub("…", cell.decisive or "") for cell in (before, after)]
+    return lines[0] == lines[1]
+
+
+def _failed(cell: CellEntry) -> set[tuple[str, str]]:
+    """Checks that failed, by case; a step of the host stands for all of them."""
+    found = {(case.case, check) for case in cell.cases for check, how in case.checks.items() if how in FAILING}
+    return found | {("", phase) for phase, how in cell.phases.items() if how in FAILING and not found}

@@ -1,0 +1,125 @@
+"""Single changes tried on planned cells: each makes a cell of its own of every cell that it fits."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from fnmatch import translate
+
+from harness import changes
+from harness.matrix import ChangedTable, ChangeTable, Matrix
+from harness.model import Cell, Expectation, Tried
+from harness.plan.choices import Choice, Combination, condition
+from harness.plan.contents import Contents
+from harness.schema import located
+from harness.vocabulary import Kind
+
+WITH = "-with-"
+"""What stands in a label between that of the cell and the name of the change."""
+
+BESIDES = ("needs", "system", "files", "empty", "python_path", "bring", "extras", "groups")
+UNCHANGED = "the change leaves the cell as it is"
+
+
+def speaks_of_changed(pattern: str | None) -> bool:
+    """Whether the glob of an expectation may stand for a changed cell: others speak of cells as the axes make them."""
+    return pattern is not None and WITH in pattern
+
+
+@dataclass
+class Changing:
+    """The changes of a matrix, made to one cell after the other. `claim` refuses an id that is taken."""
+
+    matrix: Matrix
+    contents: Contents
+    claim: Callable[[str], None]
+    dropped: dict[str, str] = field(default_factory=dict)
+    fitting: set[int] = field(default_factory=set)
+    made: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.choices = [_choice(table) for table in self.matrix.change]
+        self.globs = [re.compile(translate(table.cells)) if table.cells else None for table in self.matrix.change]
+        self.conditions = [condition(self.matrix, table.when) for table in self.matrix.change]
+
+    def of(self, cell: Cell, combination: Combination) -> Iterator[Cell]:
+        """What the changes make of a cell."""
+        for index, table in enumerate(self.matrix.change):
+            glob = self.globs[index]
+            named = not glob or glob.match(cell.label) or glob.match(cell.id)
+            if named and self.conditions[index].holds(combination):
+                self.fitting.add(index)
+                with located(self.matrix.path, "change", index):
+                    changed = self._changed(cell, combination, index, table)
+                    if changed.id in self.made:
+                        message = f'another change of {cell.id} is called "{table.name}", too'
+                        raise ValueError(message)
+                    self.claim(changed.id)
+                    self.made.add(changed.id)
+                if changes.same(changed, cell):
+                    self.dropped[changed.id] = UNCHANGED
+                else:
+                    yield changed
+
+    def stale(self, file: str) -> Iterator[str]:
+        """A line for each change that fits no cell."""
+        for index, table in enumerate(self.matrix.change):
+            if index not in self.fitting:
+                yield f'{file}: change[{index}] ("{table.name}") matches no cell'
+
+    def _changed(self, cell: Cell, combination: Combination, index: int, table: ChangeTable) -> Cell:
+        choice = self.choices[index]
+        change = self.contents.change(choice, table, combination)
+        around = self.contents.surroundings((*combination, choice))
+        surrounded = replace(
+            cell,
+            needs=around.needs,
+            system=around.system,
+            files=around.files,
+            empty=around.empty,
+            python_path=around.python_path,
+            bring=around.bring,
+            subject=self.contents.subject((*combination, choice)),
+        )
+        return replace(
+            changes.applied(surrounded, change, self.contents.recipes),
+            id=f"{cell.id}{WITH}{table.name}",
+            base=cell.id,
+            tried=Tried(
+                name=str(table.name),
+                reason=table.reason,
+                change=change,
+                also=tuple(_besides(table)),
+                advice=table.advice,
+                link=table.link,
+            ),
+            expect=_expectation(table.expect, table.reason),
+        )
+
+
+def _choice(table: ChangeTable) -> Choice:
+    """The change as the value of an axis after all others: what it adds comes last."""
+    name = str(table.name)
+    return Choice(axis="change", kind=Kind.BUNDLE, asked=name, text=name, label=name, changes=table)
+
+
+def _besides(table: ChangeTable) -> Iterator[str]:
+    for key in BESIDES:
+        if names := getattr(table, key):
+            yield f"{key.replace('_', ' ')} {', '.join(f'`{name}`' for name in names)}"
+
+
+def _expectation(table: ChangedTable, reason: str) -> Expectation | None:
+    """What is expected of a changed cell; None where that is nothing but to work."""
+    if table == ChangedTable():
+        return None
+    return Expectation(
+        verdict=table.verdict,
+        reason=table.reason or reason,
+        phase=table.phase,
+        match=str(table.match) if table.match else None,
+        signature=table.signature,
+        link=table.link,
+        until=str(table.until) if table.until else None,
+    )

@@ -1,0 +1,53 @@
+"""The known failures that a matrix names: what it expects by one, and the changes that are remedies of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import msgspec
+
+from harness import matrixfile
+from harness.matrix import ChangeTable, Constraint, Matrix
+from harness.schema import located, suggestion
+from harness.signatures import Signature
+
+
+def named(matrix: Matrix) -> list[tuple[matrixfile.Keys, str]]:
+    """Ids of the known failures that the matrix names, and where."""
+    places: list[tuple[matrixfile.Keys, str | None]] = [
+        (("expect", index, "signature"), one.signature) for index, one in enumerate(matrix.expect)
+    ]
+    for index, change in enumerate(matrix.change):
+        places += [(("change", index, "remedy_of"), change.remedy_of)]
+        places += [(("change", index, "expect", "signature"), change.expect.signature)]
+    return [(path, name) for path, name in places if name]
+
+
+def filled(matrix: Matrix, known: Iterable[Signature]) -> Matrix:
+    """The matrix with what its changes do that are remedies of known failures; what is not known is refused."""
+    ids = {str(one.id): one for one in known}
+    for path, name in named(matrix):
+        with located(matrix.path, *path):
+            if name not in ids:
+                message = f'no signature is called "{name}"{suggestion(name, ids)}'
+                raise ValueError(message)
+    return msgspec.structs.replace(
+        matrix, change=tuple(_remedied(matrix, index, one, ids) for index, one in enumerate(matrix.change))
+    )
+
+
+def _remedied(matrix: Matrix, index: int, change: ChangeTable, known: Mapping[str, Signature]) -> ChangeTable:
+    """The change with what the remedy says that it is."""
+    if change.remedy_of is None:
+        return change
+    remedy = known[change.remedy_of].remedy
+    with located(matrix.path, "change", index, "remedy_of"):
+        if remedy.change is None:
+            message = f'no machine can apply the remedy of "{change.remedy_of}": {remedy.text}'
+            raise ValueError(message)
+    said: dict[str, Any] = {name: getattr(remedy, name) for name in matrixfile.DOING if name in remedy.plain}
+    for name in ("constraints", "overrides", "build_constraints"):
+        if name in said:
+            said[name] = tuple(Constraint(text, {}) for text in said[name])
+    return msgspec.structs.replace(change, **said)
