@@ -180,7 +180,7 @@ def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
 def _diagnosis(found: Diagnosis) -> DiagnosisEntry:
     one = found.signature
     return DiagnosisEntry(
-        signature=one.id,
+        signature=str(one.id),
         cause=one.cause,
         remedy=one.remedy.plain,
         proven=False,
