@@ -1,0 +1,1 @@
+"""A stand-in for NVIDIA's Isaac Gym: see the README two folders above."""
