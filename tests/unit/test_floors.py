@@ -14,9 +14,9 @@ FLOORS = {
     0: {"model", "errors"},
     1: {
         "accepting", "cameras", "changes", "document", "drafts", "evidence", "expansion", "inputfiles", "locks",
-        "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines",
-        "plan", "present", "pytestsays", "remedies", "repairs", "reporttypes", "schema", "shards", "signatures",
-        "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise", "notices", "outcomes", "pages",
+        "pipelines", "plan", "present", "pytestsays", "remedies", "rendering", "repairs", "reporttypes", "schema",
+        "shards", "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched",
