@@ -66,6 +66,9 @@ class ControlsFile(Table, frozen=True, kw_only=True):
 
     snapshot: Instant
     control: tuple[ControlTable, ...] = ()
+    without: Annotated[dict[Api, str], Meta(description="adapters that can have no control, and why")] = field(
+        default_factory=dict
+    )
 
 
 def folder() -> Path | None:
@@ -120,6 +123,8 @@ def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
         for table in read(place).control:
             if table.api == api and _covers(table.covers, installed):
                 return _cell(place, table.id)
+        if reason := read(place).without.get(api):
+            return f"the adapter {api} has no control: {reason}"
     return f"the adapter {api} has no control for these versions"
 
 
