@@ -238,12 +238,12 @@ class SubjectNames(Word):
 
 
 class TorchBackend(Word):
-    """uv's name for a build of torch: `cpu`, `auto`, `cu126`, `rocm6.3`, `xpu`."""
+    """uv's name for a build of torch: `cpu`, `auto`, `cu126`, `rocm6.3`, `xpu`; `any` is what the index itself has."""
 
     @classmethod
     def canonical(cls, text: str) -> str:
         """Return the text itself."""
-        if not re.fullmatch(r"cpu|auto|xpu|cu\d{2,3}|rocm\d+(\.\d+)*", text):
+        if not re.fullmatch(r"cpu|auto|any|xpu|cu\d{2,3}|rocm\d+(\.\d+)*", text):
             message = f'"{text}" is not a torch backend such as "cpu", "cu126", "rocm6.3", "xpu" or "auto"'
             raise ValueError(message)
         return text
