@@ -4,7 +4,9 @@ import importlib
 import sys
 import warnings
 
-from .cell_errors import Skip, library
+from . import cell_torchrl
+from .cell_errors import library
+from .cell_interop import close, made, present
 
 SB3 = "stable_baselines3"
 STEPS = 64
@@ -13,27 +15,27 @@ STEPS = 64
 
 def sb3_check_env(probe, facts):
     """Stable-Baselines3's own checker; its warnings are findings."""
-    facts["version"] = _version(_present(SB3, "stable-baselines3"))
+    facts["version"] = _version(present(SB3, "stable-baselines3"))
     probe.watch.take_warnings()
     with library:
         checker = importlib.import_module(SB3 + ".common.env_checker")
-        env = _made(probe)
+        env = made(probe)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         with library:
             checker.check_env(env)
-    _close(env)
+    close(env)
     for text in probe.watch.take_warnings():
         probe.finding("interop.sb3.check_env", text)
 
 
 def sb3_learn(probe, facts):
     """Let PPO learn for two rounds on the CPU, and act once."""
-    sb3 = _present(SB3, "stable-baselines3")
+    sb3 = present(SB3, "stable-baselines3")
     facts["version"] = _version(sb3)
     with library:
         vectors = importlib.import_module(SB3 + ".common.vec_env")
-        env = vectors.DummyVecEnv([lambda: _made(probe)])
+        env = vectors.DummyVecEnv([lambda: made(probe)])
     try:
         with library:
             rounds = {"n_steps": STEPS // 2, "batch_size": STEPS // 2, "n_epochs": 1}
@@ -43,28 +45,7 @@ def sb3_learn(probe, facts):
             env.step(action)
         facts["steps"] = int(model.num_timesteps)
     finally:
-        _close(env)
-
-
-def _present(module, distribution):
-    """Import a library that trains; without it there is nothing to check."""
-    try:
-        with library:
-            return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name != module:
-            raise
-        message = "{} is not among the packages of this cell".format(distribution)
-        raise Skip(message) from None
-
-
-def _made(probe):
-    """The environment as the library that brings it has it."""
-    try:
-        return probe.api.bare(probe.case)
-    except Skip:
-        message = "environments of this API are not those of gym or gymnasium"
-        raise Skip(message) from None
+        close(env)
 
 
 def _policy(env):
@@ -81,10 +62,6 @@ def _version(module):
     return {"library": str(module.__version__), "torch": str(getattr(torch, "__version__", "?"))}
 
 
-def _close(env):
-    with library:
-        env.close()
-
-
 CHECKS = {"interop.sb3.check_env": sb3_check_env, "interop.sb3.learn": sb3_learn}
+CHECKS.update(cell_torchrl.CHECKS)
 FOLLOWERS = {}

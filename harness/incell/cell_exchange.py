@@ -1,0 +1,132 @@
+"""What passes between an environment of arrays and the library that drives it: values, the memory they lie in, resets.
+
+An array is numpy's or torch's. A `part` is one array of what a step gives, by its name: `reward`, `terminated`,
+`truncated`, `observation`, or one of the keys of an observation.
+"""
+
+from .cell_counting import Counts
+
+ENDS = ("terminated", "truncated")
+
+
+class Exchange:
+    """Watches `step` and `reset` of an environment as long as it is entered.
+
+    `steps` has a `Step` of each; `resets` says for each reset how many worlds were amid an episode and not spared by a
+    mask. `counts` counts for the environment while that has the word; what is done here does not count.
+    """
+
+    def __init__(self, env):
+        self.env = env
+        self.counts = Counts()
+        self.steps = []
+        self.resets = []
+        self.kept = {name: getattr(env, name) for name in ("step", "reset")}
+        self.begun = None
+
+    def __enter__(self):
+        """Begin to watch."""
+        self.env.step, self.env.reset = self._step, self._reset
+        return self
+
+    def __exit__(self, *_):
+        """Let the environment be as it was."""
+        for name in self.kept:
+            delattr(self.env, name)
+
+    def _step(self, action):
+        with self.counts.at("environment"):
+            result = self.kept["step"](action)
+        with self.counts.at(None):
+            step = Step(action, result)
+            self.steps.append(step)
+            self.begun = _number(~step.ended)
+        return result
+
+    def _reset(self, *values, **named):
+        spares = any(name in (named.get("options") or {}) for name in ("reset_mask", "env_ids")) or "env_ids" in named
+        self.resets.append(0 if spares else self.begun or 0)
+        self.begun = None
+        with self.counts.at("environment"):
+            return self.kept["reset"](*values, **named)
+
+
+class Step:
+    """One step: the action and the result as they were passed, and a copy of each part as it was then."""
+
+    def __init__(self, action, result):
+        self.action = action
+        self.parts = parts_of(result)
+        self.copies = {name: array_of(value).copy() for name, value in self.parts.items()}
+        found = [self.copies[name].astype(bool) for name in ENDS if name in self.copies]
+        self.ended = found[0] | found[1] if len(found) == 2 else found[0]
+
+
+def reuses(steps):
+    """Whether any part of what the last two steps gave lies in the same memory."""
+    before, last = steps[-2:]
+    return any(same_memory(last.parts[name], before.parts[name]) for name in last.parts)
+
+
+def parts_of(result):
+    """The parts of what step() returned, of five values or, in gym's older way, four."""
+    names = ("reward",) + (ENDS if len(result) == 5 else ENDS[:1])
+    observation = result[0]
+    found = dict(observation.items()) if hasattr(observation, "items") else {"observation": observation}
+    return dict(found, **dict(zip(names, result[1:-1])))
+
+
+def array_of(value):
+    """The values as an array of numpy; the memory may be the same."""
+    import numpy as np
+
+    return value.detach().cpu().numpy() if hasattr(value, "detach") else np.asarray(value)
+
+
+def address(value):
+    """Where the memory of an array lies; None of what is no array."""
+    import numpy as np
+
+    if hasattr(value, "data_ptr"):
+        return value.data_ptr()
+    return value.__array_interface__["data"][0] if isinstance(value, np.ndarray) else None
+
+
+def same_memory(one, two):
+    """Whether two arrays begin at one place; None where one of them is no array."""
+    places = address(one), address(two)
+    return None if None in places else places[0] == places[1]
+
+
+def shown(value):
+    """What an array is, `torch.Tensor float32 [4, 2] cpu`; of anything else its type."""
+    kind = type(value)
+    name = kind.__name__ if kind.__module__ == "builtins" else "{}.{}".format(kind.__module__, kind.__qualname__)
+    if not hasattr(value, "shape"):
+        return name
+    dtype, device = str(value.dtype).replace("torch.", ""), getattr(value, "device", None) or "cpu"
+    return "{} {} {} {}".format(name, dtype, list(value.shape), device)
+
+
+def equal(one, two):
+    """Whether two arrays hold the same values; a dimension of size one more or less is no difference."""
+    import numpy as np
+
+    left, right = array_of(one), array_of(two)
+    return left.size == right.size and bool(np.array_equal(left.reshape(right.shape), right, equal_nan=_floats(left)))
+
+
+def rows(array, which):
+    """The values in some of the worlds, of which `which` says for each whether it is one of them."""
+    import numpy as np
+
+    which = np.asarray(which).reshape(-1)
+    return array_of(array).reshape(which.size, -1)[which]
+
+
+def _floats(array):
+    return array.dtype.kind in "fc"
+
+
+def _number(flags):
+    return int(flags.sum())

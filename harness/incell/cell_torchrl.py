@@ -1,0 +1,249 @@
+"""TorchRL around an environment: what goes in and comes out of it, at the price of which conversions and copies.
+
+Each check is one way to wrap it. A few steps are looked at one by one; then a rollout is stored, as for training, and
+compared with what each step really returned.
+"""
+
+import importlib
+import sys
+
+from . import cell_interop
+from .cell_errors import Skip, library
+from .cell_exchange import Exchange, equal, reuses, rows, same_memory, shown
+
+FIRST, LOOKED_AT = 2, 4
+"""Steps that are let pass first (TorchRL validates), and those after that are looked at one by one."""
+
+BESIDE = ("reward", "terminated", "truncated", "done")
+"""What TorchRL stores of a step besides the observations."""
+
+REUSES = "; the environment gives the same memory at every step"
+MADE = "simmatrix/Made-v0"
+
+
+def gym(probe, facts):
+    """GymWrapper as it is: it converts actions to numpy."""
+    _drive(probe, facts, lambda raw: _of("gym").GymWrapper(raw, device="cpu"))
+
+
+def gym_tensor(probe, facts):
+    """GymWrapper that passes actions on as they are."""
+    _drive(probe, facts, lambda raw: _of("gym").GymWrapper(raw, device="cpu", convert_actions_to_numpy=False))
+
+
+def isaaclab(probe, facts):
+    """IsaacLabWrapper on the CPU; its own default is the first GPU."""
+    torchrl = cell_interop.present("torchrl", "torchrl")
+    try:
+        wrapper = _of("isaac_lab").IsaacLabWrapper
+    except ModuleNotFoundError as error:
+        if error.name != "torchrl.envs.libs.isaac_lab":
+            raise
+        message = "TorchRL {} has no IsaacLabWrapper".format(torchrl.__version__)
+        raise Skip(message) from None
+    device = importlib.import_module("torch").device("cpu")
+    _drive(probe, facts, lambda raw: wrapper(raw, device=device))
+
+
+def backend(probe, facts):
+    """GymEnv, which makes an environment by its id, in the backend that set_gym_backend names."""
+    cell_interop.present("torchrl", "torchrl")
+    gymnasium = importlib.import_module("gymnasium")
+    if probe.case["api"] == "gymnasium" and probe.case["env"] in gymnasium.envs.registration.registry:
+        name, options = probe.case["env"], probe.case["kwargs"]
+    else:
+        name, options = MADE, {}
+        gymnasium.register(MADE, entry_point=lambda **_: cell_interop.made(probe))
+    libs = _of("gym")
+    with libs.set_gym_backend("gymnasium"):
+        with library:
+            facts["backend"] = libs.gym_backend().__name__
+        _drive(probe, facts, lambda _: libs.GymEnv(name, device="cpu", **options), make=lambda _: None)
+
+
+def _drive(probe, facts, wrap, make=cell_interop.made):
+    """Wrap the environment, look at single steps, store a rollout."""
+    cell_interop.present("torchrl", "torchrl")
+    torch = importlib.import_module("torch")
+    told = facts["told"] = {"library": _library(probe)}
+    with library:
+        raw = make(probe)
+        env = wrap(raw)
+    told["wrapper"], told["batch"] = _names(env), list(env.batch_size)
+    torch.manual_seed(probe.case["seed"])
+    try:
+        with Exchange(_inner(env)) as exchange:
+            stored = _steps(env, exchange)
+            told.update(_passed(exchange, stored))
+            told["keys"] = _keys(probe, exchange, stored)
+            before = len(exchange.resets)
+            with library:
+                rollout = env.rollout(probe.case["steps"], break_when_any_done=False)
+            told["rollout"] = _stored(probe, told["wrapper"][-1], exchange.steps[-rollout.shape[-1] :], rollout)
+            told["resets"] = _resets(probe, exchange.resets[before + 1 :])
+    finally:
+        cell_interop.close(env)
+
+
+def _steps(env, exchange):
+    """Make a few steps, counting in the later ones: for each the action that went in and what TorchRL stores."""
+    onward = importlib.import_module("torchrl.envs.utils").step_mdp
+    stored = []
+    with library:
+        at = env.reset()
+    for number in range(FIRST + LOOKED_AT):
+        with library:
+            at = env.rand_action(at)
+            action = at[env.action_key]
+            if number < FIRST:
+                at = env.step(at)
+            else:
+                with exchange.counts.counted("wrapper"):
+                    at = env.step(at)
+        stored.append((action, at["next"]))
+        with library:
+            at = onward(at)
+    return stored
+
+
+def _passed(exchange, stored):
+    """What went in and came out of the steps that were looked at."""
+    pairs = list(zip(exchange.steps[-LOOKED_AT:], stored[-LOOKED_AT:]))
+    step, (_, after) = pairs[-1]
+    parts = [name for name in step.parts if name in _names_in(after)]
+    same = {"action": _always(same_memory(taken, step.action) for step, (taken, _) in pairs)}
+    same.update(
+        {name: _always(same_memory(step.parts[name], after[name]) for step, (_, after) in pairs) for name in parts}
+    )
+    counts = exchange.counts.by_place
+    return {
+        "takes": shown(step.action),
+        "gives": {name: shown(value) for name, value in step.parts.items()},
+        "stored": {name: shown(after[name]) for name in _names_in(after)},
+        "same_memory": same,
+        "per_step": {place: {kind: _mean(number) for kind, number in counts[place].items()} for place in counts},
+        "reused": [name for name in step.parts if _one_place([step.parts[name] for step, _ in pairs])],
+        "aliased": [name for name in parts if _one_place([after[name] for _, (_, after) in pairs])],
+    }
+
+
+def _keys(probe, exchange, stored):
+    """Whether what the environment observes can be found by its name in what TorchRL stores."""
+    step, (_, after) = exchange.steps[-1], stored[-1]
+    there = _observed(after)
+    wanted = [name for name in step.parts if name not in BESIDE]
+    renamed = {}
+    for name in wanted:
+        if name in there:
+            continue
+        new = next((key for key in there if equal(after[key], step.copies[name])), None)
+        if new:
+            renamed[name] = new
+        text = "TorchRL stores the observation {!r} as {!r}" if new else "TorchRL does not store the observation {!r}"
+        probe.finding("interop.torchrl.keys", text.format(name, new))
+    return {"environment": wanted, "stored": there, "renamed": renamed}
+
+
+def _stored(probe, wrapper, steps, rollout):
+    """Compare a stored rollout with what each of its steps returned, where no episode ended; there apart."""
+    wrong, ends, apart = {}, set(), 0
+    for number, step in enumerate(steps):
+        after = rollout[..., number]["next"]
+        apart += bool(step.ended.any() and not step.ended.all())
+        for name in [name for name in step.copies if name in _names_in(after)]:
+            beside = name in BESIDE
+            compared = ~step.ended | beside
+            if not equal(rows(after[name], compared), rows(step.copies[name], compared)):
+                wrong[name] = wrong.get(name, 0) + 1
+            if step.ended.any() and not beside:
+                ends.add(_at_end(rows(after[name], step.ended), rows(step.copies[name], step.ended)))
+    if wrong:
+        where = ", ".join("{} in {}".format(name, number) for name, number in sorted(wrong.items()))
+        text = "{}: a stored rollout of {} steps holds other values than the steps returned: {}"
+        text = text.format(wrapper, len(steps), where)
+        probe.finding("interop.torchrl.alias", text + (REUSES if reuses(steps) else ""))
+    return {"steps": len(steps), "ends_apart": apart, "wrong": wrong, "at_ends": sorted(ends)}
+
+
+def _at_end(stored, returned):
+    """What is stored of an observation with which an episode ended."""
+    import numpy as np
+
+    if equal(stored, returned):
+        return "as returned"
+    return "not a number" if np.isnan(stored).all() else "otherwise"
+
+
+def _resets(probe, resets):
+    """How often the environment was reset besides the beginning, and how often with worlds amid an episode."""
+    amid = [number for number in resets if number]
+    if amid:
+        text = "the whole environment was reset {} times while some of its worlds were amid an episode"
+        probe.finding("interop.torchrl.reset", text.format(len(amid)))
+    return {"number": len(resets), "amid": len(amid)}
+
+
+def _inner(env):
+    """The environment that is wrapped."""
+    transformed = importlib.import_module("torchrl.envs").TransformedEnv
+    while isinstance(env, transformed):
+        env = env.base_env
+    return env._env
+
+
+def _names(env):
+    """The classes of a wrapper, the outermost first."""
+    transformed = importlib.import_module("torchrl.envs").TransformedEnv
+    found = [type(env).__name__]
+    while isinstance(env, transformed):
+        env = env.base_env
+        found.append(type(env).__name__)
+    return found
+
+
+def _names_in(tensordict):
+    return list(tensordict.keys())  # itself it yields its values
+
+
+def _observed(after):
+    return [name for name in _names_in(after) if name not in BESIDE]
+
+
+def _always(answers):
+    """One answer where all agree."""
+    found = set(answers)
+    return found.pop() if len(found) == 1 else "sometimes"
+
+
+def _one_place(arrays):
+    return all(same_memory(arrays[0], other) for other in arrays[1:])
+
+
+def _mean(number):
+    each = number / LOOKED_AT
+    return int(each) if each == int(each) else round(each, 2)
+
+
+def _of(name):
+    return importlib.import_module("torchrl.envs.libs." + name)
+
+
+def _library(probe):
+    """The releases that work together, and why TorchRL's compiled part does not, where it does not."""
+    names = ("torchrl", "tensordict", "torch", "gymnasium")
+    told = {name: str(getattr(sys.modules.get(name), "__version__", None)) for name in names}
+    try:
+        importlib.import_module("torchrl._torchrl")
+    except ImportError as error:
+        told["compiled"] = str(error).rpartition(": ")[2][:100]
+        text = "TorchRL's compiled part (prioritized replay) does not load beside torch {}: undefined symbol {}"
+        probe.finding("interop.torchrl.compiled", text.format(told["torch"], told["compiled"]), level="note")
+    return told
+
+
+CHECKS = {
+    "interop.torchrl.gym": gym,
+    "interop.torchrl.gym_tensor": gym_tensor,
+    "interop.torchrl.isaaclab": isaaclab,
+    "interop.torchrl.backend": backend,
+}
