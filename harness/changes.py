@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
-from enum import StrEnum
+from dataclasses import fields, replace
 from typing import Any
+
+import msgspec
 
 from harness import repairs
 from harness.model import FAILING, Cell, Change, Phase, Question, Repair, Verdict
-from harness.reporttypes import UNTOLD, CellEntry
+from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry, Effect
 from harness.vocabulary import parsed_requirement, required_name
 
 NEVER = "python_version < '0'"
@@ -95,12 +96,40 @@ def same(one: Cell, other: Cell) -> bool:
     return _plain(one) == _plain(other)
 
 
+def comes_to(base: Cell, change: Change, other: Cell) -> bool:
+    """Whether a change makes this other cell of a cell, and not the same cell again."""
+    known: dict[str, tuple[Repair, ...]] = {}
+    for repair in (*base.question.overlay, *other.question.overlay):
+        known[repair.name] = (*(one for one in known.get(repair.name, ()) if one != repair), repair)
+    try:
+        made = applied(base, change, known)
+    except ValueError:  # it repairs what the other cell does not
+        return False
+    return same(made, other) and not same(made, base)
+
+
 def _plain(cell: Cell) -> Cell:
     question = cell.question
     lists = ("requirements", "constraints", "overrides", "build_constraints", "only_binary", "absent")
     ordered: dict[str, Any] = {name: tuple(sorted(getattr(question, name))) for name in lists}
     question = replace(question, **ordered)
-    return replace(cell, id="", question=question, expect=None, base=None, tried=None)
+    overlay = tuple(sorted(question.overlay, key=lambda one: (one.name, one.wheel)))
+    return replace(cell, id="", question=replace(question, overlay=overlay), expect=None, base=None, tried=None)
+
+
+def plain(change: Change) -> dict[str, Any]:
+    """A change as documents hold it: only what it does."""
+    said = {one.name: getattr(change, one.name) for one in fields(change)}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in said.items() if value}
+
+
+def words(remedy: Mapping[str, Any]) -> tuple[str, ...]:
+    """The remedy of a document in words, what a machine can do first."""
+    known = {one.name for one in fields(Change)}
+    said: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in remedy.items() if name in known
+    }
+    return (*described(Change(**said)), *([str(remedy["text"])] if remedy.get("text") else []))
 
 
 def described(change: Change) -> tuple[str, ...]:
@@ -127,17 +156,6 @@ def _variables(variables: Mapping[str, str]) -> list[str]:
 
 
 # --- what came of it -------------------------------------------------------------------------------------------
-
-
-class Effect(StrEnum):
-    """What a change did to a cell."""
-
-    CURES = "cures"
-    PARTLY = "cures part of it"
-    UNCOVERS = "another failure behind it"
-    NOTHING = "no difference"
-    BREAKS = "breaks"
-    UNTOLD = "not known"
 
 
 def effect(before: CellEntry, after: CellEntry) -> Effect:
@@ -172,3 +190,25 @@ def _failed(cell: CellEntry) -> set[tuple[str, str]]:
     """Checks that failed, by case; a step of the host stands for all of them."""
     found = {(case.case, check) for case in cell.cases for check, how in case.checks.items() if how in FAILING}
     return found | {("", phase) for phase, how in cell.phases.items() if how in FAILING and not found}
+
+
+def proven(cells: Iterable[CellEntry]) -> tuple[CellEntry, ...]:
+    """The cells, a remedy being proven where the cell that it makes of this one was measured here, too, and works."""
+    found = tuple(cells)
+    cured = {
+        (cell.base, cell.machine, name): cell.id
+        for cell in found
+        if cell.change and cell.verdict is Verdict.WORKS
+        for name in cell.change.remedy_of
+    }
+
+    def judged(cell: CellEntry, one: DiagnosisEntry) -> DiagnosisEntry:
+        proof = cured.get((cell.id, cell.machine, one.signature))
+        return msgspec.structs.replace(one, proven=proof is not None, proof=proof)
+
+    return tuple(
+        msgspec.structs.replace(cell, diagnoses=tuple(judged(cell, one) for one in cell.diagnoses))
+        if cell.diagnoses
+        else cell
+        for cell in found
+    )

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from harness import schema, verdict
+from harness import changes, schema, verdict
 from harness.evidence import NOTHING_KNOWN, Knowledge, causes, diagnosed
 from harness.model import (
     CASE_PHASES,
@@ -33,6 +33,7 @@ from harness.reporttypes import (
     BroughtEntry,
     CaseEntry,
     CellEntry,
+    ChangeEntry,
     ControlEntry,
     DiagnosisEntry,
     Document,
@@ -43,7 +44,7 @@ from harness.reporttypes import (
     SubjectEntry,
     SuiteEntry,
 )
-from harness.signatures import Diagnosis
+from harness.signatures import Diagnosis, machine_applicable
 
 DRAWN = ("api", "vendor", "renderer", "version", "device")
 LONGEST_TEXT = 300
@@ -72,8 +73,9 @@ def build(  # noqa: PLR0913 - all that a document is made of
     here = next(iter(machines)) if len(machines) == 1 else ""
     cells: list[CellEntry] = []
     stale = [sentence for plan in plans for sentence in plan.stale]
-    making = _Making(generated, locate, marks(), known)
-    for cell in (cell for plan in plans for cell in plan.cells):
+    planned = {cell.id: cell for plan in plans for cell in plan.cells}
+    making = _Making(generated, locate, marks(), known, planned)
+    for cell in planned.values():
         unrun = CellRecord(cell=cell, machine=here)
         for record in sorted(measured.get(cell.id, [unrun]), key=lambda record: record.machine):
             entry, outdated = _entry(record, making)
@@ -82,7 +84,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
     return Document(
         generated=generated,
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
-        cells=tuple(cells),
+        cells=changes.proven(cells),
         dropped=tuple(
             DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
         ),
@@ -122,6 +124,7 @@ class _Making(NamedTuple):
     locate: Locate
     mark: Callable[[Cell], str]
     known: Knowledge
+    planned: Mapping[str, Cell]
 
 
 def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
@@ -173,8 +176,27 @@ def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
             for api, one in record.controls.items()
         }
         or msgspec.UNSET,
+        base=cell.base,
+        change=_change(cell, making) if cell.tried else None,
     )
     return entry, stale
+
+
+def _change(cell: Cell, making: _Making) -> ChangeEntry | None:
+    """What was tried, and of which known failures it is the remedy."""
+    tried, base = cell.tried, making.planned.get(cell.base or "")
+    if tried is None:
+        return None
+    known = machine_applicable(making.known.signatures()) if base else ()
+    return ChangeEntry(
+        name=tried.name,
+        reason=tried.reason,
+        does=(*changes.described(tried.change), *tried.also),
+        change=changes.plain(tried.change),
+        remedy_of=tuple(str(one.id) for one, remedy in known if base and changes.comes_to(base, remedy, cell)),
+        advice=tried.advice,
+        link=tried.link,
+    )
 
 
 def _diagnosis(found: Diagnosis) -> DiagnosisEntry:
@@ -372,7 +394,7 @@ def combined(documents: Sequence[Document]) -> Document:
     return Document(
         generated=max(document.generated for document in documents),
         machines={name: facts for document in documents for name, facts in document.machines.items()},
-        cells=tuple(entry for entry in cells.values() if entry.machine or entry.id not in measured),
+        cells=changes.proven(entry for entry in cells.values() if entry.machine or entry.id not in measured),
         dropped=tuple({gone.id: gone for document in documents for gone in document.dropped}.values()),
         matrices={name: matrix for document in documents for name, matrix in document.matrices.items()},
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import present
+from harness import changes, present
 from harness.errors import BadInput
 from harness.reporttypes import CaseEntry, CellEntry, Document, Report
 
@@ -14,7 +14,7 @@ def render(template: str, document: Document, report: Report) -> str:
     """Fill a template with `document`, `report` and functions that find cells. Raises BadInput for a wrong template.
 
     `cell("LABEL")` is the cell of this label, `cells(AXIS="VALUE", ...)` those with these values (a list is any of
-    them), `case(CELL, "ID")` one of its cases.
+    them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL-with-NAME")` what a change did.
     """
     from jinja2 import StrictUndefined, TemplateError  # noqa: PLC0415 - start-up
     from jinja2.sandbox import SandboxedEnvironment  # noqa: PLC0415
@@ -26,7 +26,7 @@ def render(template: str, document: Document, report: Report) -> str:
     found = _Cells(document.cells)
     try:
         return environment.from_string(template).render(
-            document=document, report=report, cell=found.labelled, cells=found.having, case=_case
+            document=document, report=report, cell=found.labelled, cells=found.having, case=_case, effect=found.effect
         )
     except TemplateError as error:
         line = getattr(error, "lineno", None)
@@ -53,7 +53,16 @@ class _Cells:
 
     def having(self, **axes: Any) -> tuple[CellEntry, ...]:
         wanted = {name.replace("_", "-"): (value,) if isinstance(value, str) else value for name, value in axes.items()}
-        return tuple(cell for cell in self.cells if all(_value(cell, name) in wanted[name] for name in wanted))
+        planned = (cell for cell in self.cells if cell.base is None)
+        return tuple(cell for cell in planned if all(_value(cell, name) in wanted[name] for name in wanted))
+
+    def effect(self, label: str) -> str:
+        after = self.labelled(label)
+        before = next((cell for cell in self.cells if cell.id == after.base), None)
+        if before is None:
+            message = f'its page asks what the change of "{label}" did, which is no changed cell'
+            raise BadInput(message)
+        return changes.effect(before, after)
 
 
 def _value(cell: CellEntry, axis: str) -> str | None:

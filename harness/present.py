@@ -6,7 +6,20 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from harness.model import Verdict
-from harness.reporttypes import SYMBOLS, UNTOLD, Pivot, Remark, Report, Row, Sheet, Square, number, word
+from harness.reporttypes import (
+    SYMBOLS,
+    UNTOLD,
+    Attempt,
+    Effect,
+    Pivot,
+    Remark,
+    Report,
+    Row,
+    Sheet,
+    Square,
+    number,
+    word,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -22,6 +35,7 @@ PIPED_WIDTH = 100
 
 GREEN, YELLOW, RED, GREY = "green", "yellow", "red", "bright_black"
 INDENT = 2
+EFFECTS = {Effect.CURES: GREEN, Effect.BREAKS: RED, Effect.NOTHING: GREY, Effect.UNTOLD: GREY}
 
 
 def markdown(report: Report, template: str) -> str:
@@ -127,6 +141,8 @@ def _sheet(sheet: Sheet) -> Iterable[RenderableType]:
         yield ""
     yield _list(sheet)
     yield ""
+    if sheet.attempts:
+        yield from _attempts(sheet.attempts)
     if sheet.repairs:
         yield from _remarks("repaired: no resolver accepts them as the index has them", sheet.repairs)
     if sheet.drawing:
@@ -206,6 +222,8 @@ def _details(sheet: Sheet, row: Row) -> Text:
     if row.why:
         parts.append((f"\n{row.why}", "" if row.verdict is Verdict.WORKS else _colour(row.verdict)))
     parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]
+    parts += [(f"\ncause: {row.cause}", "")] if row.cause else []
+    parts += [(f"\nremedy: {row.remedy}", GREEN if row.proven else "")] if row.remedy else []
     if row.expected:
         parts.append((f"\n{row.expected}", "bold" if row.as_expected is False else GREY))
     return _styled(*parts)
@@ -214,6 +232,18 @@ def _details(sheet: Sheet, row: Row) -> Text:
 def _measured(row: Row) -> Text:
     findings = f"\n{number(row.findings, 'finding')}" if row.findings else ""
     return _styled((f"{row.seconds:.1f} s" if row.verdict is not Verdict.NOT_RUN else "", ""), (findings, GREY))
+
+
+def _attempts(attempts: Iterable[Attempt]) -> Iterable[RenderableType]:
+    from rich.padding import Padding  # noqa: PLC0415 - start-up
+
+    yield _styled(("changes tried, one at a time", "bold"))
+    for one in attempts:
+        advice = " (advice)" if one.advice else ""
+        head = (f"{one.effect}: {one.change}{advice}", EFFECTS.get(one.effect, YELLOW))
+        lines = f"\n{'; '.join(one.does)}\nbefore: {one.before}\nafter: {one.after}"
+        yield Padding(_styled(head, (f" in {one.cell}", ""), (lines, GREY)), (0, 0, 0, INDENT))
+    yield ""
 
 
 def _remarks(title: str, remarks: Iterable[Remark]) -> Iterable[RenderableType]:

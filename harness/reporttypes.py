@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Literal
 
 import msgspec
@@ -157,8 +158,25 @@ class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
     proof: str | None = None
 
 
+class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A change that was tried, `does` in words and `change` as a machine applies it.
+
+    `remedy_of` are the signatures whose remedy makes the same of the same cell, `advice` is what people say helps.
+    """
+
+    name: str
+    reason: str
+    does: tuple[str, ...]
+    change: dict[str, Any]
+    remedy_of: tuple[str, ...] = ()
+    advice: bool = False
+    link: str | None = None
+
+
 class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One cell on one machine, measured or not. `phase` is the one that decided the verdict.
+
+    A cell that a `change` makes of another one has the axes of that, its `base`.
 
     `asked` marks what it asks for besides its axes: the same for the same packages and cases. `controls` has, by API,
     those of the adapters with which something failed after the install.
@@ -200,6 +218,8 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     brought: tuple[BroughtEntry, ...] | msgspec.UnsetType = msgspec.UNSET
     suite: SuiteEntry | None = None
     controls: dict[str, ControlEntry] | msgspec.UnsetType = msgspec.UNSET
+    base: str | None = None
+    change: ChangeEntry | None = None
 
 
 class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -260,6 +280,9 @@ class Row:
     seconds: float
     machine: str
     repaired: tuple[str, ...] = ()
+    cause: str = ""
+    remedy: str = ""
+    proven: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -287,6 +310,45 @@ class Pivot:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Cause:
+    """A known failure that fits cells, and its remedy in words; `proofs` are cells that the remedy cured and locks."""
+
+    signature: str
+    cause: str
+    remedy: tuple[str, ...]
+    proofs: tuple[tuple[str, str], ...]
+    references: tuple[str, ...]
+
+
+class Effect(StrEnum):
+    """What a change did to a cell."""
+
+    CURES = "cures"
+    PARTLY = "cures part of it"
+    UNCOVERS = "another failure behind it"
+    NOTHING = "no difference"
+    BREAKS = "breaks"
+    UNTOLD = "not known"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Attempt:
+    """A change tried on a cell: where it stood before and stands after, each in words, and what the change did."""
+
+    cell: str
+    before: str
+    change: str
+    does: tuple[str, ...]
+    reason: str
+    advice: bool
+    link: str
+    after: str
+    effect: Effect
+    lock: str
+    machine: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Explanation:
     """Why cells are not green: those with the same reason together."""
 
@@ -297,6 +359,7 @@ class Explanation:
     expected: str
     link: str
     cells: tuple[str, ...]
+    causes: tuple[Cause, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -326,6 +389,7 @@ class Sheet:
     locks: tuple[Remark, ...]
     repairs: tuple[Remark, ...] = ()
     drawing: tuple[Remark, ...] = ()
+    attempts: tuple[Attempt, ...] = ()
     left_out: int = 0
 
 

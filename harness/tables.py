@@ -9,13 +9,18 @@ from typing import Any
 
 from packaging.version import InvalidVersion, Version
 
+from harness import changes
 from harness.errors import BadInput
 from harness.model import Verdict
 from harness.reporttypes import (
     SEVERITY,
+    Attempt,
     CaseEntry,
+    Cause,
     CellEntry,
+    DiagnosisEntry,
     Document,
+    Effect,
     Explanation,
     MatrixEntry,
     Pivot,
@@ -77,7 +82,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         results=len(cells),
         machines=machines,
         counts=tuple((verdict, counts[verdict]) for verdict in reversed(SEVERITY) if counts[verdict]),
-        pivot=_pivot(cells, chosen, machines) if chosen else None,
+        pivot=_pivot([cell for cell in cells if cell.base is None], chosen, machines) if chosen else None,
         columns=columns,
         rows=_rows(cells, columns, machines),
         explanations=_explanations(cells),
@@ -85,6 +90,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         dropped=_grouped(dropped),
         left_out=sum(gone.count for gone in document.dropped if gone.id.partition("/")[0] == name),
         locks=_grouped(locks),
+        attempts=tuple(_attempts(cells)),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
         repairs=_grouped((_repaired(one), str(one["link"]), cell.id) for cell in cells for one in cell.repairs),
     )
@@ -159,7 +165,18 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
         seconds=cell.seconds,
         machine=cell.machine or NOTHING,
         repaired=tuple(f"{repair['package']} {repair['version']}" for repair in cell.repairs),
+        **_told(cell),
     )
+
+
+def _told(cell: CellEntry) -> dict[str, Any]:
+    """The deepest cause of a failure that is known, and its remedy."""
+    if not cell.diagnoses:
+        return {}
+    deepest = cell.diagnoses[0]
+    proof = f" (proven by {_label(deepest.proof)})" if deepest.proof else ""
+    remedy = "; ".join(changes.words(deepest.remedy)) + proof
+    return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven}
 
 
 def _repaired(repair: Mapping[str, Any]) -> str:
@@ -260,11 +277,14 @@ def _explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
     """One per reason, for every cell that needs one."""
     groups: dict[tuple[Any, ...], list[CellEntry]] = {}
     results: Counter[str] = Counter()
+    locks: dict[str, str] = {}
     for cell in cells:
         results[cell.id] += 1
-        if not _plain(cell):
+        locks[cell.id] = cell.lock or ""
+        if not (_plain(cell) or (cell.change and cell.as_expected)):
             link = cell.expectation.link or "" if cell.expectation else ""
-            why = _phase(cell), cell.decisive or "", _hidden_by(cell), _expected(cell), link
+            ids = tuple(one.signature for one in counting(cell))
+            why = _phase(cell), cell.decisive or "", _hidden_by(cell), _expected(cell), link, ids
             groups.setdefault((cell.verdict, *why), []).append(cell)
     return tuple(
         Explanation(
@@ -275,9 +295,57 @@ def _explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
             expected=expected,
             link=link,
             cells=_labels(found, results),
+            causes=tuple(_causes(found, locks)),
         )
-        for (verdict, phase, decisive, hidden, expected, link), found in groups.items()
+        for (verdict, phase, decisive, hidden, expected, link, _), found in groups.items()
     )
+
+
+def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
+    """The known failures that count in a cell: of those that mask others none, unless there is nothing else."""
+    return tuple(one for one in cell.diagnoses if not one.masks) or cell.diagnoses
+
+
+def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
+    """The known failures of cells that have the same."""
+    for place, one in enumerate(counting(cells[0])):
+        proofs = [proof for cell in cells if (proof := counting(cell)[place].proof)]
+        yield Cause(
+            signature=one.signature,
+            cause=one.cause,
+            remedy=changes.words(one.remedy),
+            proofs=tuple((_label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
+            references=one.references,
+        )
+
+
+def _attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
+    """The changes that were tried, each with the cell that it was tried on, on the same machine."""
+    known = {(cell.id, cell.machine): cell for cell in cells}
+    for after in cells:
+        if after.change is None or after.base is None or after.verdict is Verdict.NOT_RUN:
+            continue
+        before = known.get((after.base, after.machine))
+        yield Attempt(
+            cell=_label(after.base),
+            before=_stands(before) if before else "not run",
+            change=after.change.name,
+            does=after.change.does,
+            reason=after.change.reason,
+            advice=after.change.advice,
+            link=after.change.link or "",
+            after=_stands(after),
+            effect=changes.effect(before, after) if before else Effect.UNTOLD,
+            lock=after.lock or "",
+            machine=after.machine or NOTHING,
+        )
+
+
+def _stands(cell: CellEntry) -> str:
+    """Where a cell stands: its verdict, the phase, and the line that says why."""
+    where = f" in {_phase(cell)}" if _phase(cell) else ""
+    line = f": {cell.decisive}" if cell.decisive and cell.verdict is not Verdict.WORKS else ""
+    return f"{word(cell.verdict)}{where}{line}"
 
 
 def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str, ...]:
@@ -306,6 +374,7 @@ def _expected(cell: CellEntry) -> str:
         return f"as expected: {expect.reason}"
     where = f" in {expect.phase}" if expect.phase else ""
     match = f" with a line like {expect.match!r}" if expect.match else ""
+    match += f" by {expect.signature}" if expect.signature else ""
     return f"not as expected, which was {word(expect.verdict)}{where}{match}: {expect.reason}"
 
 

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import catalog, document, knowledge, plan, store, tables
+from harness import catalog, changes, document, knowledge, plan, store, tables
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
-from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, Document, SubjectEntry, word
+from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, DiagnosisEntry, Document, SubjectEntry, word
 from harness.schema import suggestion
 from harness.store import Store
 
@@ -36,8 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Show the cell, once for each machine it was measured on."""
     opened = store.open_store()
-    records = _matching(tuple(opened.cells()), args.cell)
-    made = _document(records, opened)
+    known = tuple(opened.cells())
+    records = _matching(known, args.cell)
+    made = _document(records, known, opened)
     if args.json:
         sys.stdout.write(document.encode(made).decode())
         return 0
@@ -69,14 +70,18 @@ def _fits(cell: Cell, pattern: str) -> bool:
     return fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)
 
 
-def _document(records: Sequence[CellRecord], opened: Store) -> Document:
-    """The records as a document whose paths start from the working folder."""
+def _document(records: Sequence[CellRecord], known: Sequence[CellRecord], opened: Store) -> Document:
+    """The records as a document whose paths start from the working folder, judged beside what changes made of them."""
     cell = records[0].cell
-    planned = Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes))
+    near = {cell.id, cell.base}
+    together = [record for record in known if record.cell.id in near or record.cell.base == cell.id]
+    cells = {record.cell.id: record.cell for record in together}
+    planned = Plan(matrix=cell.matrix, cells=tuple(cells.values()), axes=tuple(cell.axes))
     machines = {record.machine: opened.load_machine(record.machine) for record in records}
     locate = reporting.seen_from_here(opened.folder)
     causes = knowledge.beside(opened.folder)
-    return document.build(records, [planned], machines, store.now(), locate, known=causes)
+    made = document.build(together, [planned], machines, store.now(), locate, known=causes)
+    return document.only(made, {cell.id})
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
@@ -91,6 +96,9 @@ def _lines(cell: CellEntry) -> Iterator[str]:
     for name in cell.unverified:
         yield f"  not verified: {name}"
     yield from _expectation(cell)
+    yield from _change(cell)
+    for one in tables.counting(cell):
+        yield from _diagnosis(one)
     yield ""
     yield from _facts(cell)
     yield ""
@@ -112,6 +120,23 @@ def _expectation(cell: CellEntry) -> Iterator[str]:
         fits = {True: "as expected", False: "not as expected", None: "expected"}[cell.as_expected]
         link = f" <{cell.expectation.link}>" if cell.expectation.link else ""
         yield f"  {fits} ({word(cell.expected)}): {cell.expectation.reason}{link}"
+
+
+def _change(cell: CellEntry) -> Iterator[str]:
+    if cell.change:
+        link = f" <{cell.change.link}>" if cell.change.link else ""
+        yield f"  {cell.base} with {cell.change.name}: {'; '.join(cell.change.does)}"
+        yield f"  tried because: {cell.change.reason}{link}"
+
+
+def _diagnosis(one: DiagnosisEntry) -> Iterator[str]:
+    """A known failure that it is: cause, remedy, whether that is proven here, and where more is said."""
+    yield f"known as {one.signature}"
+    yield f"  cause      {one.cause}"
+    yield f"  seen       {one.seen}"
+    yield f"  remedy     {'; '.join(changes.words(one.remedy))}"
+    yield f"  proven     {f'by {one.proof}, which works' if one.proof else 'not here'}"
+    yield from (f"  reference  {reference}" for reference in one.references)
 
 
 def _facts(cell: CellEntry) -> Iterator[str]:
