@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import changes, present
+from harness import cameras, changes, present
 from harness.errors import BadInput
 from harness.reporttypes import CaseEntry, CellEntry, Document, Report
 
@@ -14,7 +14,8 @@ def render(template: str, document: Document, report: Report) -> str:
     """Fill a template with `document`, `report` and functions that find cells. Raises BadInput for a wrong template.
 
     `cell("LABEL")` is the cell of this label, `cells(AXIS="VALUE", ...)` those with these values (a list is any of
-    them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL-with-NAME")` what a change did.
+    them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL-with-NAME")` what a change did;
+    `CELL | camera_pairs` is what became of its cameras.
     """
     from jinja2 import StrictUndefined, TemplateError  # noqa: PLC0415 - start-up
     from jinja2.sandbox import SandboxedEnvironment  # noqa: PLC0415
@@ -22,7 +23,7 @@ def render(template: str, document: Document, report: Report) -> str:
     environment = SandboxedEnvironment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    environment.filters |= present.filters()
+    environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs}
     found = _Cells(document.cells)
     try:
         return environment.from_string(template).render(
