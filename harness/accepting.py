@@ -94,13 +94,14 @@ def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, 
 
 def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red], wish: Wish) -> Accepted:
     """Write tables for red cells into the text of a matrix file; `cells` are all that are planned."""
-    groups: dict[tuple[Verdict, Phase | None, str], list[Cell]] = {}
+    groups: dict[tuple[Verdict, Phase | None, str, bool], list[Cell]] = {}
     for red in found:
-        groups.setdefault((red.verdict, red.phase, _match(red.lines)), []).append(red.cell)
+        groups.setdefault((red.verdict, red.phase, _match(red.lines), red.cell.base is None), []).append(red.cell)
+    planned = [cell for cell in cells if cell.base is None]
     tables = [
         _table(selector, verdict, phase, match, wish)
-        for (verdict, phase, match), group in groups.items()
-        for selector in _selectors(matrix, cells, group, wish.pattern)
+        for (verdict, phase, match, plain), group in groups.items()
+        for selector in (_selectors(matrix, planned, group, wish.pattern) if plain else map(_labelled, group))
     ]
     accepted = {red.cell.id for red in found}
     owned = _owned(matrix.expect, cells, matrix)
@@ -147,7 +148,7 @@ def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pat
     """Lines that together select these cells: values of one axis, one label, values of two axes, or what chose them."""
     ids = {cell.id for cell in group}
     one, two = (_boxes(matrix, cells, group, axes) for axes in (1, 2))
-    labels = [f"cells = {_string(cell.label)}" for cell in group]
+    labels = [_labelled(cell) for cell in group]
     for selector in (one, labels[0] if len(labels) == 1 else None, two):
         if selector:
             return [selector]
@@ -170,7 +171,11 @@ def _parts(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell]) -> Iter
             break
         yield _written(when)
         left = {name: cell for name, cell in left.items() if name not in held}
-    yield from (f"cells = {_string(cell.label)}" for cell in left.values())
+    yield from map(_labelled, left.values())
+
+
+def _labelled(cell: Cell) -> str:
+    return f"cells = {_string(cell.label)}"
 
 
 def _inside(matrix: Matrix, cells: Sequence[Cell], ids: set[str]) -> Iterator[When]:
@@ -231,6 +236,8 @@ def _owned(tables: Sequence[ExpectTable], cells: Iterable[Cell], matrix: Matrix)
 
 
 def _fits(table: ExpectTable, cell: Cell, matrix: Matrix) -> bool:
+    if cell.base is not None and not table.of_changed:
+        return False
     return (table.cells is None or _globbed(table.cells, cell)) and _holds(table.when, cell, matrix)
 
 

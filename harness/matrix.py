@@ -14,6 +14,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType, field
 from harness.model import Phase, Verdict
 from harness.strategy import FULL, Strategy
 from harness.vocabulary import (
+    WITH,
     Api,
     Capability,
     CheckName,
@@ -316,13 +317,20 @@ class ExpectTable(Table, frozen=True, kw_only=True):
 
     verdict: Verdict
     reason: Annotated[str, Meta(min_length=1)]
-    cells: Annotated[str | None, Meta(description="glob on the cell's id or on its label")] = None
+    cells: Annotated[
+        str | None, Meta(description="glob on the cell's id or on its label; with `-with-` in it, also of changed ones")
+    ] = None
     when: When = {}
     phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
     match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
-    signature: str | None = None
+    signature: Annotated[str | None, Meta(description="a known failure that it is")] = None
     link: str | None = None
     until: Instant | None = None
+
+    @property
+    def of_changed(self) -> bool:
+        """Whether it may speak of changed cells, as its glob has to say: others mean cells as the axes make them."""
+        return not self.when and self.cells is not None and WITH in self.cells
 
 
 class ChangedTable(Table, frozen=True, kw_only=True):

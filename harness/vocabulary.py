@@ -103,6 +103,8 @@ NAMED = frozenset({Kind.BUNDLE, Kind.VARIABLE, *OF_SUBJECT})
 """Axes whose values are names; those of the others are versions."""
 
 LONGEST_LABEL = 150
+WITH = "-with-"
+"""What stands in the label of a changed cell between that of the cell and the name of the change."""
 ALL_PACKAGES = ":all:"
 
 

@@ -13,18 +13,10 @@ from harness.model import Cell, Expectation, Tried
 from harness.plan.choices import Choice, Combination, condition
 from harness.plan.contents import Contents
 from harness.schema import located
-from harness.vocabulary import Kind
-
-WITH = "-with-"
-"""What stands in a label between that of the cell and the name of the change."""
+from harness.vocabulary import WITH, Kind
 
 BESIDES = ("needs", "system", "files", "empty", "python_path", "bring", "extras", "groups")
 UNCHANGED = "the change leaves the cell as it is"
-
-
-def speaks_of_changed(pattern: str | None) -> bool:
-    """Whether the glob of an expectation may stand for a changed cell: others speak of cells as the axes make them."""
-    return pattern is not None and WITH in pattern
 
 
 @dataclass

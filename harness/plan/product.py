@@ -13,7 +13,7 @@ from typing import NamedTuple
 from harness.expansion import NO_BREAKS, Breaks
 from harness.matrix import Expansion, ExpectTable, Matrix, Value
 from harness.model import Case, Cell, Dropped, Expectation, Plan
-from harness.plan.changing import Changing, speaks_of_changed
+from harness.plan.changing import Changing
 from harness.plan.choices import Choice, Combination, Condition, as_folder, choice_of, choices, condition
 from harness.plan.contents import NO_RECIPES, Contents, Recipes
 from harness.plan.strategies import Axes, Candidates, baseline_combinations
@@ -241,7 +241,7 @@ def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
         place=f"{_file(matrix)}: expect[{index}]",
         glob=re.compile(translate(table.cells)) if table.cells is not None else None,
         when=condition(matrix, table.when),
-        of_changed=not table.when and speaks_of_changed(table.cells),
+        of_changed=table.of_changed,
         expectation=Expectation(
             verdict=table.verdict,
             reason=table.reason,
