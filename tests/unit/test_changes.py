@@ -1,0 +1,468 @@
+"""Single changes: which cells they make, what they replace, what they did, and which remedies they prove."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import pytest
+import specimens
+from specimens import GENERATED, MACHINES, RESET, SOLVER, XML, case, cell, phase, record, step
+
+from harness import changes, document, matrixfile, plan, remedies, signatures, tables
+from harness.commands import reporting
+from harness.errors import BadInput
+from harness.evidence import Knowledge
+from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
+from harness.reporttypes import CellEntry, Document, Effect
+
+MATRIX = """
+requirements = ["gymnasium[mujoco]"]
+constraints = ["numpy<2"]
+environment = { MUJOCO_GL = "egl" }
+axes = { python = ["3.10", "3.11"], mujoco = ["2.3.7", "3.3.7"], GL = { variable = ["egl", ""] } }
+cases = [{ env = "Ant-v5", api = "gymnasium" }]
+"""
+CHANGE = '[[change]]\nname = "old"\nreason = "before it broke"\n'
+OLD = CHANGE + 'cells = "py3.11-mujoco3.3.7-egl"\nrequirements = ["mujoco<3"]\n'
+
+
+def planned(text: str, known: tuple[signatures.Signature, ...] = ()) -> Plan:
+    """The plan of a matrix called demo."""
+    read = remedies.filled(matrixfile.read(MATRIX + text, "demo.toml"), known)
+    return plan.expand(read, host_python="3.12.1")
+
+
+def changed(text: str, known: tuple[signatures.Signature, ...] = ()) -> dict[str, Cell]:
+    """The changed cells of a matrix, by label."""
+    return {cell.label: cell for cell in planned(text, known).cells if cell.base}
+
+
+def refused(text: str, known: tuple[signatures.Signature, ...] = ()) -> str:
+    """The sentence with which a matrix is refused."""
+    with pytest.raises(BadInput) as told:
+        planned(text, known)
+    return str(told.value)
+
+
+class TestCells:
+    """What a matrix with changes plans."""
+
+    def test_a_changed_cell_stands_behind_its_base(self) -> None:
+        """It has the axes and cases of that, an id of its own, and tells what was tried and why."""
+        found = planned(OLD + 'advice = true\nlink = "https://example.org/1"\nsystem = ["libgl1"]').cells
+        place = [cell.label for cell in found].index("py3.11-mujoco3.3.7-egl-with-old")
+        base, made = found[place - 1], found[place]
+        assert len(found) == 8 + 1
+        assert (made.base, made.axes, made.python) == (base.id, base.axes, "3.11")
+        assert made.cases is base.cases
+        assert made.question.requirements == ("gymnasium[mujoco]", "mujoco<3")
+        assert made.system == ("libgl1",)
+        assert made.tried == Tried(
+            name="old",
+            reason="before it broke",
+            change=Change(requirements=("mujoco<3",)),
+            also=("system `libgl1`",),
+            advice=True,
+            link="https://example.org/1",
+        )
+
+    def test_cells_are_chosen_by_glob_and_by_when(self) -> None:
+        """Both have to fit; what was chosen by a strategy or left out has no changes."""
+        text = CHANGE + 'cells = "*-egl"\nwhen = { mujoco = ">=3", python = "3.10" }\npython = "3.12"\n'
+        assert list(changed(text)) == ["py3.10-mujoco3.3.7-egl-with-old"]
+        assert changed(text)["py3.10-mujoco3.3.7-egl-with-old"].python == "3.12"
+        gone = '[[exclude]]\nwhen = { mujoco = ">=3" }\nreason = "none"\n'
+        assert planned(text + gone).stale == ('demo.toml: change[0] ("old") matches no cell',)
+
+    def test_a_variable_of_an_axis_gives_way(self) -> None:
+        """A change wins over whatever the matrix, a value or a variable axis says."""
+        text = CHANGE + 'cells = "py3.11-mujoco3.3.7-egl"\nenvironment = { GL = "osmesa", MUJOCO_GL = "" }\n'
+        (made,) = changed(text).values()
+        assert made.environment == {"MUJOCO_GL": "", "GL": "osmesa"}
+
+    def test_a_change_that_leaves_a_cell_as_it_is_is_left_out(self) -> None:
+        """With the reason, like any other combination."""
+        text = CHANGE + 'cells = "py3.11-mujoco3.3.7-*"\nenvironment = { GL = "egl" }\n'
+        found = planned(text)
+        assert [cell.label for cell in found.cells if cell.base] == ["py3.11-mujoco3.3.7-unset-with-old"]
+        assert [(gone.id, gone.reason) for gone in found.dropped] == [
+            ("demo/py3.11-mujoco3.3.7-egl-with-old", "the change leaves the cell as it is")
+        ]
+
+    def test_what_is_expected_of_it(self) -> None:
+        """Its own expectation, else to work; those of other cells do not hold, unless their glob says `-with-`."""
+        other = '[[expect]]\nwhen = { mujoco = ">=3" }\nverdict = "broken"\nreason = "all of them"\n'
+        broad = '[[expect]]\ncells = "*"\nverdict = "broken"\nreason = "everything"\n'
+        (made,) = changed(other + broad + OLD).values()
+        assert made.expect is None
+        own = OLD + 'expect = { verdict = "partial", phase = "render", match = "x" }\n'
+        (made,) = changed(other + broad + own).values()
+        assert made.expect
+        told = (made.expect.verdict, made.expect.reason, made.expect.phase, made.expect.match)
+        assert told == (Verdict.PARTIAL, "before it broke", Phase.RENDER, "x")
+        named = '[[expect]]\ncells = "*-with-old"\nverdict = "broken"\nreason = "named"\n'
+        (made,) = changed(named + own).values()
+        assert made.expect
+        assert made.expect.reason == "named"
+        assert planned(named + own).stale == ()
+
+    @pytest.mark.parametrize(
+        ("text", "sentence"),
+        [
+            (CHANGE + 'python = "3.9"', 'change[0]: say which cells: a glob as "cells", or a "when"'),
+            (CHANGE + 'cells = "*"', "change[0]: it changes nothing; say what, such as requirements, environment or"),
+            (OLD + 'python = "new"', 'change[0].python: "new" is not a version; ids name resolved versions only'),
+            (OLD + "exspect = {}", 'change[0].exspect: unknown key; did you mean "expect"?'),
+            (OLD + 'when = { mujocco = ">=3" }', 'change[0].when.mujocco: there is no such axis; did you mean'),
+            (OLD + 'extras = ["x"]', "change[0].extras: there is no package under test to have it"),
+            (OLD + 'expect = { verdict = "not_run" }', 'change[0].expect: "not_run" says nothing about packages'),
+            (OLD + 'expect = { verdict = "broken", phase = "suite" }', 'change[0].expect: no cell goes through'),
+            (OLD + OLD, 'change[1]: another change of demo/py3.11-mujoco3.3.7-egl is called "old", too'),
+            (OLD + 'overlay = ["gim"]', 'change[0]: no recipe repairs "gim"'),
+            (OLD + 'remedy_of = "x"', 'change[0]: it is the remedy of "x", and cannot change "requirements" besides'),
+            (CHANGE + 'cells = "*"\nremedy_of = "x"', 'change[0].remedy_of: no signature is called "x"'),
+            (OLD + 'expect = { signature = "x" }', 'change[0].expect.signature: no signature is called "x"'),
+        ],
+    )  # fmt: skip
+    def test_mistakes(self, text: str, sentence: str) -> None:
+        """Each at its place in the file."""
+        assert refused(text).startswith(f"demo.toml: {sentence}")
+
+    def test_a_strategy_is_made_from_the_same_with_changes(self) -> None:
+        """They have no say in which combinations are chosen: a choice that was made stays good."""
+
+        def made_from(text: str) -> str:
+            read = matrixfile.read(MATRIX + text, "demo.toml")
+            return plan.candidates(read, None, host_python="3.12.1", sources={}).made_from
+
+        assert made_from(OLD) == made_from("")
+
+
+def signature(name: str, **remedy: Any) -> signatures.Signature:
+    """A known failure of the render phase with this remedy."""
+    return signatures.Signature(
+        id=signatures.Label(name),
+        cause="because",
+        remedy=signatures.RemedyTable(**remedy),
+        pattern=signatures.PortablePattern("solver_iter"),
+        examples=("a", "b"),
+    )
+
+
+class TestRemedies:
+    """Changes that are the remedy of a known failure."""
+
+    def test_it_does_what_the_remedy_says(self) -> None:
+        """All of it, in the words of the signature."""
+        known = signature(
+            "it",
+            requirements=("mujoco<3",),
+            constraints=("numpy<1.25",),
+            environment={"A": "b"},
+            python="3.10",
+            text="or",
+        )
+        text = CHANGE + 'cells = "py3.11-mujoco3.3.7-egl"\nremedy_of = "it"\n'
+        (made,) = changed(text, (known,)).values()
+        assert made.tried
+        assert made.tried.change == known.remedy.change
+        assert (made.question.constraints, made.python, made.environment["A"]) == (("numpy<1.25",), "3.10", "b")
+        assert refused(text, (signature("it", text="buy a GPU"),)) == (
+            'demo.toml: change[0].remedy_of: no machine can apply the remedy of "it": buy a GPU'
+        )
+
+
+# --- what is replaced ------------------------------------------------------------------------------------------
+
+QUESTION = Question(
+    requirements=("gymnasium[mujoco]", "gymnasium==0.29.1", "numpy==1.26.4"),
+    constraints=("numpy<2", "scipy<2"),
+    overrides=("numpy<1.27",),
+    build_constraints=("setuptools<66",),
+    build_variables={"A": "1"},
+    only_binary=("mujoco",),
+    absent=("gym",),
+    snapshot="2026-11-20T23:59:59Z",
+)
+
+
+def asked(**change: Any) -> Question:
+    """What the question of a cell becomes by a change."""
+    return changes.applied(cell(question=QUESTION), Change(**change), {}).question
+
+
+def test_a_requirement_replaces_all_that_is_said_of_its_package() -> None:
+    """Requirements, constraints and overrides; extras stay, unless it has some of its own; the rest is as it was."""
+    made = asked(requirements=("Gymnasium>=1", "numpy>=2"))
+    assert made.requirements == ("Gymnasium[mujoco]>=1", "numpy>=2")
+    assert (made.constraints, made.overrides) == (("scipy<2",), ())
+    assert asked(requirements=("gymnasium[box2d]",)).requirements == ("numpy==1.26.4", "gymnasium[box2d]")
+    assert asked(requirements=("gym==0.21.0",)).absent == ()
+    same = replace(
+        made, requirements=QUESTION.requirements, constraints=("numpy<2", "scipy<2"), overrides=("numpy<1.27",)
+    )
+    assert same == QUESTION
+
+
+def test_bounds_replace_bounds_of_the_same_package() -> None:
+    """And leave what is asked for."""
+    made = asked(constraints=("numpy<1.24",), overrides=("numpy<1.25",), build_constraints=("setuptools<58", "wheel<1"))
+    assert made.requirements == QUESTION.requirements
+    assert (made.constraints, made.overrides) == (("scipy<2", "numpy<1.24"), ("numpy<1.25",))
+    assert made.build_constraints == ("setuptools<58", "wheel<1")
+
+
+def test_what_is_taken_out_is_asked_for_by_nobody() -> None:
+    """Neither by the cell nor by what it installs."""
+    made = asked(uninstall=("numpy",))
+    assert (made.requirements, made.constraints) == (QUESTION.requirements[:2], ("scipy<2",))
+    assert (made.overrides, made.absent) == (("numpy ; python_version < '0'",), ("gym", "numpy"))
+
+
+def test_the_rest_is_added() -> None:
+    """Variables of builds and of the cell, wheels, instant, Python."""
+    made = asked(build_variables={"B": "2"}, only_binary=("mujoco", "numpy"), as_of="2024-01-01T00:00:00Z")
+    assert (made.build_variables, made.only_binary) == ({"A": "1", "B": "2"}, ("mujoco", "numpy"))
+    assert made.snapshot == "2024-01-01T00:00:00Z"
+    around = cell(environment={"A": "1"}, empty=("B", "C"))
+    told = changes.applied(around, Change(environment={"B": "2"}, python="3.12"), {})
+    assert (told.environment, told.empty, told.python) == ({"A": "1", "B": "2"}, ("C",), "3.12")
+
+
+REPAIR = replace(specimens.REPAIR, name="gym", version="0.21.0", uploaded="2021-10-03T00:00:00Z")
+
+
+def test_repairs_are_those_that_fit_what_is_asked_for_now() -> None:
+    """A repair is in the question where its release may be chosen."""
+    known = {"gym": (REPAIR,)}
+    old, new = (
+        changes.applied(cell(question=QUESTION), Change(overlay=("gym",), requirements=(line,)), known)
+        for line in ("gym==0.21.0", "gym>=0.26")
+    )
+    assert (old.question.overlay, new.question.overlay) == ((REPAIR,), ())
+    assert changes.comes_to(cell(question=QUESTION), Change(overlay=("gym",), requirements=("gym==0.21.0",)), old)
+    assert not changes.comes_to(cell(question=QUESTION), Change(requirements=("gym==0.21.0",)), old)
+
+
+@pytest.mark.parametrize(
+    ("change", "is_it"),
+    [
+        (Change(requirements=("numpy<2", "mujoco<3")), True),
+        (Change(requirements=("mujoco<3", "numpy<2")), True),
+        (Change(requirements=("mujoco<3",)), False),
+        (Change(requirements=("numpy<2", "mujoco<3.1")), False),
+        (Change(requirements=("numpy<2", "mujoco<3"), environment={"A": "b"}), False),
+        (Change(requirements=("numpy<2", "mujoco<3"), python="3.12"), False),
+    ],
+)
+def test_a_change_is_a_remedy_if_it_comes_to_the_same(change: Change, is_it: bool) -> None:
+    """In whatever order it asks, and nothing besides."""
+    base = cell(question=QUESTION)
+    other = changes.applied(base, Change(requirements=("numpy<2", "mujoco<3")), {})
+    assert changes.comes_to(base, change, replace(other, id="quick/x", base=base.id)) is is_it
+
+
+def test_what_does_nothing_is_no_remedy() -> None:
+    """That of a cell which has it already proves nothing."""
+    base = cell(python="3.11")
+    assert not changes.comes_to(base, Change(python="3.11"), base)
+
+
+def test_a_change_in_words() -> None:
+    """What each part does; a remedy adds what no machine can do."""
+    told = changes.described(
+        Change(
+            requirements=("a<2", "b"),
+            overrides=("c<3",),
+            uninstall=("d",),
+            environment={"E": "1", "F": ""},
+            python="3.10",
+            as_of="2024-01-01T00:00:00Z",
+        )
+    )
+    assert told == (
+        "install `a<2`, `b`", "override `c<3`", "remove `d`", "set `E=1`", "unset `F`", "Python 3.10",
+        "resolved as of 2024-01-01T00:00:00Z",
+    )  # fmt: skip
+    assert changes.words({"build_constraints": ["x<1"], "text": "or wait"}) == ("build with `x<1`", "or wait")
+
+
+# --- what came of it -------------------------------------------------------------------------------------------
+
+KNOWN = (
+    msgspec.structs.replace(signature("solver", requirements=("mujoco<3",)), phases=(Phase.RENDER,)),
+    signature("words", text="nobody can do this"),
+)
+BASE = cell(question=Question(requirements=("gymnasium==0.29.1", "mujoco==3.3.7")))
+SOLVED = case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, SOLVER))
+
+
+def tried(name: str, change: Change) -> Cell:
+    """The base cell with a change."""
+    made = changes.applied(BASE, change, {})
+    return replace(made, id=f"{BASE.id}-with-{name}", base=BASE.id, tried=Tried(name=name, reason="why", change=change))
+
+
+CURE = tried("cure", Change(requirements=("mujoco<3",)))
+OTHER = tried("other", Change(requirements=("mujoco<2",)))
+
+
+def made(*records: CellRecord) -> Document:
+    """A document of these cells, by the failures known above."""
+    cells = tuple({record.cell.id: record.cell for record in records}.values())
+    machines = {record.machine: MACHINES["linux-x86_64"] for record in records}
+    known = Knowledge(signatures=lambda: KNOWN)
+    return document.build(
+        records, [Plan(matrix="quick", cells=cells, axes=tuple(cells[0].axes))], machines, GENERATED, known=known
+    )
+
+
+def proofs(whole: Document) -> list[tuple[str, bool, str | None]]:
+    """What is said of the first cell: each signature, whether its remedy is proven, and by which cell."""
+    return [(one.signature, one.proven, one.proof) for one in whole.cells[0].diagnoses]
+
+
+RED, GREEN = record(SOLVED, of=BASE), record(case("pppp"), of=CURE)
+
+
+class TestProof:
+    """A remedy is proven by the cell that it makes of this one, measured here, and working."""
+
+    def test_it_works(self) -> None:
+        """The change says whose remedy it is, the diagnosis which cell is its proof."""
+        whole = made(RED, GREEN)
+        assert whole.cells[1].change
+        assert whole.cells[1].change.remedy_of == ("solver",)
+        assert proofs(whole) == [("solver", True, CURE.id), ("words", False, None)]
+
+    @pytest.mark.parametrize(
+        "other",
+        [
+            pytest.param(record(SOLVED, of=CURE), id="it does not work"),
+            pytest.param(record(case("pppp"), of=OTHER), id="another change"),
+            pytest.param(record(case("pppp"), of=CURE, machine="elsewhere"), id="another machine"),
+            pytest.param(record(case("ppps"), of=replace(CURE, base="quick/another")), id="another cell"),
+        ],
+    )
+    def test_it_is_not(self, other: CellRecord) -> None:
+        """Anything else proves nothing."""
+        assert [proven for _, proven, _ in proofs(made(RED, other))] == [False, False]
+
+    def test_shards_prove_together(self) -> None:
+        """The base was measured in one, the changed cell in another, whose plan has both."""
+        whole = made(RED, GREEN)
+        parts = [
+            msgspec.structs.replace(made(RED), cells=made(RED).cells),
+            msgspec.structs.replace(whole, cells=(whole.cells[1],)),
+        ]
+        assert proofs(parts[0])[0] == ("solver", False, None)
+        assert proofs(document.combined(parts))[0] == ("solver", True, CURE.id)
+        assert proofs(document.combined([whole, parts[0]]))[0] == ("solver", True, CURE.id)
+
+
+def entry(what: CellRecord) -> CellEntry:
+    """A record's entry."""
+    return made(what).cells[0]
+
+
+XML_RED = case("ppfp", vector=phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET))
+UNRESOLVED = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no numpy"), install=None, installed=None, of=BASE)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "effect"),
+    [
+        pytest.param(RED, GREEN, Effect.CURES, id="works then"),
+        pytest.param(GREEN, RED, Effect.BREAKS, id="worked before"),
+        pytest.param(GREEN, GREEN, Effect.NOTHING, id="works as before"),
+        pytest.param(RED, RED, Effect.NOTHING, id="the same line"),
+        pytest.param(record(XML_RED), RED, Effect.UNCOVERS, id="fails later"),
+        pytest.param(RED, record(XML_RED), Effect.BREAKS, id="fails earlier"),
+        pytest.param(RED, UNRESOLVED, Effect.BREAKS, id="does not resolve any more"),
+        pytest.param(UNRESOLVED, RED, Effect.UNCOVERS, id="resolves now"),
+        pytest.param(RED, record(of=BASE, cases=(), resolve=None, install=None), Effect.UNTOLD, id="not run"),
+        pytest.param(record(case("pppi")), GREEN, Effect.UNTOLD, id="nothing was known"),
+        pytest.param(record(case("ppff")), record(case("pppf")), Effect.PARTLY, id="one check less fails"),
+        pytest.param(record(case("pppf")), record(case("pffn")), Effect.BREAKS, id="the loop fails now"),
+        pytest.param(record(case("ppfp")), record(case("ppff")), Effect.BREAKS, id="one check more fails"),
+    ],
+)
+def test_what_a_change_did(before: CellRecord, after: CellRecord, effect: Effect) -> None:
+    """By verdict, then by which checks fail, then by cause or line, then by phase."""
+    assert changes.effect(entry(before), entry(after)) is effect
+
+
+@pytest.mark.parametrize(
+    ("line", "effect"),
+    [
+        ("TypeError: in step, gym/core.py line 12, mujoco 3.1.6", Effect.NOTHING),
+        ("TypeError: in step, gym/core.py line 99, mujoco 3.3.7", Effect.NOTHING),
+        ("TypeError: in reset, gym/core.py line 12, mujoco 3.1.6", Effect.UNCOVERS),
+    ],
+)
+def test_lines_are_the_same_but_for_versions_and_places(line: str, effect: Effect) -> None:
+    """Where no known failure tells."""
+    lines = ("TypeError: in step, gym/core.py line 12, mujoco 3.1.6", line)
+    before, after = (record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, each))) for each in lines)
+    assert changes.effect(entry(before), entry(after)) is effect
+
+
+def test_the_same_cause_in_other_words_is_no_difference() -> None:
+    """A known failure tells better than its line."""
+    before, after = (
+        record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, f"{word} solver_iter"))) for word in ("a", "b")
+    )
+    assert changes.effect(entry(before), entry(after)) is Effect.NOTHING
+
+
+# --- how it is shown -------------------------------------------------------------------------------------------
+
+
+def test_the_page_shows_before_after_and_proof() -> None:
+    """The cause with its remedy and what proves it; the changes in a table; none of them in the small table."""
+    other = record(SOLVED, of=OTHER)
+    whole = made(RED, replace(GREEN, lock="locks/1.txt"), other)
+    sheet = tables.report(whole).sheets[0]
+    (why,) = sheet.explanations
+    assert [(one.signature, one.remedy, one.proofs) for one in why.causes] == [
+        ("solver", ("install `mujoco<3`",), (("py3.11-gymnasium1.2.3-with-cure", "locks/1.txt"),)),
+        ("words", ("nobody can do this",), ()),
+    ]
+    page = reporting.page(tables.report(whole))
+    line = f"partial in render: {SOLVER}"
+    label = "`py3.11-gymnasium1.2.3`"
+    assert f"| **cures** | {label} | cure: install `mujoco<3` | why | {line} | works |" in page
+    assert f"| **no difference** | {label} | other: install `mujoco<2` | why | {line} | {line} |" in page
+    assert (
+        "- Known as `solver`: because\n- Remedy: install `mujoco<3`\n"
+        "- Proven: `py3.11-gymnasium1.2.3-with-cure` works, with the lock [locks/1.txt](locks/1.txt)\n"
+    ) in page
+    assert "- Remedy: nobody can do this (not proven here)\n" in page
+
+
+def test_changed_cells_are_not_in_the_small_table() -> None:
+    """They have the axes of their bases, and would change what those squares say."""
+    axes = {"python": "3.11", "mujoco": "3.3.7"}
+    two = replace(BASE, id="quick/two", axes={"python": "3.10", "mujoco": "2.3.7"})
+    records = [record(SOLVED, of=replace(BASE, axes=axes)), record(case("pppp"), of=replace(CURE, axes=axes))]
+    records.append(record(case("pppp"), of=two))
+    pivot = tables.report(made(*records)).sheets[0].pivot
+    assert pivot
+    squares = [square for row in pivot.squares for square in row for square in square]
+    assert sorted((square.verdict, square.count, square.total) for square in squares) == [
+        (Verdict.PARTIAL, 1, 1), (Verdict.WORKS, 1, 1),
+    ]  # fmt: skip
+
+
+def test_an_expected_change_needs_no_explanation() -> None:
+    """It has its row among the changes; one that is not as expected is explained."""
+    red = record(SOLVED, of=OTHER)
+    sheet = tables.report(made(RED, red)).sheets[0]
+    assert [why.cells for why in sheet.explanations] == [
+        ("py3.11-gymnasium1.2.3", "py3.11-gymnasium1.2.3-with-other"),
+    ]  # fmt: skip
+    foreseen = replace(OTHER, expect=Expectation(verdict=Verdict.PARTIAL, reason="known"))
+    sheet = tables.report(made(RED, record(SOLVED, of=foreseen))).sheets[0]
+    assert [why.cells for why in sheet.explanations] == [("py3.11-gymnasium1.2.3",)]
