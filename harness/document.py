@@ -161,7 +161,7 @@ def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
         phases={phase: judged.phases[phase] for phase in Phase if phase in judged.phases},
         cases=tuple(_case(record, case, locate) for case in record.cases),
         decisive=judged.decisive,
-        diagnoses=tuple(map(_diagnosis, found)),
+        diagnoses=tuple(map(diagnosis_entry, found)),
         evidence=_evidence(record, judged.phase, locate),
         phase=judged.phase,
         expectation=_expectation(cell),
@@ -199,7 +199,8 @@ def _change(cell: Cell, making: _Making) -> ChangeEntry | None:
     )
 
 
-def _diagnosis(found: Diagnosis) -> DiagnosisEntry:
+def diagnosis_entry(found: Diagnosis) -> DiagnosisEntry:
+    """A known failure that fits, as documents have it."""
     one = found.signature
     return DiagnosisEntry(
         signature=str(one.id),

@@ -1,8 +1,8 @@
 """Asks one way of rendering what it is, by really making a context: `python -I -S glprobe.py WAY ANSWER`.
 
-WAY is `egl`, `osmesa`, `display` or `glu`. The answer is a JSON object in the file ANSWER: what the driver says of
-itself, or `missing`: why there is none. Standard library only; run in a process of its own, since drivers crash, hang
-and print.
+WAY is `egl`, `osmesa`, `display`, `glu`, or `device` with a place in EGL's list: `device:1`. The answer is a JSON
+object in the file ANSWER: what the driver says of itself, or `missing`: why there is none. Standard library only; run
+in a process of its own, since drivers crash, hang and print.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from typing import Any
 EGL_NONE, EGL_PLATFORM_DEVICE, EGL_OPENGL_API = 0x3038, 0x313F, 0x30A2
 EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT = 0x3033, 1, 0x3040, 8
 EGL_RED, EGL_GREEN, EGL_BLUE, EGL_ALPHA, EGL_DEPTH, EGL_STENCIL = 0x3024, 0x3023, 0x3022, 0x3021, 0x3025, 0x3026
+EGL_EXTENSIONS, EGL_DRM_FILE, EGL_CUDA_DEVICE = 0x3055, 0x3233, 0x323A
 OSMESA_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
 GLX_DRAWABLE_TYPE, GLX_PBUFFER_BIT, GLX_RENDER_TYPE, GLX_RGBA_BIT, GLX_RGBA_TYPE = 0x8010, 4, 0x8011, 1, 0x8014
 GLX_PBUFFER_WIDTH, GLX_PBUFFER_HEIGHT = 0x8041, 0x8040
+MOST_DEVICES = 32
 STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02}
 
 
@@ -72,16 +74,38 @@ class Egl:
         """A function of an extension, or of GL."""
         return function(self.library.eglGetProcAddress(name.encode()), result, *arguments)
 
-    def displays(self) -> Iterator[int]:
-        """One initialised display per device, in the driver's order, as MuJoCo tries them."""
+    def devices(self) -> list[int]:
+        """The devices in the driver's order."""
         query = self.entry("eglQueryDevicesEXT", c_uint, c_int, c_void_p, POINTER(c_int))
+        devices, count = (c_void_p * MOST_DEVICES)(), c_int()
+        query(MOST_DEVICES, devices, byref(count))
+        return [device or 0 for device in devices[: count.value]]
+
+    def display(self, device: int) -> int | None:
+        """The display of a device; None where it cannot be initialised."""
         platform_display = self.entry("eglGetPlatformDisplayEXT", c_void_p, c_uint, c_void_p, c_void_p)
-        devices, count = (c_void_p * 16)(), c_int()
-        query(16, devices, byref(count))
-        for device in devices[: count.value]:
-            display = platform_display(EGL_PLATFORM_DEVICE, device, None)
-            if display and self.library.eglInitialize(display, None, None):
-                yield display
+        display: int | None = platform_display(EGL_PLATFORM_DEVICE, device, None)
+        return display if display and self.library.eglInitialize(display, None, None) else None
+
+    def displays(self) -> Iterator[int]:
+        """One initialised display per device, as MuJoCo tries them."""
+        yield from filter(None, map(self.display, self.devices()))
+
+    def kind(self, device: int) -> dict[str, str]:
+        """Its file, the number by which CUDA knows it, or that it is no hardware, as far as the driver tells."""
+        text = self.entry("eglQueryDeviceStringEXT", c_char_p, c_void_p, c_int)
+        extensions = (text(device, EGL_EXTENSIONS) or b"").split()
+        found = {}
+        if b"EGL_EXT_device_drm" in extensions:
+            found["file"] = (text(device, EGL_DRM_FILE) or b"").decode("utf-8", "replace")
+        if b"EGL_NV_device_cuda" in extensions:
+            number = c_void_p()
+            ask = self.entry("eglQueryDeviceAttribEXT", c_uint, c_void_p, c_int, c_void_p)
+            if ask(device, EGL_CUDA_DEVICE, byref(number)):
+                found["cuda"] = str(number.value or 0)
+        if b"EGL_MESA_device_software" in extensions:
+            found["software"] = "yes"
+        return {name: value for name, value in found.items() if value}
 
     def describe(self, display: int) -> dict[str, str]:
         """Make a context without a surface current, and ask it."""
@@ -113,6 +137,23 @@ def egl() -> dict[str, str]:
         except MissingError as error:
             reason = error
     raise reason
+
+
+def device(place: str) -> dict[str, str]:
+    """The EGL device at a place of the list, and how many there are; `missing` is why it makes no context."""
+    library = Egl()
+    devices = library.devices()
+    told = {"count": str(len(devices))}
+    try:
+        one = devices[int(place)]
+    except IndexError:
+        return {**told, "missing": "there is no such device"}
+    told |= library.kind(one)
+    display = library.display(one)
+    try:
+        return {**told, **(library.describe(display) if display else {"missing": "it cannot be initialised"})}
+    except MissingError as error:
+        return {**told, "missing": str(error)}
 
 
 def osmesa() -> dict[str, str]:
@@ -179,8 +220,9 @@ WAYS = {"egl": egl, "osmesa": osmesa, "display": display, "glu": glu}
 
 def main(way: str, answer: str) -> None:
     """Ask, and write the answer."""
+    way, _, place = way.partition(":")
     try:
-        found = WAYS[way]()
+        found = device(place) if place else WAYS[way]()
     except (MissingError, AttributeError) as error:  # AttributeError: a library without the function
         found = {"missing": str(error)}
     with open(answer, "w") as file:  # noqa: PTH123 - nothing else here needs pathlib

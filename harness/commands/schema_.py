@@ -79,6 +79,12 @@ def _collected() -> type:
     return Collected
 
 
+def _doctored() -> type:
+    from harness.commands.doctor import Doctored  # noqa: PLC0415
+
+    return Doctored
+
+
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
@@ -90,6 +96,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "lock": ("`lock --json`", _lock),
     "gc": ("`gc --json`", _collected),
     "init": ("`init --json`", _init),
+    "doctor": ("`doctor --json`", _doctored),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }
 

@@ -13,15 +13,16 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "accepting", "cameras", "changes", "document", "drafts", "evidence", "expansion", "inputfiles", "locks",
-        "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise", "notices", "outcomes", "pages",
-        "pipelines", "plan", "present", "pytestsays", "remedies", "rendering", "repairs", "reporttypes", "schema",
-        "shards", "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "accepting", "advising", "cameras", "changes", "document", "drafts", "evidence", "expansion", "inputfiles",
+        "locks", "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise", "notices", "outcomes",
+        "pages", "pipelines", "plan", "present", "pytestsays", "remedies", "rendering", "repairs", "reporttypes",
+        "schema", "shards", "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary",
+        "wire", "workflows",
     },
     2: {
-        "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "environments", "fetched",
-        "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs", "interpreters", "knowledge",
-        "launch", "machine", "memory", "overlays", "process", "sdists", "store", "subjects", "supervisor",
+        "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing", "environments",
+        "fetched", "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs", "interpreters",
+        "knowledge", "launch", "machine", "memory", "overlays", "process", "sdists", "store", "subjects", "supervisor",
         "systempackages", "uv", "uvcli", "warming",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},

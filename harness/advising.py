@@ -1,0 +1,215 @@
+"""What the settings of a machine make each library draw on, what is wrong with them, and which ones to take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from harness.rendering import ARGUMENT, CUDA, EGL_ID, GL, OLD_EGL_ID, PYOPENGL, Device, Settings, Stage, chosen
+
+VARIABLES = (GL, EGL_ID, CUDA, PYOPENGL)
+DISABLED = ("disable", "disabled", "off", "false", "0")
+WINDOWED = ("glfw", "", "enable", "enabled", "on", "true", "1", "glx")
+NO_WINDOW = (
+    "FatalError: an OpenGL platform library has not been loaded into this process, this most likely means that a valid"
+    " OpenGL context has not been created before mjr_makeContext was called (no display answers, so that GLFW opens"
+    " no window)"
+)
+
+Variables = Mapping[str, str]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Library:
+    """A library as users meet it: `name` says which releases, of which `release` is one, with `mujoco` beside it."""
+
+    name: str
+    library: str
+    release: str
+    mujoco: str
+
+
+LIBRARIES = (
+    Library(name="robosuite 1.4, 1.5", library="robosuite", release="1.5.2", mujoco="3.3.7"),
+    Library(name="MuJoCo before 4", library="mujoco", release="3.17.0", mujoco="3.17.0"),
+    Library(name="MuJoCo 4", library="mujoco", release="4.0.0", mujoco="4.0.0"),
+    Library(name="gymnasium (MuJoCo 4)", library="gymnasium", release="1.4.0", mujoco="4.0.0"),
+    Library(name="dm_control", library="dm_control", release="1.0.50", mujoco="3.17.0"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Here:
+    """What there is to draw with: EGL's devices, and whether OSMesa and a display answer."""
+
+    devices: tuple[Device, ...]
+    osmesa: bool
+    display: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Drawn:
+    """What a library draws with: `egl` on a device, `osmesa`, `glfw`; or the error with which it fails instead."""
+
+    way: str
+    device: int | None = None
+    error: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Advice:
+    """Variables to set and to unset before drawing, and why these."""
+
+    variables: Variables
+    unset: tuple[str, ...]
+    reason: str
+
+
+def drawn(who: Library, variables: Variables, here: Here, argument: int | None = None) -> Drawn:
+    """What a library draws with under these variables, `argument` being robosuite's device argument."""
+    settings = Settings(
+        argument=argument, egl=variables.get(EGL_ID), cuda=variables.get(CUDA), old=variables.get(OLD_EGL_ID)
+    )
+    choice = chosen(who.library, who.release, settings, here.devices, who.mujoco)
+    way, refused = _way(who.library, variables.get(GL))
+    if who.library == "robosuite" and choice.error and choice.stage is Stage.IMPORT:
+        return Drawn(way=way, error=choice.error)  # it compares the variables whatever it draws with
+    error = refused or _unable(way, variables.get(PYOPENGL, ""), here)
+    if error or way != "egl":
+        return Drawn(way=way, error=error)
+    return Drawn(way="egl", device=choice.device, error=choice.error)
+
+
+def _unable(way: str, platform: str, here: Here) -> str | None:
+    """Why this way cannot be gone, whatever the device; `platform` is PYOPENGL_PLATFORM."""
+    name = {"egl": "EGL", "osmesa": "OSMesa"}.get(way)
+    if name and platform and platform.lower() != way:
+        said = f"The {PYOPENGL} environment variable is set to {platform!r} (should be either unset or {way!r})."
+        return f"ImportError: Cannot use {name} rendering platform. {said}"
+    if way == "osmesa" and not here.osmesa:
+        return "AttributeError: 'NoneType' object has no attribute 'glGetError' (OSMesa is not installed)"
+    return NO_WINDOW if way == "glfw" and not here.display else None
+
+
+def _way(library: str, value: str | None) -> tuple[str, str | None]:
+    """What MUJOCO_GL makes a library draw with, or why it refuses; robosuite makes it egl, whatever it was."""
+    if library == "robosuite":
+        return {"osmesa": "osmesa", "glx": "glfw"}.get(value or "", "egl"), None
+    plain = (value or "").lower().strip()
+    if plain not in (*DISABLED, *WINDOWED, "egl", "osmesa"):
+        return "none", f"RuntimeError: invalid value for environment variable {GL}: {plain}"  # MuJoCo, when imported
+    if library == "mujoco" and plain in DISABLED:
+        return "none", "AttributeError: module '...gl_context' has no attribute 'GLContext'"
+    exact = {"gymnasium": ("glfw",), "dm_control": ("glfw", *WINDOWED[1:7])}.get(library)
+    if library == "dm_control" and value in DISABLED:
+        return "none", "RuntimeError: No OpenGL rendering backend is available."
+    if exact and value is not None and value not in (*exact, "egl", "osmesa"):
+        return "none", f"RuntimeError: Environment variable {GL} must be one of egl, osmesa, glfw: got {value!r}."
+    return (plain if plain in {"egl", "osmesa"} else "glfw"), None
+
+
+def troubles(variables: Variables, here: Here) -> dict[str, list[Library]]:
+    """What is wrong with these variables: the libraries that fail with them, by what they raise."""
+    found: dict[str, list[Library]] = {}
+    for who in LIBRARIES:
+        error = drawn(who, variables, here).error
+        if error:
+            found.setdefault(error, []).append(who)
+    return found
+
+
+def told(error: str, failing: Sequence[Library], variables: Variables) -> str:
+    """Such a trouble in a sentence, with what its own text leaves out."""
+    blamed = EGL_ID in error and EGL_ID not in variables and CUDA in variables
+    hint = f" (the number is that of {CUDA}={variables[CUDA]})" if blamed else ""
+    return f"{', '.join(who.name for who in failing)} cannot draw here: {error}{hint}"
+
+
+def apart(variables: Variables, here: Here) -> str | None:
+    """Which libraries draw on different devices under the same variables, if any do."""
+    places: dict[int, list[str]] = {}
+    for who in LIBRARIES:
+        device = drawn(who, variables, here).device
+        if device is not None:
+            places.setdefault(device, []).append(who.name)
+    if len(places) <= 1:
+        return None
+    listed = "; ".join(f"device {place}: {', '.join(names)}" for place, names in sorted(places.items()))
+    return f"the libraries draw on different EGL devices here: {listed}"
+
+
+def possible(here: Here) -> Iterator[tuple[str, Variables, int | None]]:
+    """Each value that could be set alone, out of range by one, as (what is typed, variables, device argument)."""
+    base = {GL: "egl"}
+    numbers = range(len(here.devices) + 1)
+    yield "nothing", base, None
+    for name in (EGL_ID, CUDA):
+        for number in numbers:
+            yield f"{name}={number}", {**base, name: str(number)}, None
+    for number in numbers:
+        yield f"{ARGUMENT}={number}", base, number
+    yield f"{EGL_ID}=0 {CUDA}={len(here.devices)}", {**base, EGL_ID: "0", CUDA: str(len(here.devices))}, None
+
+
+def recommended(variables: Variables, here: Here) -> Advice | None:
+    """The one setting with which the most libraries draw, all of them on one device if that can be; None for none.
+
+    CUDA_VISIBLE_DEVICES is left as it is where it can be: it is not set for the sake of drawing.
+    """
+    found = [
+        (_worth(advice, variables, here), -place, advice) for place, advice in enumerate(_candidates(variables, here))
+    ]
+    best = max(found, key=lambda one: one[:2], default=None)
+    if best is None or not best[0][0]:
+        return None
+    advice = best[2]
+    after = applied(advice, variables)
+    results = [drawn(who, after, here) for who in LIBRARIES]
+    devices = {result.device for result in results if result.error is None}
+    failing = [who.name for who, result in zip(LIBRARIES, results, strict=True) if result.error]
+    where = f"on EGL device {next(iter(devices))}, " if len(devices) == 1 and None not in devices else ""
+    who = f"all but {', '.join(failing)} draw" if failing else "all libraries draw"
+    different = f"; {apart(after, here)}" if len(devices) > 1 else ""
+    reason = f"{who} {where}{advice.reason}{different}"
+    unset = tuple(name for name in advice.unset if name in variables)
+    return Advice(variables=advice.variables, unset=unset, reason=reason)
+
+
+def applied(advice: Advice, variables: Variables) -> dict[str, str]:
+    """The variables as they are after the advice."""
+    kept = {name: value for name, value in variables.items() if name not in advice.unset}
+    return {**kept, **advice.variables}
+
+
+def _candidates(variables: Variables, here: Here) -> Iterator[Advice]:
+    """Settings worth a try, the best first: a device of CUDA's, another one, no device, a window.
+
+    Where CUDA_VISIBLE_DEVICES names devices that EGL has, it is one of them.
+    """
+    working = [place for place, device in enumerate(here.devices) if device.works]
+    given = [part.strip() for part in variables.get(CUDA, "").split(",")]
+    working = [place for place in working if str(here.devices[place].cuda) in given] or working
+    for place in sorted(working, key=lambda place: (here.devices[place].cuda is None, place)):
+        chosen_one = {GL: "egl", EGL_ID: str(place)}
+        yield Advice(variables=chosen_one, unset=(PYOPENGL,), reason="by a number that every one of them reads")
+        text = f"in the process that draws without {CUDA}, which robosuite takes for places in EGL's list"
+        yield Advice(variables=chosen_one, unset=(PYOPENGL, CUDA), reason=text)
+    if here.osmesa:
+        yield Advice(variables={GL: "osmesa", PYOPENGL: "osmesa"}, unset=(), reason="by OSMesa, on the CPU")
+    if here.display:
+        yield Advice(variables={GL: "glfw"}, unset=(PYOPENGL,), reason="at the display")
+
+
+def _worth(advice: Advice, variables: Variables, here: Here) -> tuple[int, bool, bool, bool]:
+    """How many libraries draw, whether on devices, on one device, and on the one that was to be chosen."""
+    after = applied(advice, variables)
+    results = [drawn(who, after, here) for who in LIBRARIES]
+    drawing = [result for result in results if result.error is None]
+    asked = advice.variables.get(EGL_ID)
+    devices = {result.device for result in drawing}
+    return len(drawing), asked is not None, len(devices) == 1, asked is None or devices == {int(asked)}
+
+
+def outcomes(variables: Variables, here: Here, argument: int | None = None) -> Sequence[Drawn]:
+    """What each of `LIBRARIES` draws with."""
+    return [drawn(who, variables, here, argument if who.library == "robosuite" else None) for who in LIBRARIES]

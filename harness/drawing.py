@@ -1,0 +1,70 @@
+"""What can draw in the caller's own environment: each EGL device, OSMesa and the display, asked one by one."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from harness.machine import PROBE
+from harness.process import Command, Limits, Profile, run
+from harness.rendering import Device
+
+SECONDS = 60.0
+MOST = 32
+
+Answer = dict[str, str]
+"""What a way of drawing says of itself, or `missing`: why there is none."""
+
+
+class Ways(msgspec.Struct, frozen=True, kw_only=True):
+    """What there is: EGL's devices in EGL's order, or why there are none, and the two other ways."""
+
+    devices: tuple[Answer, ...]
+    egl_missing: str | None
+    osmesa: Answer
+    display: Answer
+
+    def as_devices(self) -> tuple[Device, ...]:
+        """The devices as `rendering` has them."""
+        numbers = (int(one["cuda"]) if "cuda" in one else None for one in self.devices)
+        return tuple(
+            Device(cuda=number, works="missing" not in one) for number, one in zip(numbers, self.devices, strict=True)
+        )
+
+
+def ways() -> Ways:
+    """Ask everything that could draw, each in a process of its own, with the caller's variables."""
+    first = _ask("device:0")
+    count = min(int(first.get("count", "0")), MOST)
+    devices = [first, *(_ask(f"device:{place}") for place in range(1, count))] if count else []
+    missing = None if devices else "EGL lists no device" if "count" in first else first["missing"]
+    kept = tuple({name: text for name, text in one.items() if name != "count"} for one in devices)
+    return Ways(devices=kept, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
+
+
+def _ask(way: str) -> Answer:
+    """What the probe says; how it died, where it did: drivers do."""
+    with tempfile.TemporaryDirectory(prefix="simmatrix-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        answer = folder / "answer.json"
+        command = Command(
+            argv=(sys.executable, "-I", "-S", str(PROBE), way, str(answer)),
+            cwd=folder,
+            env=dict(os.environ),
+            limits=Limits(seconds=SECONDS),
+            log=folder / "log",
+            profile=Profile.HOST,
+        )
+        done = run(command)
+        try:
+            found: Any = msgspec.json.decode(answer.read_bytes(), type=Answer)
+        except (OSError, msgspec.MsgspecError):
+            how = f"crashed with signal {done.signal}" if done.signal else "did not answer"
+            count = {"count": str(int(way.partition(":")[2]) + 1)} if way.startswith("device:") else {}
+            return {**count, "missing": f"its driver {how}"}
+        return dict(found)
