@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from harness import document
+from harness import changes, document
 from harness.errors import BadInput
 from harness.model import Verdict
 from harness.reporttypes import UNTOLD, CellEntry, Document, DroppedEntry, word
@@ -47,7 +47,7 @@ def united(sources: Sequence[Source]) -> Document:
     return Document(
         generated=generated,
         machines=_machines(documents),
-        cells=tuple(cells),
+        cells=changes.proven(cells),
         dropped=tuple(_dropped(documents, planned)),
         matrices={name: matrix for made in documents for name, matrix in made.matrices.items()},
         stale=_stale(documents, cells, planned, generated),

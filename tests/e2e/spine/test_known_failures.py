@@ -1,0 +1,194 @@
+"""Known failures and changes: a red cell with its cause, what cures it, what does not, what was hidden behind it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from commandline import Desk, Measured, Ran
+
+XML = "ValueError: XML Error: top-level default class 'main' cannot be renamed / Element 'default', line 0"
+BLANK = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
+SIGNATURES = """
+[[signature]]
+id = "default-renamed"
+phases = ["vector"]
+pattern = '''XML Error: top-level default class 'main' cannot be renamed'''
+packages = ["fake-layers<2"]
+cause = "the model gives its outermost default class a name"
+examples = [
+    "XML Error: top-level default class 'main' cannot be renamed",
+    "ValueError: XML Error: top-level default class 'main' cannot be renamed",
+]
+references = ["https://example.org/issues/1"]
+remedy = { requirements = ["fake-layers>=3"] }
+[[signature]]
+id = "reset"
+phases = ["vector"]
+pattern = '''(?:ConnectionReset|BrokenPipe)Error|^EOFError'''
+masks = true
+cause = "a worker is gone"
+examples = ["ConnectionResetError", "BrokenPipeError"]
+remedy = { text = "look at the worker" }
+"""
+MATRIX = """
+requirements = ["fake-layers==1.0"]
+index = { no_index = true, find_links = ["@WHEELS@"] }
+axes = { python = ["host"], which = { red = {} } }
+cases = [{ env = "fake_layers:Layers-v0", api = "gymnasium" }]
+
+[[expect]]
+when = { which = "red" }
+verdict = "partial"
+phase = "vector"
+signature = "default-renamed"
+reason = "a model of old"
+
+[[change]]
+name = "cure"
+cells = "*-red"
+remedy_of = "default-renamed"
+reason = "it is the remedy"
+
+[[change]]
+name = "half"
+cells = "*-red"
+requirements = ["fake-layers==2.0"]
+reason = "the next release"
+expect = { verdict = "partial", phase = "render", match = "blank frame" }
+
+[[change]]
+name = "advice"
+cells = "*-red"
+environment = { LAYERS = "please" }
+advice = true
+reason = "a forum says so"
+expect = { verdict = "partial", signature = "default-renamed" }
+"""
+
+
+def known(desk: Desk) -> dict[str, str]:
+    """Write the signatures; returns the variable with which a command knows them."""
+    folder = desk.folder / "signatures"
+    folder.mkdir(exist_ok=True)
+    (folder / "layers.toml").write_text(SIGNATURES, encoding="utf-8")
+    return {"HARNESS_SIGNATURES": str(folder)}
+
+
+@pytest.fixture(scope="session")
+def changed(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+    """A red cell and three changes of it."""
+    return once("changed", lambda desk: desk.run("run", desk.matrix("layers", MATRIX), "-j", "2", **known(desk)))
+
+
+@pytest.fixture
+def tried(desk: Desk, changed: Measured) -> Desk:
+    """A working folder in which they were measured before."""
+    shutil.copytree(changed.desk.state, desk.state)
+    desk.matrix("layers", MATRIX)
+    known(desk)
+    return desk
+
+
+def cells(desk: Desk, folder: str = ".harness/reports/layers") -> dict[str, dict[str, Any]]:
+    """The cells of a report by what stands behind the base's label."""
+    made = json.loads((desk.folder / folder / "report.json").read_text(encoding="utf-8"))
+    return {cell["id"].partition("-red")[2] or "red": cell for cell in made["cells"]}
+
+
+def test_cause_changes_and_proof(changed: Measured) -> None:
+    """Everything is as expected: the cause before its mask, its remedy proven by the cell that the change made."""
+    found = cells(changed.desk)
+    red = found["red"]
+    ends = {name: (cell["verdict"], cell["phase"], cell["decisive"]) for name, cell in found.items()}
+    assert changed.ran.code == 0
+    assert ends == {
+        "red": ("partial", "vector", XML),
+        "-with-cure": ("works", None, None),
+        "-with-half": ("partial", "render", BLANK),
+        "-with-advice": ("partial", "vector", XML),
+    }
+    deepest, mask = red["diagnoses"]
+    assert (deepest["signature"], deepest["proven"], deepest["seen"]) == ("default-renamed", True, XML)
+    assert (deepest["proof"], deepest["remedy"]) == (found["-with-cure"]["id"], {"requirements": ["fake-layers>=3"]})
+    assert (mask["signature"], mask["masks"], mask["proven"]) == ("reset", True, False)
+    assert found["-with-cure"]["change"]["remedy_of"] == ["default-renamed"]
+    assert found["-with-cure"]["installed"]["fake-layers"] == "3.0"
+    assert (found["-with-half"]["diagnoses"], found["-with-half"]["change"]["remedy_of"]) == ([], [])
+    assert not found["-with-advice"]["diagnoses"][0]["proven"]
+
+
+def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
+    """Cures, uncovers, makes no difference; cause, remedy and proof with its lock stand where the failure is told."""
+    page = (changed.desk.state / "reports" / "layers" / "report.md").read_text(encoding="utf-8")
+    before, base = f"partial in vector: {XML}", f"`{cells(changed.desk)['red']['id'].partition('/')[2]}`"
+    for row in (
+        f"| **cures** | {base} | cure: install `fake-layers>=3` | it is the remedy | {before} | works |",
+        f"| **another failure behind it** | {base} | half: install `fake-layers==2.0` | the next release | {before} "
+        f"| partial in render: {BLANK} |",
+        f"| **no difference** | {base} | advice: set `LAYERS=please` | advice: a forum says so | {before} | {before} |",
+    ):
+        assert row in page
+    assert "the model gives its outermost default class a name <https://example.org/issues/1>" in page
+    assert f"- Proven: {base[:-1]}-with-cure` works, with the lock [locks/" in page
+    out = changed.ran.out
+    assert "cause: the model gives its outermost default class a name" in out
+    assert f"remedy: install `fake-layers>=3` (proven by {base[1:-1]}-with-cure)" in out
+    assert f"cures: cure in {base[1:-1]}" in out
+
+
+def test_show_says_whether_the_remedy_is_proven(tried: Desk) -> None:
+    """Beside its base, which show does not print."""
+    shown = tried.run("show", "*-red", **known(tried))
+    told = "known as default-renamed\n  cause      the model gives its outermost default class a name\n"
+    assert told in shown.out
+    assert "  remedy     install `fake-layers>=3`\n  proven     by layers/" in shown.out
+    other = tried.run("show", "*-with-half", **known(tried)).out
+    assert " with half: install `fake-layers==2.0`\n  tried because: the next release\n" in other
+
+
+def test_another_cause_than_the_one_expected(tried: Desk) -> None:
+    """Is not as expected: a mask is no cause where one is known. A cause that nobody knows is a mistake."""
+    path, variables = tried.folder / "layers.toml", known(tried)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('signature = "default-renamed"\nreason', 'signature = "reset"\nreason'))
+    ran = tried.run("run", "layers.toml", **variables)
+    assert ran.code == 1
+    assert "not as expected, which was partial in vector by reset: a model of old" in ran.out
+    again = tried.run("run", "layers.toml", "--only-failed", **variables)
+    assert "1 cell measured, 0 reused" in again.out
+    path.write_text(text.replace('signature = "default-renamed"\nreason', 'signature = "default-named"\nreason'))
+    wrong = tried.run("run", "layers.toml", **variables)
+    assert (wrong.code, wrong.err) == (
+        2,
+        'simmatrix: layers.toml: expect[0].signature: no signature is called "default-named"; '
+        'did you mean "default-renamed"?\n',
+    )
+
+
+def test_accept_speaks_of_a_changed_cell_by_its_label(tried: Desk) -> None:
+    """Of no other, and the next run is as expected."""
+    path, variables = tried.folder / "layers.toml", known(tried)
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if "blank frame" not in line), encoding="utf-8")
+    assert tried.run("run", "layers.toml", **variables).code == 1
+    made = tried.run("accept", "layers.toml", "-k", "*", "--reason", "black", **variables)
+    label = cells(tried)["-with-half"]["id"].partition("/")[2]
+    assert (made.code, made.out.splitlines()[:2]) == (0, ["[[expect]]", f'cells = "{label}"'])
+    assert tried.run("run", "layers.toml", **variables).code == 0
+
+
+def test_shards_are_merged_with_their_proof(tried: Desk) -> None:
+    """The cure stands in another shard than the cell that it cures."""
+    variables = known(tried)
+    parts = [f"part-{number}" for number in (1, 2)]
+    for number, part in enumerate(parts, start=1):
+        tried.run("run", "layers.toml", "--shard", f"{number}/2", "--out", part, **variables)
+    where = {name: part for part in parts for name in cells(tried, part) if cells(tried, part)[name]["measured"]}
+    assert where["red"] != where["-with-cure"]
+    assert not cells(tried, where["red"])["red"]["diagnoses"][0]["proven"]
+    assert tried.run("merge", *parts, "--out", "whole", **variables).code == 0
+    assert cells(tried, "whole")["red"]["diagnoses"][0]["proven"]
