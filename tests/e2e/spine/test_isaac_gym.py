@@ -13,15 +13,17 @@ from importlib.metadata import files
 from pathlib import Path
 
 import msgspec
+import numpy
 import pytest
 from commandline import Desk, Measured, Ran
 from filelock import FileLock
+from PIL import Image
 
-from harness import cameras, index, interpreters, uv
+from harness import cameras, index, interpreters, pages, tables, uv
 from harness.cameras import Pair
 from harness.errors import CouldNotTell
 from harness.model import Lock, Question
-from harness.reporttypes import CellEntry
+from harness.reporttypes import CellEntry, Document
 
 STANDINS = Path(__file__).parents[2] / "standins"
 NUMPY, AS_OF = ("numpy<1.24",), "2026-01-01T00:00:00Z"
@@ -43,7 +45,7 @@ pytestmark = [
 
 
 @pytest.fixture(scope="session")
-def numpy(together: Path, pytestconfig: pytest.Config) -> Path:
+def numpies(together: Path, pytestconfig: pytest.Config) -> Path:
     """A numpy for Python 3.8: downloaded once, then kept in pytest's own cache."""
     kept = pytestconfig.cache.mkdir("wheels") / f"numpy-{AS_OF[:10]}-3.8"  # type: ignore[union-attr]
     python = interpreters.find("3.8")
@@ -65,7 +67,7 @@ def numpy(together: Path, pytestconfig: pytest.Config) -> Path:
 
 
 @pytest.fixture(scope="session")
-def measured(once: Callable[[str, Callable[[Desk], Ran]], Measured], numpy: Path) -> Measured:
+def measured(once: Callable[[str, Callable[[Desk], Ran]], Measured], numpies: Path) -> Measured:
     """Two machines, both run once."""
 
     def measure(desk: Desk) -> Ran:
@@ -73,7 +75,7 @@ def measured(once: Callable[[str, Callable[[Desk], Ran]], Measured], numpy: Path
         server = archive(desk.folder / "server", REPORTED)
         locked = archive(desk.folder / "locked", {"gymtorch": "locked"})
         text = Path(__file__).with_name("isaac-gym.toml").read_text(encoding="utf-8")
-        matrix = desk.matrix("isaac-gym", text.replace("@NUMPY@", str(numpy)))
+        matrix = desk.matrix("isaac-gym", text.replace("@NUMPY@", str(numpies)))
         return desk.run(
             "run", matrix, "--json", "-j", "2", ISAACGYM_PATH=str(server / "python"), ISAACGYM_PATH_LOCKED=str(locked)
         )
@@ -121,3 +123,95 @@ def test_each_pair_has_its_class(measured: Measured) -> None:
     }
     locked = pairs(measured, "locked")
     assert [(str(pair.tensor), str(pair.cpu)) for pair in locked.values()] == [("hang", "ok")]
+
+
+def test_the_way_round_is_proven_on_the_same_devices(measured: Measured) -> None:
+    """Where a picture cannot stay on the GPU, copying it is tried on those very devices, and does what it does."""
+    assert {name: pair.proven for name, pair in pairs(measured, "server").items()} == {
+        "c0g0": None,
+        "c0g1": False,
+        "c0g6": None,
+        "c1g0": True,
+        "c2g3": True,
+        "c3g0": True,
+        "c3g4": True,
+        "c4g5": False,
+        "c5g0": None,
+    }
+
+
+def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: Measured) -> None:
+    """The reason is the picture that is None; what was printed without an exception stands beside, known by name."""
+    cell = measured.ran.cells("machine")["server"]
+    tensor = pairs(measured, "server")["c1g0"].tensor
+
+    assert cell["decisive"] == tensor.why == (
+        "ContractViolation: camera image is None: get_camera_image_gpu_tensor() of environment 0"
+    )  # fmt: skip
+    buffer = "[Error] [carb.gym.plugin] cudaExternamMemoryGetMappedBuffer failed on {} buffer with error 101"
+    assert tensor.native == (
+        *(buffer.format(kind) for kind in ("rgbImage", "depthImage", "segmentationImage", "optical flow")),
+        "*** Can't create empty tensor",
+        "[Error] [carb.gym.plugin] Failed to fill rigid body state tensor",
+    )
+    named = [known["signature"] for known in cell["diagnoses"]]
+    assert named[:3] == ["isaacgym-camera-error-101", "isaacgym-camera-error-801", "isaacgym-lavapipe"]
+    assert {"isaacgym-camera-none", "isaacgym-rigid-body-state-tensor"} <= {*named[3:]}
+
+
+def test_a_device_that_is_not_there_is_no_failure(measured: Measured) -> None:
+    """It is skipped, with the count of the driver that was asked."""
+    seen = pairs(measured, "server")
+
+    assert seen["c5g0"].tensor.why == "no compute device 5: CUDA sees 5"
+    assert seen["c0g6"].cpu.why == "no graphics device 6: Vulkan sees 6"
+
+
+def test_devices_are_told_with_those_that_are_the_same(measured: Measured) -> None:
+    """Mesa's software stands between the GPUs of Vulkan's list: from there on the numbers differ."""
+    told = [case for case in measured.ran.cells("machine")["server"]["cases"] if case["case"] == "physics-c0"]
+
+    assert told[0]["told"]["single.loop"] == {
+        "compute": ["Stand-in GPU"] * 5,
+        "graphics": ["Stand-in GPU", "llvmpipe (software)", *["Stand-in GPU"] * 4],
+        "same": [0, 2, 3, 4, 5],
+        "version": "1.0",
+    }
+
+
+def test_a_picture_is_the_same_by_both_ways(measured: Measured) -> None:
+    """Bodies fall between the first and the last picture, which show the same whether left on the GPU or copied."""
+    cell = measured.ran.cells("machine")["server"]
+    frames = {case["case"]: [measured.desk.folder / name for name in case["frames"]] for case in cell["cases"]}
+    (first, last), copied = (
+        [numpy.asarray(Image.open(name)) for name in frames[f"c0g0-{way}"]] for way in ("tensor", "cpu")
+    )
+
+    assert not (first == last).all()
+    assert ((first == copied[0]).all(), (last == copied[1]).all()) == (True, True)
+
+
+def test_the_page_tells_every_pair(measured: Measured) -> None:
+    """The page of the matrix shows classes, proof and what native code printed, from the document alone."""
+    page = Path(__file__).parents[3] / "matrices" / "pages" / "isaac-gym.md.j2"
+    document = msgspec.convert(measured.ran.document, Document)
+    shown = pages.render(page.read_text(encoding="utf-8"), document, tables.report(document))
+
+    assert "Nothing of NVIDIA's was run" not in shown
+    assert "| 1 | 0 | error 101 | ok | proven | [Error] [carb.gym.plugin] cudaExternamMemoryGetMappedBuffer" in shown
+    assert "| 0 | 1 | crash | crash | does not help | WARNING: lavapipe is not" in shown
+    assert "| 0 | 0 | hang | ok | proven |" in shown
+    assert "CUDA's 1 is Vulkan's 2" in shown
+
+
+def test_the_stand_in_is_no_part_of_the_matrix(desk: Desk) -> None:
+    """Without an archive the matrix of the harness is unavailable, and says what to do; nothing is resolved."""
+    ran = desk.run("run", "isaac-gym", "--json")
+    page = (desk.state / "reports" / "isaac-gym" / "README.md").read_text(encoding="utf-8")
+
+    assert [(cell["verdict"], cell["phases"]["resolve"]) for cell in ran.document["cells"]] == [
+        ("unavailable", "unavailable")
+    ] * 2
+    told = "isaac-gym is not here, and ISAACGYM_PATH names no place of it: download Isaac Gym (Preview 4)"
+    assert all(cell["decisive"].startswith(told) for cell in ran.document["cells"])
+    assert "**Nothing of NVIDIA's was run for this page**" in page
