@@ -379,7 +379,8 @@ class AsyncVectorEnv(gym.vector.VectorEnv):
         if not terminate:
             self._all("close", [()] * self.num_envs)
         for process in self.processes:
-            process.terminate()
+            if terminate:
+                process.terminate()
             process.join()
 
 

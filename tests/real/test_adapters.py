@@ -68,6 +68,7 @@ def cell(release: dict[str, Any], folder: Path) -> Cell:
         **{key: value for key, value in release.items() if key not in (*CASE, *OWN)},
     }
     path = folder / "adapters.toml"
+    (folder / "modules").symlink_to(HERE.parents[1] / "matrices" / "modules")
     path.write_text("".join(f"{key} = {toml(value)}\n" for key, value in table.items()), encoding="utf-8")
     (found,) = catalog.load(str(path), print).cells
     return found

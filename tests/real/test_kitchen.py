@@ -1,0 +1,71 @@
+"""The kitchen of our own that MuJoCo refuses since 3.2: the line that says why is the workers', not their parent's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from test_adapters import runner  # noqa: F401 - a fixture
+
+from harness import catalog, knowledge, verdict
+from harness.evidence import diagnosed
+from harness.model import Cell, CellRecord, Outcome, Verdict
+from harness.scheduler import Runner
+
+MATRIX = Path(__file__).parents[2] / "matrices" / "kitchen-twin.toml"
+WHOLE = "py3.9-gymnasium-absent-gym0.21.0-dm-control1.0.20-mujoco3.2.0-whole"
+REFUSED = "py3.11-gymnasium1.2.3-gym-absent-dm-control-absent-mujoco3.2.0-alone"
+XML = "ValueError: XML Error: top-level default class 'main' cannot be renamed / Element 'default', line 0"
+MASKS = {"ConnectionResetError: [Errno 104] Connection reset by peer", "BrokenPipeError: [Errno 32] Broken pipe"}
+"""Which of them it is, is a race."""
+
+
+@pytest.fixture(scope="module")
+def cells() -> dict[str, Cell]:
+    """The cells of the matrix by their labels."""
+    return {cell.label: cell for cell in catalog.load(str(MATRIX), print).cells}
+
+
+def checks(record: CellRecord) -> dict[tuple[str, str], tuple[Outcome, str | None, str | None]]:
+    """How each check of each case ended, why, and what hid that."""
+    return {
+        (case.case, check.check): (check.outcome, check.decisive, check.masked_by)
+        for case in record.cases
+        for phase in case.phases
+        for check in phase.checks
+        if check.check != "import.modules"
+    }
+
+
+def test_the_workers_error_decides_and_a_known_remedy_cures(
+    cells: dict[str, Cell],
+    runner: Runner,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    """Where only workers load the model their parent's error is a mask; a nested class works, and MuJoCo before 3.2."""
+    record = runner.measure(cells[REFUSED])
+    found = checks(record)
+    _, why, mask = found["workers", "vector.async.fork"]
+    assert (why, mask in MASKS) == (XML, True)
+    assert found["single", "single.loop"] == (Outcome.FAILED, XML, None)
+    assert {name: ended[0] for name, ended in found.items() if name[0] == "mended"} == {
+        ("mended", "single.loop"): Outcome.PASSED,
+        ("mended", "vector.async.fork"): Outcome.PASSED,
+    }
+    judged = verdict.judge(record)
+    assert (judged.verdict, judged.decisive) == (Verdict.PARTIAL, XML)
+    first, *_ = diagnosed(record, judged, knowledge.beside(tmp_path))
+    assert first.signature.id == "mujoco-top-level-default-class"
+
+    changed = runner.measure(cells[f"{REFUSED}-with-mujoco-before-3.2"])
+    assert (changed.installed or {})["mujoco"] == "3.1.6"
+    assert set(checks(changed).values()) == {(Outcome.PASSED, None, None)}
+
+
+def test_what_spares_the_parent_hides_the_error(cells: dict[str, Cell], runner: Runner) -> None:  # noqa: F811
+    """With Diffusion Policy's `dummy_env_fn` the parent sees a mask, without it the error itself."""
+    found = checks(runner.measure(cells[WHOLE]))
+    _, why, mask = found["runner", "vector.async.fork"]
+
+    assert (why, mask in MASKS) == (XML, True)
+    assert found["without-dummy", "vector.async.fork"] == (Outcome.FAILED, XML, None)
