@@ -270,7 +270,7 @@ class Change:
 class Tried:
     """The change that makes a cell of another one, and why it is tried; `advice` is what people say helps.
 
-    `also` says in words what it changes besides.
+    `also` says in words what it changes besides. Where it is tried for `proving` a remedy, nothing is expected of it.
     """
 
     name: str
@@ -279,6 +279,7 @@ class Tried:
     also: tuple[str, ...] = ()
     advice: bool = False
     link: str | None = None
+    proving: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -281,7 +281,7 @@ def _explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
     for cell in cells:
         results[cell.id] += 1
         locks[cell.id] = cell.lock or ""
-        if not (_plain(cell) or (cell.change and cell.as_expected)):
+        if not (_plain(cell) or (cell.change and cell.as_expected is not False)):
             link = cell.expectation.link or "" if cell.expectation else ""
             ids = tuple(one.signature for one in counting(cell))
             why = _phase(cell), cell.decisive or "", _hidden_by(cell), _expected(cell), link, ids

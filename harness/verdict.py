@@ -285,7 +285,7 @@ def expected(
     expected to work.
     """
     expect = cell.expect
-    told = judgement.verdict not in UNTOLD
+    told = judgement.verdict not in UNTOLD and not (cell.tried and cell.tried.proving)
     if expect is None:
         return (judgement.verdict is Verdict.WORKS if told else None), None
     fits = (

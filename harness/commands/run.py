@@ -6,13 +6,14 @@ import argparse
 import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import catalog, scheduler, store, tables
+from harness import catalog, knowledge, proving, scheduler, store, tables
 from harness.commands import choosing, progress, reporting
 from harness.errors import BadInput
-from harness.model import CASE_PHASES, Cell, Phase, Plan
+from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.reporttypes import number
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
     parser.add_argument("--fetched", type=Path, metavar="DIR", help="run from a folder of `fetch`, without network")
     parser.add_argument("--verify", action="store_true", help=VERIFYING)
+    parser.add_argument("--prove", action="store_true",
+                        help="after all others, run red cells with the remedies of their known failures")  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
     parser.add_argument(
         "--fail-on",
@@ -70,6 +73,9 @@ def main(args: argparse.Namespace) -> int:
         verify=args.verify,
         fetched=layer,
     )
+    if args.prove and layer:
+        message = "--prove: what a remedy installs is not in a folder of `fetch`; run it with the network"
+        raise BadInput(message)
     planned = [catalog.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
     check_distinct(planned)
     selected([cell for plan in planned for cell in plan.cells], args.k)
@@ -81,7 +87,26 @@ def main(args: argparse.Namespace) -> int:
     chosen = _chosen(args, plans, opened, layer)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
+    if args.prove:
+        plans, more = _proved(plans, records, opened, settings)
+        records = (*records, *more)
     return reporting.finish(plans, records, opened, reporting.Wanted.of(args))
+
+
+def _proved(
+    plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
+) -> tuple[list[Plan], tuple[CellRecord, ...]]:
+    """The plans with the remedied cells of what is red, and what came of those."""
+    known, recipes = knowledge.beside(opened.folder), partial(catalog.recipes, Path())
+    found = [cell for plan in plans for cell in proving.untried(plan.cells, _of(plan, records), known, recipes)]
+    tell(f"{number(len(found), 'red cell')} to be run again, each with the remedy of a known failure")
+    with progress.Progress(len(found), settings.jobs, reporting.headline) as board:
+        more = scheduler.run(found, opened, settings, board) if found else ()
+    return [proving.beside(plan, [cell for cell in found if cell.matrix == plan.matrix]) for plan in plans], more
+
+
+def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:
+    return [record for record in records if record.cell.matrix == plan.matrix]
 
 
 def _chosen(

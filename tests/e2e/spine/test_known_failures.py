@@ -181,6 +181,28 @@ def test_accept_speaks_of_a_changed_cell_by_its_label(tried: Desk) -> None:
     assert tried.run("run", "layers.toml", **variables).code == 0
 
 
+def test_remedies_are_proven_on_demand(tried: Desk) -> None:
+    """`--prove` runs the red cell with the remedy of its failure, which nobody expects anything of."""
+    path, variables = tried.folder / "layers.toml", known(tried)
+    path.write_text(MATRIX.partition("[[change]]")[0].replace("@WHEELS@", str(tried.wheels)), encoding="utf-8")
+    plain = tried.run("run", "layers.toml", **variables)
+    assert (plain.code, list(cells(tried)), cells(tried)["red"]["diagnoses"][0]["proven"]) == (0, ["red"], False)
+    ran = tried.run("run", "layers.toml", "--prove", **variables)
+    found = cells(tried)
+    assert (ran.code, list(found)) == (0, ["red", "-with-default-renamed"])
+    assert "1 red cell to be run again, each with the remedy of a known failure\n" in ran.err
+    proof = found["-with-default-renamed"]
+    assert (proof["verdict"], proof["as_expected"], proof["base"]) == ("works", None, found["red"]["id"])
+    assert found["red"]["diagnoses"][0]["proof"] == proof["id"]
+    wrong = SIGNATURES.replace("fake-layers>=3", "fake-layers==2.0")
+    (tried.folder / "signatures" / "layers.toml").write_text(wrong, encoding="utf-8")
+    again = tried.run("run", "layers.toml", "--prove", "-j", "1", HARNESS_SIGNATURES=variables["HARNESS_SIGNATURES"])
+    found = cells(tried)
+    assert (again.code, found["-with-default-renamed"]["verdict"]) == (0, "partial")
+    assert not found["red"]["diagnoses"][0]["proven"]
+    assert "another failure behind it: default-renamed" in again.out
+
+
 def test_shards_are_merged_with_their_proof(tried: Desk) -> None:
     """The cure stands in another shard than the cell that it cures."""
     variables = known(tried)

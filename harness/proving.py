@@ -1,0 +1,69 @@
+"""Remedies of known failures that nobody has tried yet on the cells that have these failures, as cells to be run."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from harness import changes, verdict
+from harness.evidence import Knowledge, diagnosed
+from harness.model import Cell, CellRecord, Change, Plan, Question, Repair, Tried
+from harness.signatures import Signature
+from harness.vocabulary import LONGEST_LABEL, WITH
+
+Recipes = Mapping[str, tuple[Repair, ...]]
+
+
+def untried(
+    cells: Sequence[Cell], records: Iterable[CellRecord], known: Knowledge, recipes: Callable[[], Recipes]
+) -> Iterator[Cell]:
+    """Red cells with their remedies applied, the deepest cause first; of cells that ask the same, one for each cause.
+
+    `cells` are all that are planned, of which some may be such a cell already.
+    """
+    tried: dict[str, list[Cell]] = {}
+    for cell in cells:
+        if cell.base:
+            tried.setdefault(cell.base, []).append(cell)
+    asked: list[tuple[str, str, Question]] = []
+    for record in records:
+        if record.cell.base:
+            continue
+        for one in diagnosed(record, verdict.judge(record), known):
+            change = one.signature.remedy.change
+            place = (str(one.signature.id), record.cell.python, record.cell.question)
+            if change is None or place in asked:
+                continue
+            made = _made(record.cell, one.signature, change, recipes())
+            if made and not any(changes.same(made, other) for other in tried.get(record.cell.id, ())):
+                asked.append(place)
+                yield made
+
+
+def _made(cell: Cell, signature: Signature, change: Change, recipes: Recipes) -> Cell | None:
+    """The cell with the remedy; None where the remedy is not to be had, or leaves it as it is."""
+    try:
+        made = changes.applied(cell, change, recipes)
+    except ValueError:
+        return None
+    if changes.same(made, cell):
+        return None
+    tried = Tried(name=str(signature.id), reason=f"the remedy of {signature.id}", change=change, proving=True)
+    return replace(made, id=f"{cell.matrix}/{_label(cell, signature)}", base=cell.id, tried=tried, expect=None)
+
+
+def _label(cell: Cell, signature: Signature) -> str:
+    label = f"{cell.label}{WITH}{signature.id}"
+    if len(label) <= LONGEST_LABEL:
+        return label
+    digest = hashlib.sha256(label.encode()).hexdigest()[:8]
+    return f"{label[: LONGEST_LABEL - len(digest) - 1]}-{digest}"
+
+
+def beside(plan: Plan, more: Iterable[Cell]) -> Plan:
+    """The plan with these cells of its matrix, each behind the one that it was made of."""
+    found: dict[str, list[Cell]] = {}
+    for cell in more:
+        found.setdefault(cell.base or "", []).append(cell)
+    return replace(plan, cells=tuple(each for cell in plan.cells for each in (cell, *found.get(cell.id, ()))))
