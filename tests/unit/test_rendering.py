@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,14 @@ import pytest
 import harness
 from harness.rendering import ARGUMENT, Choice, Device, Settings, Stage, chosen
 
-REPORT = Path(harness.__file__).parent.parent / "reports/robosuite-egl/report.json"
+ROOT = Path(harness.__file__).parent.parent
+REPORT = ROOT / "reports/robosuite-egl/report.json"
 CELLS = json.loads(REPORT.read_text())["cells"] if REPORT.exists() else []
 ABOUT_DEVICES = {
     one["id"].partition("/")[2]: one for one in CELLS if not one["axes"]["settings"].startswith(("gl-o", "pyopengl-"))
 }
+SETTINGS = tomllib.loads((ROOT / "matrices/robosuite-egl.toml").read_text())["axes"]["settings"]
+WRONG = "ContractViolation"
 SEVERAL = [Device(cuda=1), Device(cuda=0), Device()]
 """Two GPUs that CUDA counts the other way round, and a software device."""
 
@@ -42,7 +46,8 @@ def test_every_measured_cell_is_foretold(cell: str | None) -> None:
 
 def compare(cell: dict[str, Any]) -> None:
     """Hold each case of a cell to what is foretold of it."""
-    environment = {**cell["environment"], **dict.fromkeys(cell.get("empty", ()), "")}
+    value = SETTINGS[cell["axes"]["settings"]]
+    environment = {**value.get("environment", {}), **dict.fromkeys(value.get("empty", ()), "")}
     for case in cell["cases"]:
         settings, library = told(case, environment)
         installed = cell["installed"]
@@ -66,11 +71,11 @@ def expected(choice: Choice, library: str, settings: Settings) -> tuple[str, str
         phase = "import" if imported else "single" if choice.stage is Stage.IMPORT else "render"
         return phase, choice.error
     asked = settings.argument if settings.argument is not None else settings.egl
-    if asked is None or str(asked).strip() == str(choice.device):
+    if not str(asked).strip().isdigit() or int(str(asked)) == choice.device:
         return f"drew on {choice.device}", None
     name = ARGUMENT if settings.argument is not None else "MUJOCO_EGL_DEVICE_ID"
     if choice.device is None:
-        return "render", f"asked for device {asked} by {name}={asked}, drew by osmesa, which knows no devices"
+        return "render", f"{WRONG}: asked for device {asked} by {name}={asked}, drew by osmesa, which knows no devices"
     others = {"MUJOCO_EGL_DEVICE_ID": settings.egl, "CUDA_VISIBLE_DEVICES": settings.cuda}
     right = [
         f"{other}={value}"
@@ -78,7 +83,7 @@ def expected(choice: Choice, library: str, settings: Settings) -> tuple[str, str
         if str(choice.device) in str(value).replace(" ", "").split(",")
     ]
     where = f"drew on EGL device {choice.device}, which {' and '.join(right) or 'nothing'} named"
-    return "render", f"asked for device {asked} by {name}={asked}, {where}"
+    return "render", f"{WRONG}: asked for device {asked} by {name}={asked}, {where}"
 
 
 @pytest.mark.parametrize(
