@@ -68,7 +68,7 @@ def _drive(probe, facts, wrap, make=cell_interop.made):
     told = facts["told"] = {"library": _library(probe)}
     with library:
         raw = make(probe)
-        env = wrap(raw)
+        env = _wrapped(raw, wrap)
     told["wrapper"], told["batch"] = _names(env), list(env.batch_size)
     torch.manual_seed(probe.case["seed"])
     try:
@@ -83,6 +83,16 @@ def _drive(probe, facts, wrap, make=cell_interop.made):
             told["resets"] = _resets(probe, exchange.resets[before + 1 :])
     finally:
         cell_interop.close(env)
+
+
+def _wrapped(raw, wrap):
+    """Wrap an environment, which is closed where that fails: of some there can be one at a time."""
+    try:
+        return wrap(raw)
+    except BaseException:
+        if raw is not None:
+            raw.close()
+        raise
 
 
 def _steps(env, exchange):

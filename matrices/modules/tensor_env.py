@@ -109,6 +109,16 @@ class Environment(World, gymnasium.Env):
         self.describe()
 
 
+class Copied(Environment):
+    """The same, and whatever it gives is a copy: what a user can do about one that reuses its memory."""
+
+    def step(self, action):
+        """Step, and copy what came of it."""
+        observation, reward, terminated, truncated, info = super().step(action)
+        copy = {name: part.clone() for name, part in observation.items()} if self.dict else observation.clone()
+        return copy, reward.clone(), terminated.clone(), truncated.clone(), info
+
+
 class Vector(World, gymnasium.vector.VectorEnv):
     """A gymnasium.vector.VectorEnv, of which gymnasium knows how its episodes begin anew.
 
@@ -132,6 +142,6 @@ class Vector(World, gymnasium.vector.VectorEnv):
         return {"final_obs": last, "_final_obs": ended}
 
 
-def make(vector=False, **options):
-    """Make one."""
-    return (Vector if vector else Environment)(**options)
+def make(kind="environment", **options):
+    """Make one: an `environment`, a `copied` one, or a `vector` environment."""
+    return {"environment": Environment, "copied": Copied, "vector": Vector}[kind](**options)

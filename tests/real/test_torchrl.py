@@ -1,0 +1,136 @@
+"""TorchRL's wrappers around environments of torch tensors: what is counted, what is corrupted, what fails."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness import catalog, interpreters, resolving, store
+from harness.model import CaseRecord, CellRecord, Outcome
+from harness.scheduler import Runner, Settings
+
+MODULES = Path(__file__).parents[2] / "matrices" / "modules"
+GYM, GYM_TENSOR, ISAACLAB = WRAPPERS = tuple(f"interop.torchrl.{name}" for name in ("gym", "gym_tensor", "isaaclab"))
+MATRIX = f"""
+snapshot = "2026-11-20"
+python_path = ["lib"]
+files = {{ "lib/tensor_env.py" = {{ source = "modules/tensor_env.py" }} }}
+axes = {{ python = ["3.11"], torchrl = ["0.14.1"], gymnasium = ["1.2.3"], torch = ["2.13.0"] }}
+
+[[cases]]
+id = "fresh"
+env = "tensor:tensor_env:make"
+kwargs = {{ observations = "dict" }}
+checks = {list(WRAPPERS)}
+
+[[cases]]
+id = "reused"
+env = "tensor:tensor_env:make"
+kwargs = {{ observations = "dict", reuse = true }}
+checks = {list(WRAPPERS)}
+
+[[cases]]
+id = "apart"
+env = "tensor:tensor_env:make"
+kwargs = {{ apart = true }}
+checks = {[GYM_TENSOR]}
+"""
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> CellRecord:
+    """One cell with three environments."""
+    folder = tmp_path_factory.mktemp("torchrl")
+    if interpreters.find("3.11") is None:
+        pytest.skip("unavailable: python3.11")
+    (folder / "modules").symlink_to(MODULES)
+    (folder / "m.toml").write_text(MATRIX, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HARNESS_STATE", str(folder / "state"))
+        patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
+        (cell,) = catalog.load(str(folder / "m.toml"), print).cells
+        found = Runner(store.open_store(), Settings(), resolving.Unobserved()).measure(cell)
+    if found.resolve.outcome is Outcome.UNAVAILABLE and "build of torch" in (found.resolve.decisive or ""):
+        pytest.skip("unavailable: torch")
+    return found
+
+
+def case(record: CellRecord, name: str) -> CaseRecord:
+    """One of its cases."""
+    return next(one for one in record.cases if one.case == name)
+
+
+def told(record: CellRecord, name: str) -> dict[str, dict[str, Any]]:
+    """What each check of a case told."""
+    checks = [check for phase in case(record, name).phases for check in phase.checks]
+    return {check.check: dict(check.facts["told"]) for check in checks if "told" in check.facts}
+
+
+def findings(record: CellRecord, name: str) -> list[str]:
+    """The findings of a case about TorchRL, notes apart."""
+    found = [finding for phase in case(record, name).phases for finding in phase.findings]
+    return [f"{one.check}: {one.text}" for one in found if one.check.startswith("interop.") and one.level == "warning"]
+
+
+def test_conversions_and_copies_are_counted(record: CellRecord) -> None:
+    """One way to numpy and back with GymWrapper, none without its conversion, three copies with IsaacLabWrapper."""
+    counted = {name: one["per_step"] for name, one in told(record, "fresh").items()}
+    assert counted == {
+        GYM: {"wrapper": {"cpu()": 1, "to numpy": 1}, "environment": {"from numpy": 1, "clone": 5}},
+        GYM_TENSOR: {"environment": {"clone": 5}},
+        ISAACLAB: {"wrapper": {"clone": 3}, "environment": {"clone": 5}},
+    }
+
+
+def test_arrays_and_their_memory_are_told(record: CellRecord) -> None:
+    """What goes in and comes out, and what of it is the same memory."""
+    seen = told(record, "fresh")
+    tensor = "torch.Tensor float32 [4, 2] cpu"
+    assert [seen[name]["takes"] for name in WRAPPERS] == ["numpy.ndarray float32 [4, 2] cpu", tensor, tensor]
+    assert seen[GYM]["gives"]["policy"] == seen[GYM]["stored"]["policy"] == tensor
+    assert (seen[GYM]["gives"]["reward"], seen[GYM]["stored"]["reward"]) == (
+        "torch.Tensor float32 [4] cpu",
+        "torch.Tensor float32 [4, 1] cpu",
+    )
+    passed_on = {"action": True, "policy": True, "age": True, "reward": False, "terminated": True, "truncated": True}
+    assert seen[GYM]["same_memory"] == seen[GYM_TENSOR]["same_memory"] == passed_on
+    assert seen[ISAACLAB]["same_memory"] == {**passed_on, "terminated": False, "truncated": False}
+    assert all(
+        one["keys"] == {"environment": ["policy", "age"], "stored": ["policy", "age"], "renamed": {}}
+        for one in seen.values()
+    )
+    assert all(one["aliased"] == [] and one["rollout"]["wrong"] == {} for one in seen.values())
+    assert findings(record, "fresh") == []
+
+
+def test_a_corrupted_rollout_is_told(record: CellRecord) -> None:
+    """Of an environment that reuses its memory a stored rollout holds the last values, except what a wrapper copies."""
+    seen = told(record, "reused")
+    assert {name: one["rollout"]["wrong"] for name, one in seen.items()} == {
+        GYM: {"policy": 95, "age": 95, "truncated": 95},
+        GYM_TENSOR: {"policy": 95, "age": 95, "truncated": 95},
+        ISAACLAB: {"policy": 95, "age": 95},
+    }
+    assert seen[GYM]["aliased"] == ["policy", "age", "terminated", "truncated"]
+    assert seen[ISAACLAB]["aliased"] == ["policy", "age"]
+    assert findings(record, "reused") == [
+        f"interop.torchrl.alias: {wrapper}: a stored rollout of 100 steps holds other values than the steps returned: "
+        f"{where}; the environment gives the same memory at every step"
+        for wrapper, where in (
+            ("GymWrapper", "age in 95, policy in 95, truncated in 95"),
+            ("IsaacLabWrapper", "age in 95, policy in 95"),
+        )
+    ]
+
+
+def test_worlds_that_end_apart_end_the_rollout(record: CellRecord) -> None:
+    """The library's own line is the reason; what was looked at before is told."""
+    (phase,) = [one for one in case(record, "apart").phases if one.outcome is Outcome.FAILED]
+    assert (phase.decisive, phase.checks[0].check) == (
+        "RuntimeError: Partial resets are not handled at this level.",
+        GYM_TENSOR,
+    )
+    assert told(record, "apart")[GYM_TENSOR]["takes"] == "torch.Tensor float32 [4, 2] cpu"
