@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
 
 from harness import document, knowledge, signatures
 from harness.model import Verdict
 from harness.reporttypes import CellEntry
 from harness.signatures import Around, Evidence, Signature, diagnose
+from harness.vocabulary import parsed_requirement
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "matrices" / knowledge.FOLDER
@@ -20,12 +23,26 @@ ENOUGH = 30
 
 
 def around(one: Signature) -> Around:
-    """Requirements under which nothing speaks against a signature."""
-    return Around(requirements=tuple(part.requirements[0] for part in one.packages))
+    """What a signature needs to be there, and nothing else."""
+    wanted = [parsed_requirement(part.requirements[0]) for part in one.packages]
+    return Around(installed={each.name: version(each.specifier) for each in wanted})
+
+
+def version(fitting: SpecifierSet) -> str:
+    """One of these versions: a bound, or what comes before or after one."""
+    bounds = [Version(each.version.removesuffix(".*")) for each in fitting]
+    near = [*map(str, bounds), *(f"{bound}.1" for bound in bounds), *(f"{bound}.dev0" for bound in bounds), "1"]
+    return next(each for each in near if fitting.contains(each, prereleases=True))
+
+
+def test_versions_are_found() -> None:
+    """Whatever the bounds are."""
+    for text in ("", "<2", ">1.5", ">=1,<1.1", "==0.21.0", "==1.4.*", ">=0.24,!=0.24,<0.27"):
+        assert SpecifierSet(text).contains(version(SpecifierSet(text)), prereleases=True)
 
 
 def named(one: Signature, text: str) -> list[tuple[str, bool]]:
-    """What all signatures make of a text where the packages of one are asked for: ids, and whether they are masks."""
+    """What all signatures make of a text where the packages of one are installed: ids, and whether they are masks."""
     seen = Evidence(phase=None, told=(text,), signal=one.signal)
     return [(each.signature.id, each.signature.masks) for each in diagnose(KNOWN, [seen], around(one))]
 

@@ -230,11 +230,13 @@ class TestSchema:
             "expansion",
             "overlay",
             "controls",
+            "signatures",
             "report",
             "plan",
             "lock",
             "gc",
             "init",
+            "doctor",
             "manifest",
         ]
 
