@@ -46,7 +46,12 @@ PASSED = {
         "__EGL_VENDOR_LIBRARY_DIRS",
         "LIBGL_DRIVERS_PATH",
     ),
-    "gpu": ("CUDA_VISIBLE_DEVICES", "CUDA_DEVICE_ORDER"),  # which GPU of a shared machine is ours
+    "gpu": (  # which GPU of a shared machine is ours, and which drivers of Vulkan's draw
+        "CUDA_VISIBLE_DEVICES",
+        "CUDA_DEVICE_ORDER",
+        "VK_DRIVER_FILES",
+        "VK_ICD_FILENAMES",
+    ),
 }
 """The user's variables that a cell sees: always, or if it has that need. Not LD_LIBRARY_PATH, which would put other
 libraries under the ones being tested: a matrix may set it."""
