@@ -47,6 +47,10 @@ class Here:
     display: bool
 
 
+CROSSED = Here(devices=(Device(cuda=1), Device(cuda=0), Device()), osmesa=True, display=False)
+"""Two GPUs that EGL lists in another order than CUDA, and a software device behind them: where libraries part."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Drawn:
     """What a library draws with: `egl` on a device, `osmesa`, `glfw`; or the error with which it fails instead."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import cameras, changes, present
+from harness import advising, cameras, changes, present, rendering
 from harness.errors import BadInput
 from harness.reporttypes import CaseEntry, CellEntry, Document, Report
 
@@ -15,7 +15,7 @@ def render(template: str, document: Document, report: Report) -> str:
 
     `cell("LABEL")` is the cell of this label, `cells(AXIS="VALUE", ...)` those with these values (a list is any of
     them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL-with-NAME")` what a change did;
-    `CELL | camera_pairs` is what became of its cameras.
+    `CELL | camera_pairs` is what became of its cameras, `rendering` and `advising` know how devices are chosen.
     """
     from jinja2 import StrictUndefined, TemplateError  # noqa: PLC0415 - start-up
     from jinja2.sandbox import SandboxedEnvironment  # noqa: PLC0415
@@ -25,10 +25,10 @@ def render(template: str, document: Document, report: Report) -> str:
     )
     environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs}
     found = _Cells(document.cells)
+    known = {"cell": found.labelled, "cells": found.having, "case": _case, "effect": found.effect}
+    known |= {"rendering": rendering, "advising": advising}
     try:
-        return environment.from_string(template).render(
-            document=document, report=report, cell=found.labelled, cells=found.having, case=_case, effect=found.effect
-        )
+        return environment.from_string(template).render(document=document, report=report, **known)
     except TemplateError as error:
         line = getattr(error, "lineno", None)
         message = f"the page of {_named(document)}: {f'line {line}: ' if line else ''}{error.message or error}"

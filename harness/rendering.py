@@ -90,7 +90,7 @@ def chosen(
     """
     beside = mujoco or release
     listed = devices[:LISTED]
-    early = _within(beside, OPENS_AT_IMPORT) and not (library == "robosuite" and _within(release, "<1.4"))
+    early = _within(beside, OPENS_AT_IMPORT) and library != "dm_control"
     try:
         if library == "robosuite" and _within(release, "<1.4"):
             return Choice()  # mujoco_py, built for the CPU, draws by OSMesa

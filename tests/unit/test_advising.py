@@ -7,13 +7,12 @@ from typing import Any
 import pytest
 
 from harness import advising
-from harness.advising import LIBRARIES, Here
+from harness.advising import CROSSED, LIBRARIES, Here
 from harness.commands import doctor
 from harness.drawing import Ways
 from harness.rendering import Device
 
 ONE = Here(devices=(Device(),), osmesa=True, display=False)
-CROSSED = Here(devices=(Device(cuda=1), Device(cuda=0), Device()), osmesa=True, display=False)
 OSMESA = {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"}
 NOTHING = Here(devices=(), osmesa=False, display=False)
 NAMES = [who.name for who in LIBRARIES]
