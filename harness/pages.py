@@ -25,8 +25,8 @@ def render(template: str, document: Document, report: Report) -> str:
     )
     environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs}
     found = _Cells(document.cells)
-    known = {"cell": found.labelled, "cells": found.having, "case": _case, "effect": found.effect}
-    known |= {"rendering": rendering, "advising": advising}
+    known: dict[str, Any] = {"rendering": rendering, "advising": advising}
+    known |= {"cell": found.labelled, "cells": found.having, "case": _case, "effect": found.effect}
     try:
         return environment.from_string(template).render(document=document, report=report, **known)
     except TemplateError as error:

@@ -49,7 +49,8 @@ def test_every_measured_cell_is_foretold(cell: str | None) -> None:
 def compare(cell: dict[str, Any]) -> None:
     """Hold each case of a cell to what is foretold of it."""
     empty = () if cell["change"] else SETTINGS[cell["axes"]["settings"]].get("empty", ())
-    environment = {**cell["environment"], **dict.fromkeys(empty, "")}
+    given = {name: value for name, value in cell["environment"].items() if value}
+    environment = {**given, **dict.fromkeys(empty, "")}
     for case in cell["cases"]:
         settings, library = told(case, environment)
         installed = cell["installed"]
