@@ -9,19 +9,14 @@ from typing import Any
 
 from packaging.version import InvalidVersion, Version
 
-from harness import changes
+from harness import explaining
 from harness.errors import BadInput
 from harness.model import Verdict
 from harness.reporttypes import (
     SEVERITY,
-    Attempt,
     CaseEntry,
-    Cause,
     CellEntry,
-    DiagnosisEntry,
     Document,
-    Effect,
-    Explanation,
     MatrixEntry,
     Pivot,
     Remark,
@@ -29,7 +24,6 @@ from harness.reporttypes import (
     Row,
     Sheet,
     Square,
-    word,
 )
 
 NOTHING = "-"
@@ -85,12 +79,12 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         pivot=_pivot([cell for cell in cells if cell.base is None], chosen, machines) if chosen else None,
         columns=columns,
         rows=_rows(cells, columns, machines),
-        explanations=_explanations(cells),
+        explanations=explaining.explanations(cells),
         findings=_grouped(found),
         dropped=_grouped(dropped),
         left_out=sum(gone.count for gone in document.dropped if gone.id.partition("/")[0] == name),
         locks=_grouped(locks),
-        attempts=tuple(_attempts(cells)),
+        attempts=tuple(explaining.attempts(cells)),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
         repairs=_grouped((_repaired(one), str(one["link"]), cell.id) for cell in cells for one in cell.repairs),
     )
@@ -153,30 +147,20 @@ def _named(found: Sequence[str], machines: Sequence[str]) -> str:
 def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
     return Row(
         id=cell.id,
-        label=_label(cell.id),
+        label=explaining.label(cell.id),
         verdict=cell.verdict,
         as_expected=cell.as_expected,
-        phase=_phase(cell),
+        phase=explaining.failed_in(cell),
         why=_why(cell),
-        hidden_by=_hidden_by(cell),
-        expected="" if _plain(cell) else _expected(cell),
+        hidden_by=explaining.hidden_by(cell),
+        expected="" if explaining.plain(cell) else explaining.expectation(cell),
         versions=tuple(_version(cell, column) for column in columns),
         findings=len(cell.findings),
         seconds=cell.seconds,
         machine=cell.machine or NOTHING,
         repaired=tuple(f"{repair['package']} {repair['version']}" for repair in cell.repairs),
-        **_told(cell),
+        **explaining.told(cell),
     )
-
-
-def _told(cell: CellEntry) -> dict[str, Any]:
-    """The deepest cause of a failure that is known, and its remedy."""
-    if not cell.diagnoses:
-        return {}
-    deepest = cell.diagnoses[0]
-    proof = f" (proven by {_label(deepest.proof)})" if deepest.proof else ""
-    remedy = "; ".join(changes.words(deepest.remedy)) + proof
-    return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven}
 
 
 def _repaired(repair: Mapping[str, Any]) -> str:
@@ -185,21 +169,12 @@ def _repaired(repair: Mapping[str, Any]) -> str:
     return f"{repair['package']} {repair['version']}, {changes}: {repair['reason']}"
 
 
-def _label(cell_id: str) -> str:
-    return cell_id.partition("/")[2] or cell_id
-
-
 def _version(cell: CellEntry, column: str) -> str:
     """What is installed, else what was asked for."""
     if column == "python":
         return cell.python or cell.requested_python
     asked = cell.axes.get(column, cell.environment.get(column, NOTHING))
     return (cell.installed or {}).get(column, asked)
-
-
-def _phase(cell: CellEntry) -> str:
-    """Where it failed; what is not to be had here failed nowhere."""
-    return "" if cell.verdict is Verdict.UNAVAILABLE else cell.phase or ""
 
 
 def _why(cell: CellEntry) -> str:
@@ -268,121 +243,11 @@ def _worst(machine: str, verdicts: Sequence[Verdict]) -> Square:
 # --- what needs words ------------------------------------------------------------------------------------------
 
 
-def _plain(cell: CellEntry) -> bool:
-    """Whether a cell needs no explanation: it is green or was not run, and nobody expected otherwise."""
-    return cell.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and cell.as_expected is not False
-
-
-def _explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
-    """One per reason, for every cell that needs one."""
-    groups: dict[tuple[Any, ...], list[CellEntry]] = {}
-    results: Counter[str] = Counter()
-    locks: dict[str, str] = {}
-    for cell in cells:
-        results[cell.id] += 1
-        locks[cell.id] = cell.lock or ""
-        if not (_plain(cell) or (cell.change and cell.as_expected is not False)):
-            link = cell.expectation.link or "" if cell.expectation else ""
-            ids = tuple(one.signature for one in counting(cell))
-            why = _phase(cell), cell.decisive or "", _hidden_by(cell), _expected(cell), link, ids
-            groups.setdefault((cell.verdict, *why), []).append(cell)
-    return tuple(
-        Explanation(
-            verdict=verdict,
-            phase=phase,
-            decisive=decisive,
-            hidden_by=hidden,
-            expected=expected,
-            link=link,
-            cells=_labels(found, results),
-            causes=tuple(_causes(found, locks)),
-        )
-        for (verdict, phase, decisive, hidden, expected, link, _), found in groups.items()
-    )
-
-
-def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
-    """The known failures that count in a cell: of those that mask others none, unless there is nothing else."""
-    return tuple(one for one in cell.diagnoses if not one.masks) or cell.diagnoses
-
-
-def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
-    """The known failures of cells that have the same."""
-    for place, one in enumerate(counting(cells[0])):
-        proofs = [proof for cell in cells if (proof := counting(cell)[place].proof)]
-        yield Cause(
-            signature=one.signature,
-            cause=one.cause,
-            remedy=changes.words(one.remedy),
-            proofs=tuple((_label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
-            references=one.references,
-        )
-
-
-def _attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
-    """The changes that were tried, each with the cell that it was tried on, on the same machine."""
-    known = {(cell.id, cell.machine): cell for cell in cells}
-    for after in cells:
-        if after.change is None or after.base is None or after.verdict is Verdict.NOT_RUN:
-            continue
-        before = known.get((after.base, after.machine))
-        yield Attempt(
-            cell=_label(after.base),
-            before=_stands(before) if before else "not run",
-            change=after.change.name,
-            does=after.change.does,
-            reason=after.change.reason,
-            advice=after.change.advice,
-            link=after.change.link or "",
-            after=_stands(after),
-            effect=changes.effect(before, after) if before else Effect.UNTOLD,
-            lock=after.lock or "",
-            machine=after.machine or NOTHING,
-        )
-
-
-def _stands(cell: CellEntry) -> str:
-    """Where a cell stands: its verdict, the phase, and the line that says why."""
-    where = f" in {_phase(cell)}" if _phase(cell) else ""
-    line = f": {cell.decisive}" if cell.decisive and cell.verdict is not Verdict.WORKS else ""
-    return f"{word(cell.verdict)}{where}{line}"
-
-
-def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str, ...]:
-    """Each cell once; with the machines that found this, where others found something else."""
-    machines: dict[str, list[str]] = {}
-    for cell in cells:
-        machines.setdefault(cell.id, []).append(cell.machine or NOTHING)
-    return tuple(
-        _label(cell_id) + ("" if len(found) == results[cell_id] else f" on {', '.join(found)}")
-        for cell_id, found in machines.items()
-    )
-
-
-def _hidden_by(cell: CellEntry) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(f"{mask} ({check})" for case in cell.cases for check, mask in case.masked.items()))
-
-
-def _expected(cell: CellEntry) -> str:
-    """The expectation in a sentence, with its reason."""
-    expect = cell.expectation
-    if cell.as_expected is None:
-        return ""
-    if expect is None:
-        return "as expected" if cell.as_expected else "not expected"
-    if cell.as_expected:
-        return f"as expected: {expect.reason}"
-    where = f" in {expect.phase}" if expect.phase else ""
-    match = f" with a line like {expect.match!r}" if expect.match else ""
-    match += f" by {expect.signature}" if expect.signature else ""
-    return f"not as expected, which was {word(expect.verdict)}{where}{match}: {expect.reason}"
-
-
 def _grouped(said: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
     """(text, what it is about, cell id), equal ones together, those of most cells first."""
     groups: dict[tuple[str, str], list[str]] = {}
     for text, about, cell_id in said:
-        groups.setdefault((about, text), []).append(_label(cell_id))
+        groups.setdefault((about, text), []).append(explaining.label(cell_id))
     remarks = [Remark(about=about, text=text, cells=tuple(dict.fromkeys(ids))) for (about, text), ids in groups.items()]
     return tuple(sorted(remarks, key=lambda remark: -len(remark.cells)))
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import catalog, changes, document, knowledge, plan, store, tables
+from harness import catalog, changes, document, explaining, knowledge, plan, store, tables
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
@@ -97,7 +97,7 @@ def _lines(cell: CellEntry) -> Iterator[str]:
         yield f"  not verified: {name}"
     yield from _expectation(cell)
     yield from _change(cell)
-    for one in tables.counting(cell):
+    for one in explaining.counting(cell):
         yield from _diagnosis(one)
     yield ""
     yield from _facts(cell)

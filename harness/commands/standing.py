@@ -9,8 +9,10 @@ from pathlib import Path
 import msgspec
 
 from harness import (
+    changes,
     document,
     evidence,
+    explaining,
     knowledge,
     pages,
     present,
@@ -71,7 +73,7 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
     """Another version of what makes reports makes another report."""
-    modules = (document, evidence, pages, present, reporttypes, signatures, tables, trust, verdict)
+    modules = (changes, document, evidence, explaining, pages, present, reporttypes, signatures, tables, trust, verdict)
     files = [*(Path(str(module.__file__)) for module in modules), template(), *knowledge.files()]
     return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)
 

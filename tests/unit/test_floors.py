@@ -13,11 +13,11 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "accepting", "advising", "cameras", "changes", "document", "drafts", "evidence", "expansion", "inputfiles",
-        "locks", "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise", "notices", "outcomes",
-        "pages", "pipelines", "plan", "present", "proving", "pytestsays", "remedies", "rendering", "repairs",
-        "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust", "uvsays", "verdict",
-        "vocabulary", "wire", "workflows",
+        "accepting", "advising", "cameras", "changes", "document", "drafts", "evidence", "expansion", "explaining",
+        "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise", "notices",
+        "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays", "remedies", "rendering",
+        "repairs", "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust", "uvsays",
+        "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing", "environments",

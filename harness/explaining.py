@@ -1,0 +1,144 @@
+"""Why cells are not green, in words: reasons, known causes, what hid them, and the changes that were tried."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from harness import changes
+from harness.model import Verdict
+from harness.reporttypes import Attempt, Cause, CellEntry, DiagnosisEntry, Effect, Explanation, word
+
+NOTHING = "-"
+
+
+def explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
+    """One per reason, for every cell that needs one."""
+    groups: dict[tuple[Any, ...], list[CellEntry]] = {}
+    results: Counter[str] = Counter()
+    locks: dict[str, str] = {}
+    for cell in cells:
+        results[cell.id] += 1
+        locks[cell.id] = cell.lock or ""
+        if not (plain(cell) or (cell.change and cell.as_expected is not False)):
+            link = cell.expectation.link or "" if cell.expectation else ""
+            ids = tuple(one.signature for one in counting(cell))
+            why = failed_in(cell), cell.decisive or "", hidden_by(cell), expectation(cell), link, ids
+            groups.setdefault((cell.verdict, *why), []).append(cell)
+    return tuple(
+        Explanation(
+            verdict=verdict,
+            phase=phase,
+            decisive=decisive,
+            hidden_by=hidden,
+            expected=expected,
+            link=link,
+            cells=_labels(found, results),
+            causes=tuple(_causes(found, locks)),
+        )
+        for (verdict, phase, decisive, hidden, expected, link, _), found in groups.items()
+    )
+
+
+def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
+    """The known failures of cells that have the same."""
+    for place, one in enumerate(counting(cells[0])):
+        proofs = [proof for cell in cells if (proof := counting(cell)[place].proof)]
+        yield Cause(
+            signature=one.signature,
+            cause=one.cause,
+            remedy=changes.words(one.remedy),
+            proofs=tuple((label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
+            references=one.references,
+        )
+
+
+def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
+    """The known failures that count in a cell: of those that mask others none, unless there is nothing else."""
+    return tuple(one for one in cell.diagnoses if not one.masks) or cell.diagnoses
+
+
+def told(cell: CellEntry) -> dict[str, Any]:
+    """The deepest cause of a failure that is known, and its remedy."""
+    if not cell.diagnoses:
+        return {}
+    deepest = cell.diagnoses[0]
+    proof = f" (proven by {label(deepest.proof)})" if deepest.proof else ""
+    remedy = "; ".join(changes.words(deepest.remedy)) + proof
+    return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven}
+
+
+def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
+    """The changes that were tried, each with the cell that it was tried on, on the same machine."""
+    known = {(cell.id, cell.machine): cell for cell in cells}
+    for after in cells:
+        if after.change is None or after.base is None or after.verdict is Verdict.NOT_RUN:
+            continue
+        before = known.get((after.base, after.machine))
+        yield Attempt(
+            cell=label(after.base),
+            before=_stands(before) if before else "not run",
+            change=after.change.name,
+            does=after.change.does,
+            reason=after.change.reason,
+            advice=after.change.advice,
+            link=after.change.link or "",
+            after=_stands(after),
+            effect=changes.effect(before, after) if before else Effect.UNTOLD,
+            lock=after.lock or "",
+            machine=after.machine or NOTHING,
+        )
+
+
+def _stands(cell: CellEntry) -> str:
+    """Where a cell stands: its verdict, the phase, and the line that says why."""
+    where = f" in {failed_in(cell)}" if failed_in(cell) else ""
+    line = f": {cell.decisive}" if cell.decisive and cell.verdict is not Verdict.WORKS else ""
+    return f"{word(cell.verdict)}{where}{line}"
+
+
+def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str, ...]:
+    """Each cell once; with the machines that found this, where others found something else."""
+    machines: dict[str, list[str]] = {}
+    for cell in cells:
+        machines.setdefault(cell.id, []).append(cell.machine or NOTHING)
+    return tuple(
+        label(cell_id) + ("" if len(found) == results[cell_id] else f" on {', '.join(found)}")
+        for cell_id, found in machines.items()
+    )
+
+
+def hidden_by(cell: CellEntry) -> tuple[str, ...]:
+    """What stood before the causes of its failures, each with the check."""
+    return tuple(dict.fromkeys(f"{mask} ({check})" for case in cell.cases for check, mask in case.masked.items()))
+
+
+def expectation(cell: CellEntry) -> str:
+    """The expectation in a sentence, with its reason."""
+    expect = cell.expectation
+    if cell.as_expected is None:
+        return ""
+    if expect is None:
+        return "as expected" if cell.as_expected else "not expected"
+    if cell.as_expected:
+        return f"as expected: {expect.reason}"
+    where = f" in {expect.phase}" if expect.phase else ""
+    match = f" with a line like {expect.match!r}" if expect.match else ""
+    match += f" by {expect.signature}" if expect.signature else ""
+    return f"not as expected, which was {word(expect.verdict)}{where}{match}: {expect.reason}"
+
+
+def plain(cell: CellEntry) -> bool:
+    """Whether a cell needs no explanation: it is green or was not run, and nobody expected otherwise."""
+    return cell.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and cell.as_expected is not False
+
+
+def failed_in(cell: CellEntry) -> str:
+    """Where it failed; what is not to be had here failed nowhere."""
+    return "" if cell.verdict is Verdict.UNAVAILABLE else cell.phase or ""
+
+
+def label(cell_id: str) -> str:
+    """The part of an id after the name of the matrix."""
+    return cell_id.partition("/")[2] or cell_id
