@@ -24,6 +24,7 @@ class Speaker(NamedTuple):
 SPEAKERS = (
     Speaker("brax", "brax", r"[a-z][a-z0-9_]*", "brax:ant"),
     Speaker("dm_control", "dm-control", r"\w+/\w+", "dm_control:cheetah/run"),
+    Speaker("isaaclab", "isaaclab", r"Isaac-[\w-]+", "isaaclab:Isaac-Cartpole-Direct"),
     Speaker("mjx", "mujoco-mjx", r".+\.xml", "mjx:sphere"),
     Speaker("mujoco", "mujoco", r".+\.xml|markers", "mujoco:markers"),
     Speaker("mujoco_warp", "mujoco-warp", r".+\.xml", "mujoco_warp:sphere"),
