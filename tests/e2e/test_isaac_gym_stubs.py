@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import harness
 
 INCELL = Path(harness.__file__).parent / "incell"
@@ -30,38 +32,49 @@ MISTAKES = {
 """Of each kind of use one, and what it may be mistaken for."""
 
 
-def reported(folder: Path, source: str) -> list[str]:
-    """Lines of a source in which the type checker finds an error."""
+def mistaken(source: str) -> str:
+    """The source with every mistake."""
+    for right, wrong in MISTAKES.items():
+        assert source.count(right) == 1
+        source = source.replace(right, wrong)
+    return source
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """Lines in which the type checker finds an error, of the adapter as it is and of one with the mistakes."""
+    folder = tmp_path_factory.mktemp("stubs")
     package = folder / "checked"
     package.mkdir()
     for file in INCELL.glob("cell_*.py"):
         (package / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
-    (package / "adapter.py").write_text(source.replace(LATE, EARLY), encoding="utf-8")
+    source = (INCELL / "api_isaacgym.py").read_text(encoding="utf-8")
+    assert source.count(LATE) == 1
+    sources = {"right": source, "wrong": mistaken(source)}
+    for name, text in sources.items():
+        (package / f"{name}.py").write_text(text.replace(LATE, EARLY), encoding="utf-8")
     (folder / "pyrightconfig.json").write_text(json.dumps(SETTINGS), encoding="utf-8")
     command = (sys.executable, "-m", "basedpyright", "--pythonpath", sys.executable, "-p", folder, "--outputjson")
-    done = subprocess.run((*command, package / "adapter.py"), cwd=folder, capture_output=True, text=True, check=False)
+    files = [package / f"{name}.py" for name in sources]
+    done = subprocess.run((*command, *files), cwd=folder, capture_output=True, text=True, check=False)
     answer = json.loads(done.stdout)
-    assert answer["summary"]["filesAnalyzed"] == 1, done.stdout + done.stderr
-    lines = source.splitlines()
-    found = [one for one in answer["generalDiagnostics"] if one["severity"] == "error"]
-    return [lines[one["range"]["start"]["line"]].strip() for one in found]
+    assert answer["summary"]["filesAnalyzed"] == len(files), done.stdout + done.stderr
+    found: dict[str, list[str]] = {name: [] for name in sources}
+    for one in answer["generalDiagnostics"]:
+        if one["severity"] == "error":
+            name = Path(one["file"]).stem
+            found[name].append(sources[name].splitlines()[one["range"]["start"]["line"]].strip())
+    return found
 
 
-def test_every_call_is_in_the_stubs(tmp_path: Path) -> None:
+def test_every_call_is_in_the_stubs(reported: dict[str, list[str]]) -> None:
     """The type checker has nothing to say of the adapter."""
-    source = (INCELL / "api_isaacgym.py").read_text(encoding="utf-8")
-
-    assert source.count(LATE) == 1
-    assert reported(tmp_path, source) == []
+    assert reported["right"] == []
 
 
-def test_a_mistake_is_reported(tmp_path: Path) -> None:
+def test_a_mistake_is_reported(reported: dict[str, list[str]]) -> None:
     """A constant, a method, a missing argument, an attribute and a type that the stubs do not have: each is told."""
-    source = (INCELL / "api_isaacgym.py").read_text(encoding="utf-8")
-    for right, wrong in MISTAKES.items():
-        assert source.count(right) == 1
-        source = source.replace(right, wrong)
-    found = reported(tmp_path, source)
+    found = reported["wrong"]
 
     assert [wrong for wrong in MISTAKES.values() if not any(wrong in line for line in found)] == []
     assert len(found) == len(MISTAKES)
