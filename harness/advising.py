@@ -156,7 +156,7 @@ def possible(here: Here) -> Iterator[tuple[str, Variables, int | None]]:
 
 
 def recommended(variables: Variables, here: Here) -> Advice | None:
-    """The one setting with which the most libraries draw, all of them on one device if that can be; None for none.
+    """The one setting with which the most libraries draw on one device; another way where few can; None for none.
 
     CUDA_VISIBLE_DEVICES is left as it is where it can be: it is not set for the sake of drawing.
     """
@@ -164,7 +164,7 @@ def recommended(variables: Variables, here: Here) -> Advice | None:
         (_worth(advice, variables, here), -place, advice) for place, advice in enumerate(_candidates(variables, here))
     ]
     best = max(found, key=lambda one: one[:2], default=None)
-    if best is None or not best[0][0]:
+    if best is None or not best[0]:
         return None
     advice = best[2]
     after = applied(advice, variables)
@@ -204,14 +204,15 @@ def _candidates(variables: Variables, here: Here) -> Iterator[Advice]:
         yield Advice(variables={GL: "glfw"}, unset=(PYOPENGL,), reason="at the display")
 
 
-def _worth(advice: Advice, variables: Variables, here: Here) -> tuple[int, bool, bool, bool]:
-    """How many libraries draw, whether on devices, on one device, and on the one that was to be chosen."""
+def _worth(advice: Advice, variables: Variables, here: Here) -> tuple[int, ...]:
+    """What is best is largest: most libraries on the device that is meant, or all that can draw; nothing for none."""
     after = applied(advice, variables)
     results = [drawn(who, after, here) for who in LIBRARIES]
     drawing = [result for result in results if result.error is None]
-    asked = advice.variables.get(EGL_ID)
-    devices = {result.device for result in drawing}
-    return len(drawing), asked is not None, len(devices) == 1, asked is None or devices == {int(asked)}
+    place = advice.variables.get(EGL_ID)
+    right = [result for result in drawing if place is None or result.device == int(place)]
+    most = place is not None and 2 * len(right) > len(results)
+    return (most, len(right), len(drawing)) if drawing else ()
 
 
 def outcomes(variables: Variables, here: Here, argument: int | None = None) -> Sequence[Drawn]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from harness import (
+    advising,
     changes,
     document,
     evidence,
@@ -16,6 +17,7 @@ from harness import (
     knowledge,
     pages,
     present,
+    rendering,
     reporttypes,
     signatures,
     store,
@@ -73,7 +75,8 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
     """Another version of what makes reports makes another report."""
-    modules = (changes, document, evidence, explaining, pages, present, reporttypes, signatures, tables, trust, verdict)
+    made_by = (advising, changes, document, evidence, explaining, pages, present, rendering)
+    modules = (*made_by, reporttypes, signatures, tables, trust, verdict)
     files = [*(Path(str(module.__file__)) for module in modules), template(), *knowledge.files()]
     return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)
 

@@ -102,6 +102,17 @@ def test_a_device_that_was_given_is_the_one_recommended() -> None:
     )
 
 
+def test_where_no_number_suits_all() -> None:
+    """A GPU for most comes before the CPU for all; who cannot draw is said."""
+    here = Here(devices=(Device(works=False), Device(cuda=0), Device(cuda=1)), osmesa=True, display=False)
+
+    advice = advising.recommended({"CUDA_VISIBLE_DEVICES": "1"}, here)
+
+    assert advice is not None
+    assert (advice.variables["MUJOCO_EGL_DEVICE_ID"], advice.unset) == ("2", ("CUDA_VISIBLE_DEVICES",))
+    assert advice.reason.startswith("all but MuJoCo 4, gymnasium (MuJoCo 4) draw on EGL device 2, in the process")
+
+
 @pytest.mark.parametrize(
     ("here", "variables"),
     [
