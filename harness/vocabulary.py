@@ -60,7 +60,8 @@ CheckName = Literal[
     "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "vector.autoreset", "render.rgb_array",
     "render.device",
     "interop.sb3.check_env", "interop.sb3.learn",
-    "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab", "interop.torchrl.backend",
+    "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
+    "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
 

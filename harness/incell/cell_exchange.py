@@ -52,12 +52,17 @@ class Exchange:
 
 
 class Step:
-    """One step: the action and the result as they were passed, and a copy of each part as it was then."""
+    """One step: the action and the result as they were passed, and a copy of each part as it was then.
+
+    `last` has the observations with which episodes ended, where the environment tells them apart.
+    """
 
     def __init__(self, action, result):
         self.action = action
         self.parts = parts_of(result)
         self.copies = {name: array_of(value).copy() for name, value in self.parts.items()}
+        last = result[-1].get("final_obs", {}) if isinstance(result[-1], dict) else {}
+        self.last = {name: array_of(value).copy() for name, value in named(last).items()}
         found = [self.copies[name].astype(bool) for name in ENDS if name in self.copies]
         self.ended = found[0] | found[1] if len(found) == 2 else found[0]
 
@@ -71,9 +76,12 @@ def reuses(steps):
 def parts_of(result):
     """The parts of what step() returned, of five values or, in gym's older way, four."""
     names = ("reward",) + (ENDS if len(result) == 5 else ENDS[:1])
-    observation = result[0]
-    found = dict(observation.items()) if hasattr(observation, "items") else {"observation": observation}
-    return dict(found, **dict(zip(names, result[1:-1])))
+    return dict(named(result[0]), **dict(zip(names, result[1:-1])))
+
+
+def named(observation):
+    """The parts of an observation by their names."""
+    return dict(observation.items()) if hasattr(observation, "items") else {"observation": observation}
 
 
 def array_of(value):

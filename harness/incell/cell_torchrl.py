@@ -33,6 +33,17 @@ def gym_tensor(probe, facts):
 
 def isaaclab(probe, facts):
     """IsaacLabWrapper on the CPU; its own default is the first GPU."""
+    _isaaclab(probe, facts)
+
+
+def isaaclab_native(probe, facts):
+    """IsaacLabWrapper that leaves it to the environment to begin episodes."""
+    _isaaclab(probe, facts, native_autoreset=True)
+
+
+def _isaaclab(probe, facts, **options):
+    import inspect
+
     torchrl = cell_interop.present("torchrl", "torchrl")
     try:
         wrapper = _of("isaac_lab").IsaacLabWrapper
@@ -41,8 +52,11 @@ def isaaclab(probe, facts):
             raise
         message = "TorchRL {} has no IsaacLabWrapper".format(torchrl.__version__)
         raise Skip(message) from None
-    device = importlib.import_module("torch").device("cpu")
-    _drive(probe, facts, lambda raw: wrapper(raw, device=device))
+    if not set(options) <= set(inspect.signature(wrapper.__init__).parameters):
+        message = "the IsaacLabWrapper of TorchRL {} has no {}".format(torchrl.__version__, ", ".join(options))
+        raise Skip(message)
+    options["device"] = importlib.import_module("torch").device("cpu")
+    _drive(probe, facts, lambda raw: wrapper(raw, **options))
 
 
 def backend(probe, facts):
@@ -74,12 +88,13 @@ def _drive(probe, facts, wrap, make=cell_interop.made):
     try:
         with Exchange(_inner(env)) as exchange:
             stored = _steps(env, exchange)
-            told.update(_passed(exchange, stored))
-            told["keys"] = _keys(probe, exchange, stored)
+            places = _places(exchange, stored)
+            told.update(_passed(exchange, stored, places))
+            told["keys"] = _keys(probe, exchange, stored, places)
             before = len(exchange.resets)
             with library:
                 rollout = env.rollout(probe.case["steps"], break_when_any_done=False)
-            told["rollout"] = _stored(probe, told["wrapper"][-1], exchange.steps[-rollout.shape[-1] :], rollout)
+            told["rollout"] = _stored(probe, told["wrapper"][-1], exchange.steps[-rollout.shape[-1] :], rollout, places)
             told["resets"] = _resets(probe, exchange.resets[before + 1 :])
     finally:
         cell_interop.close(env)
@@ -116,15 +131,24 @@ def _steps(env, exchange):
     return stored
 
 
-def _passed(exchange, stored):
+def _places(exchange, stored):
+    """The key under which TorchRL stores each part of a step, its own or one with the same values."""
+    step, (_, after) = exchange.steps[-1], stored[-1]
+    there, found = _names_in(after), {}
+    for name in step.parts:
+        keys = [name] if name in there else [key for key in there if equal(after[key], step.copies[name])]
+        if keys:
+            found[name] = keys[0]
+    return found
+
+
+def _passed(exchange, stored, places):
     """What went in and came out of the steps that were looked at."""
     pairs = list(zip(exchange.steps[-LOOKED_AT:], stored[-LOOKED_AT:]))
     step, (_, after) = pairs[-1]
-    parts = [name for name in step.parts if name in _names_in(after)]
     same = {"action": _always(same_memory(taken, step.action) for step, (taken, _) in pairs)}
-    same.update(
-        {name: _always(same_memory(step.parts[name], after[name]) for step, (_, after) in pairs) for name in parts}
-    )
+    for name, key in places.items():
+        same[name] = _always(same_memory(step.parts[name], after[key]) for step, (_, after) in pairs)
     counts = exchange.counts.by_place
     return {
         "takes": shown(step.action),
@@ -133,40 +157,34 @@ def _passed(exchange, stored):
         "same_memory": same,
         "per_step": {place: {kind: _mean(number) for kind, number in counts[place].items()} for place in counts},
         "reused": [name for name in step.parts if _one_place([step.parts[name] for step, _ in pairs])],
-        "aliased": [name for name in parts if _one_place([after[name] for _, (_, after) in pairs])],
+        "aliased": [name for name, key in places.items() if _one_place([after[key] for _, (_, after) in pairs])],
     }
 
 
-def _keys(probe, exchange, stored):
+def _keys(probe, exchange, stored, places):
     """Whether what the environment observes can be found by its name in what TorchRL stores."""
-    step, (_, after) = exchange.steps[-1], stored[-1]
-    there = _observed(after)
-    wanted = [name for name in step.parts if name not in BESIDE]
-    renamed = {}
+    wanted = [name for name in exchange.steps[-1].parts if name not in BESIDE]
+    renamed = {name: places[name] for name in wanted if places.get(name, name) != name}
+    for name, key in renamed.items():
+        probe.finding("interop.torchrl.keys", "TorchRL stores the observation {!r} as {!r}".format(name, key), "note")
     for name in wanted:
-        if name in there:
-            continue
-        new = next((key for key in there if equal(after[key], step.copies[name])), None)
-        if new:
-            renamed[name] = new
-        text = "TorchRL stores the observation {!r} as {!r}" if new else "TorchRL does not store the observation {!r}"
-        probe.finding("interop.torchrl.keys", text.format(name, new))
-    return {"environment": wanted, "stored": there, "renamed": renamed}
+        if name not in places:
+            probe.finding("interop.torchrl.keys", "TorchRL does not store the observation {!r}".format(name))
+    return {"environment": wanted, "stored": _observed(stored[-1][1]), "renamed": renamed}
 
 
-def _stored(probe, wrapper, steps, rollout):
+def _stored(probe, wrapper, steps, rollout, places):
     """Compare a stored rollout with what each of its steps returned, where no episode ended; there apart."""
     wrong, ends, apart = {}, set(), 0
     for number, step in enumerate(steps):
         after = rollout[..., number]["next"]
         apart += bool(step.ended.any() and not step.ended.all())
-        for name in [name for name in step.copies if name in _names_in(after)]:
-            beside = name in BESIDE
-            compared = ~step.ended | beside
-            if not equal(rows(after[name], compared), rows(step.copies[name], compared)):
+        for name, key in places.items():
+            compared = ~step.ended | (name in BESIDE)
+            if not equal(rows(after[key], compared), rows(step.copies[name], compared)):
                 wrong[name] = wrong.get(name, 0) + 1
-            if step.ended.any() and not beside:
-                ends.add(_at_end(rows(after[name], step.ended), rows(step.copies[name], step.ended)))
+            if step.ended.any() and name not in BESIDE:
+                ends.add(_at_end(step, name, after[key]))
     if wrong:
         where = ", ".join("{} in {}".format(name, number) for name, number in sorted(wrong.items()))
         text = "{}: a stored rollout of {} steps holds other values than the steps returned: {}"
@@ -175,13 +193,16 @@ def _stored(probe, wrapper, steps, rollout):
     return {"steps": len(steps), "ends_apart": apart, "wrong": wrong, "at_ends": sorted(ends)}
 
 
-def _at_end(stored, returned):
-    """What is stored of an observation with which an episode ended."""
+def _at_end(step, name, stored):
+    """What is stored of an observation where an episode ended."""
     import numpy as np
 
-    if equal(stored, returned):
+    found = rows(stored, step.ended)
+    if name in step.last and equal(found, rows(step.last[name], step.ended)):
+        return "the last of the episode"
+    if equal(found, rows(step.copies[name], step.ended)):
         return "as returned"
-    return "not a number" if np.isnan(stored).all() else "otherwise"
+    return "not a number" if np.isnan(found).all() else "another"
 
 
 def _resets(probe, resets):
@@ -255,5 +276,6 @@ CHECKS = {
     "interop.torchrl.gym": gym,
     "interop.torchrl.gym_tensor": gym_tensor,
     "interop.torchrl.isaaclab": isaaclab,
+    "interop.torchrl.isaaclab_native": isaaclab_native,
     "interop.torchrl.backend": backend,
 }

@@ -86,7 +86,7 @@ class World:
         policy = self.give("policy", self.position)
         if not self.dict:
             return policy
-        return {"policy": policy, "age": self.give("age", (self.age / self.lengths).float()[:, None])}
+        return {"policy": policy, "age": self.give("age", (self.age / self.lengths).clamp(max=1.0)[:, None])}
 
     def give(self, name, value):
         """The value in memory of its own, or in that of the step before."""
