@@ -15,6 +15,7 @@ from packaging.version import Version
 
 from harness import (
     catalog,
+    changes,
     checkouts,
     document,
     inputs,
@@ -32,10 +33,12 @@ from harness import (
 from harness.commands import progress, reporting
 from harness.commands.run import VERIFYING, tell
 from harness.errors import BadInput
+from harness.evidence import diagnosed
 from harness.inputfiles import Inputs
 from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, Plan, Repair, Subject, Verdict
 from harness.reporttypes import UNTOLD, word
 from harness.schema import located
+from harness.signatures import Diagnosis, Signature
 from harness.store import Store
 from harness.verdict import Judgement
 from harness.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
@@ -117,7 +120,7 @@ def main(args: argparse.Namespace) -> int:
         made = document.build([record], [planned], facts, store.now(), locate, used, known=causes)
         sys.stdout.write(document.encode(made).decode())
     else:
-        print(answer(record, judged))
+        print(answer(record, judged, diagnosed(record, judged, knowledge.beside(opened.folder))))
     return 0 if judged.verdict is Verdict.WORKS else 3 if judged.verdict in UNTOLD else 1
 
 
@@ -283,15 +286,25 @@ def _lacking(allowed: SpecifierSet) -> str:
 # --- the answer ------------------------------------------------------------------------------------------------
 
 
-def answer(record: CellRecord, judged: Judgement) -> str:
-    """One line for what works; for what does not, the line that says why and the next command to type."""
+def answer(record: CellRecord, judged: Judgement, found: Sequence[Diagnosis] = ()) -> str:
+    """One line for what works; for what does not, the line that says why and the next command to type.
+
+    `found` are the known failures that fit, the deepest cause first.
+    """
     if judged.verdict is Verdict.UNAVAILABLE:
         return f"unavailable: {judged.decisive}"
     told = f"{word(judged.verdict)}: {_tried(record, judged)}"
     if judged.verdict is Verdict.WORKS:
         return told
-    lines = (told, judged.decisive or "no line says why", f"next: simmatrix show {shlex.quote(record.cell.id)}")
-    return "\n".join(lines)
+    why = (judged.decisive or "no line says why", *(line for one in found[:1] for line in _known(one.signature)))
+    return "\n".join((told, *why, f"next: simmatrix show {shlex.quote(record.cell.id)}"))
+
+
+def _known(failure: Signature) -> Iterable[str]:
+    """Cause and remedy of a known failure, and where more is said."""
+    yield f"cause: {failure.cause}"
+    yield f"remedy: {'; '.join(changes.words(failure.remedy.plain))}"
+    yield from (f"see: {reference}" for reference in failure.references[:1])
 
 
 def _tried(record: CellRecord, judged: Judgement) -> str:

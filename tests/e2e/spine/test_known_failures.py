@@ -150,6 +150,22 @@ def test_show_says_whether_the_remedy_is_proven(tried: Desk) -> None:
     assert " with half: install `fake-layers==2.0`\n  tried because: the next release\n" in other
 
 
+def test_try_says_cause_and_remedy(desk: Desk) -> None:
+    """Of what is red, between the line that says why and the next command."""
+    links = {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
+    asked = ("fake-layers==1.0", "--env", "fake_layers:Layers-v0", "--api", "gymnasium")
+    ran = desk.run("try", *asked, **links, **known(desk))
+    assert (ran.code, ran.out.splitlines()[1:5]) == (
+        1,
+        [
+            XML,
+            "cause: the model gives its outermost default class a name",
+            "remedy: install `fake-layers>=3`",
+            "see: https://example.org/issues/1",
+        ],
+    )
+
+
 def test_another_cause_than_the_one_expected(tried: Desk) -> None:
     """Is not as expected: a mask is no cause where one is known. A cause that nobody knows is a mistake."""
     path, variables = tried.folder / "layers.toml", known(tried)
