@@ -1,10 +1,12 @@
 """The adapter of Isaac Lab 3, which needs no Isaac Sim: `isaaclab:Isaac-Cartpole` is a task under Newton on a CPU.
 
 An environment of Isaac Lab is always a batch, of torch tensors: `kwargs.num_envs` worlds, whose next episodes begin
-by themselves. A robot that lies on NVIDIA's servers and no file here stands in for has to be fetched from there.
+by themselves. `kwargs.overrides` are those of its configuration, such as `physics=newton_kamino`. A robot that lies on
+NVIDIA's servers and no file here stands in for has to be fetched from there.
 """
 
 import importlib
+from time import monotonic
 
 from .cell_cartpole import stood_in
 from .cell_errors import Skip, library, violate
@@ -12,7 +14,10 @@ from .cell_scene import named
 from .cell_values import finite, flag, scalar, shown
 from .cell_worlds import World, Worlds
 
-WORLDS = 4
+CHOSEN = {"num_envs": 4, "device": "cpu", "overrides": ()}
+"""What a case may say of the configuration of a task, and what holds where it does not."""
+
+COLOURS = "rgb"
 
 
 class IsaacLab(Worlds):
@@ -22,41 +27,53 @@ class IsaacLab(Worlds):
     imports = ("isaaclab", "isaaclab_tasks")
 
     def make(self, case, tell, draw=False):
-        """Make the environment of a case."""
+        """Make the environment of a case; its pictures are those of a camera in its scene."""
         if draw:
-            message = "Isaac Lab 3 draws with cameras in its scenes: render() gives no array"
-            raise Skip(message)
+            with library:
+                settings = self.configured(case)
+            if not any(COLOURS in getattr(part, "data_types", ()) for part in vars(settings.scene).values()):
+                message = "this task has no camera in its scene, and render() of Isaac Lab 3 gives no picture"
+                raise Skip(message)
         return self.simulate(case, tell)
 
     def simulate(self, case, tell, worlds=None):
         """Make a task, of this many worlds where it is asked for them."""
         more = {} if worlds is None else {"num_envs": worlds}
+        began = monotonic()
         with library:
             raw = self.bare(case, **more)
-        return Task(raw, tell)
+        return Task(raw, tell, monotonic() - began)
 
     def bare(self, case, **more):
         """Make the library's own object; only one may be open at a time in a process."""
-        options = dict({"num_envs": WORLDS, "device": "cpu"}, **dict(case["kwargs"], **more))
-        number, device = options.pop("num_envs"), options.pop("device")
-        utils = importlib.import_module("isaaclab_tasks.utils")
-        settings = utils.parse_env_cfg(named(case), device=device, num_envs=number)
-        _here(settings, device)
-        settings.seed = case["seed"]
+        options = {name: value for name, value in case["kwargs"].items() if name not in CHOSEN}
+        settings = self.configured(case, **more)
         return importlib.import_module("gymnasium").make(named(case), cfg=settings, **options)
+
+    def configured(self, case, **more):
+        """Make the configuration of a task as it can be run here."""
+        given = dict(case["kwargs"], **more)
+        chosen = dict(CHOSEN, **{name: value for name, value in given.items() if name in CHOSEN})
+        settings = importlib.import_module("isaaclab_tasks.utils").parse_env_cfg(named(case), **chosen)
+        _here(settings, chosen["device"])
+        settings.seed = case["seed"]
+        return settings
 
 
 class Task(World):
-    """A task of Isaac Lab, driven by random actions within -1 and 1 where it bounds them no closer."""
+    """A task of Isaac Lab, driven by random actions within -1 and 1 where it bounds them no closer.
 
-    def __init__(self, raw, tell):
+    `seconds` are those that making it took, then those of each step.
+    """
+
+    def __init__(self, raw, tell, seconds):
         import numpy as np
 
         task = raw.unwrapped
         space = task.single_action_space
         bounds = np.clip([space.low, space.high], -1, 1)
         super().__init__(tell, task.num_envs, *bounds)
-        self.raw, self.task = raw, task
+        self.raw, self.task, self.seconds = raw, task, [seconds]
         self.torch = importlib.import_module("torch")
 
     def begin(self, seed):
@@ -71,8 +88,11 @@ class Task(World):
 
         What a step says of ends is part of the observation.
         """
+        chosen = self.torch.as_tensor(action, device=self.task.device)
+        began = monotonic()
         with library:
-            result = self.raw.step(self.torch.as_tensor(action, device=self.task.device))
+            result = self.raw.step(chosen)
+        self.seconds.append(monotonic() - began)
         if not isinstance(result, tuple) or len(result) != 5:
             violate("step() returned {}, not five values", shown(result))
         observation = self._observed("step()", result[0])
@@ -111,6 +131,12 @@ class Task(World):
             violate("{} is on the device {}, the task on {}", name, value.device, self.task.device)
         return value.detach().cpu().numpy().copy()
 
+    def draw(self):
+        """Return what a camera of the first world sees."""
+        outputs = [sensor.data.output for sensor in self.task.scene.sensors.values() if hasattr(sensor.data, "output")]
+        pictures = next(output[COLOURS] for output in outputs if COLOURS in output)
+        return getattr(pictures, "torch", pictures)[0].cpu().numpy()
+
     def get_state(self):
         """Return the state of the scene."""
         with library:
@@ -123,12 +149,18 @@ class Task(World):
             self.task.sim.forward()
 
     def describe(self):
-        """The device, the physics, and the spaces."""
+        """The device, the spaces and the physics; once it was driven, how long that took."""
         with library:
             names = ("single_observation_space", "single_action_space", "observation_space", "action_space")
-            told = {name: str(getattr(self.task, name))[:500] for name in names}
-            physics = type(self.task.cfg.sim.physics).__name__
-            return dict(told, device=str(self.task.device), physics=physics, worlds=self.task.num_envs)
+            facts = {name: str(getattr(self.task, name))[:500] for name in names}
+            facts.update(device=str(self.task.device), worlds=self.task.num_envs)
+            physics = self.task.cfg.sim.physics
+            facts["physics"] = type(getattr(physics, "solver_cfg", physics)).__name__
+        if len(self.seconds) > 2:
+            made, first, others = self.seconds[0], self.seconds[1], self.seconds[2:]
+            took = {"making": made, "first_step": first, "step": sum(others) / len(others)}
+            facts["told"] = dict(facts, seconds={name: round(value, 4) for name, value in took.items()})
+        return facts
 
     def close(self):
         """Close it."""
