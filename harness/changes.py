@@ -123,13 +123,13 @@ def plain(change: Change) -> dict[str, Any]:
     return {name: list(value) if isinstance(value, tuple) else value for name, value in said.items() if value}
 
 
-def words(remedy: Mapping[str, Any]) -> tuple[str, ...]:
-    """The remedy of a document in words, what a machine can do first."""
+def in_words(remedy: Mapping[str, Any]) -> str:
+    """The remedy of a document: what a machine can do, then what none can."""
     known = {one.name for one in fields(Change)}
     said: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in remedy.items() if name in known
     }
-    return (*described(Change(**said)), *([str(remedy["text"])] if remedy.get("text") else []))
+    return ". ".join(filter(None, ("; ".join(described(Change(**said))), str(remedy.get("text", "")))))
 
 
 def described(change: Change) -> tuple[str, ...]:

@@ -48,7 +48,8 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
         yield Cause(
             signature=one.signature,
             cause=one.cause,
-            remedy=changes.words(one.remedy),
+            remedy=changes.in_words(one.remedy),
+            applicable=any(key != "text" for key in one.remedy),
             proofs=tuple((label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
             references=one.references,
         )
@@ -65,7 +66,7 @@ def told(cell: CellEntry) -> dict[str, Any]:
         return {}
     deepest = cell.diagnoses[0]
     proof = f" (proven by {label(deepest.proof)})" if deepest.proof else ""
-    remedy = "; ".join(changes.words(deepest.remedy)) + proof
+    remedy = changes.in_words(deepest.remedy) + proof
     return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven}
 
 

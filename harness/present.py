@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from harness.model import Verdict
 from harness.reporttypes import (
@@ -47,9 +47,10 @@ def markdown(report: Report, template: str) -> str:
     return environment.from_string(template).render(report=report)
 
 
-def filters() -> dict[str, Callable[..., str]]:
+def filters() -> dict[str, Callable[..., Any]]:
     """What templates may do with the values of a report."""
     return {
+        "by_cell": by_cell,
         "cell": _table_cell,
         "codes": _codes,
         "counts": _counts,
@@ -238,12 +239,21 @@ def _attempts(attempts: Iterable[Attempt]) -> Iterable[RenderableType]:
     from rich.padding import Padding  # noqa: PLC0415 - start-up
 
     yield _styled(("changes tried, one at a time", "bold"))
-    for one in attempts:
-        advice = " (advice)" if one.advice else ""
-        head = (f"{one.effect}: {one.change}{advice}", EFFECTS.get(one.effect, YELLOW))
-        lines = f"\n{'; '.join(one.does)}\nbefore: {one.before}\nafter: {one.after}"
-        yield Padding(_styled(head, (f" in {one.cell}", ""), (lines, GREY)), (0, 0, 0, INDENT))
+    for tried in by_cell(attempts):
+        yield Padding(_styled((tried[0].cell, ""), (f"\n{tried[0].before}", GREY)), (0, 0, 0, INDENT))
+        for one in tried:
+            told = f": {'; '.join(one.does)}{' (advice)' if one.advice else ''}\n{one.after}"
+            head = (f"{one.effect}: {one.change}", EFFECTS.get(one.effect, YELLOW))
+            yield Padding(_styled(head, (told, GREY)), (0, 0, 0, 2 * INDENT))
     yield ""
+
+
+def by_cell(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
+    """The changes tried on one cell of one machine together, in their order."""
+    found: dict[tuple[str, str], list[Attempt]] = {}
+    for one in attempts:
+        found.setdefault((one.cell, one.machine), []).append(one)
+    return list(found.values())
 
 
 def _remarks(title: str, remarks: Iterable[Remark]) -> Iterable[RenderableType]:

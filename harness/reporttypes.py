@@ -311,11 +311,15 @@ class Pivot:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Cause:
-    """A known failure that fits cells, and its remedy in words; `proofs` are cells that the remedy cured and locks."""
+    """A known failure that fits cells, and its remedy in words, which a machine can apply or not.
+
+    `proofs` are the cells that the remedy cured, each with its lock.
+    """
 
     signature: str
     cause: str
-    remedy: tuple[str, ...]
+    remedy: str
+    applicable: bool
     proofs: tuple[tuple[str, str], ...]
     references: tuple[str, ...]
 

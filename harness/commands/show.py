@@ -134,7 +134,7 @@ def _diagnosis(one: DiagnosisEntry) -> Iterator[str]:
     yield f"known as {one.signature}"
     yield f"  cause      {one.cause}"
     yield f"  seen       {one.seen}"
-    yield f"  remedy     {'; '.join(changes.words(one.remedy))}"
+    yield f"  remedy     {changes.in_words(one.remedy)}"
     yield f"  proven     {f'by {one.proof}, which works' if one.proof else 'not here'}"
     yield from (f"  reference  {reference}" for reference in one.references)
 

@@ -303,7 +303,7 @@ def answer(record: CellRecord, judged: Judgement, found: Sequence[Diagnosis] = (
 def _known(failure: Signature) -> Iterable[str]:
     """Cause and remedy of a known failure, and where more is said."""
     yield f"cause: {failure.cause}"
-    yield f"remedy: {'; '.join(changes.words(failure.remedy.plain))}"
+    yield f"remedy: {changes.in_words(failure.remedy.plain)}"
     yield from (f"see: {reference}" for reference in failure.references[:1])
 
 
