@@ -40,7 +40,7 @@ def endurance(session: nox.Session) -> None:
     session.install("-e", ".[dev]")
     session.run("python", "tests/real/agreement.py", *session.posargs)
     session.run("python", "tests/real/masks.py")
-    session.run("pytest", "tests/real/test_adapters.py", env={"ENDURANCE": "1"})
+    session.run("pytest", "tests/real/test_adapters.py", "tests/real/test_devices.py", env={"ENDURANCE": "1"})
 
 
 @nox.session(python="3.11")

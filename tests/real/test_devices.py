@@ -1,0 +1,178 @@
+"""The device that draws, with real libraries and a stand-in for several devices: asked and got, memory, precedence."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from ctypes.util import find_library
+from pathlib import Path
+from typing import Any
+
+import pytest
+import standin
+from uv import find_uv_bin
+
+from harness import interpreters
+from harness.model import Case, Outcome
+from harness.rendering import Choice, Device, Settings, chosen
+
+MUJOCO, OLDER = "4.0.0", "3.3.7"
+ROBOSUITE = "1.5.2"
+CHECK = "render.device"
+LISTS = ["1,0,-", "-!,-,-", "-" + ",-" * 11]
+SETTINGS = [
+    Settings(),
+    Settings(cuda="1"),
+    Settings(cuda="1,0"),
+    Settings(egl="0"),
+    Settings(egl="2", cuda="1"),
+    Settings(egl="0", cuda="1,0"),
+    Settings(egl="11"),
+]
+ROBOSUITES = [*SETTINGS, Settings(argument=1), Settings(argument=1, cuda="0"), Settings(argument=0, cuda="1,0")]
+WITNESS = (Path(__file__).parent / "device_witness.py").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for the stand-in's libraries."""
+    if find_library("EGL") is None:
+        pytest.skip("missing library: libEGL")
+    return tmp_path_factory.mktemp("devices")
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
+    """Make an environment of these requirements when it is first asked for, and return its interpreter."""
+    made: dict[tuple[str, ...], str] = {}
+
+    def make(*requirements: str) -> str:
+        if requirements not in made:
+            interpreter = interpreters.find("3.11")
+            if interpreter is None:
+                pytest.skip("unavailable: python3.11")
+            folder = tmp_path_factory.mktemp("site") / "env"
+            subprocess.run([find_uv_bin(), "venv", "-q", "-p", interpreter.path, str(folder)], check=True)
+            made[requirements] = str(folder / "bin/python")
+            argv = [find_uv_bin(), "pip", "install", "-q", "-p", made[requirements], *requirements]
+            subprocess.run(argv, check=True)
+        return made[requirements]
+
+    return make
+
+
+@pytest.fixture
+def newest(python: Callable[..., str]) -> str:
+    """MuJoCo, and a gymnasium that draws by it."""
+    return python(f"mujoco=={MUJOCO}", "gymnasium==1.4.0", "imageio", "packaging", "numpy==2.4.6")
+
+
+@pytest.fixture
+def drawn(probe, newest: str, libraries: Path):
+    """Draw with an environment where these devices are."""
+
+    def run(devices: str, api: str, env: str, **variables: str):
+        case = Case(id="c", env=env, api=api, checks=(CHECK,), steps=1)
+        seen = {"MUJOCO_GL": "egl", **standin.variables(libraries, devices), **variables}
+        return probe(newest, case, variables=seen, limit=100, deadline=100)
+
+    return run
+
+
+def test_one_real_device(probe, newest: str) -> None:
+    """Without a stand-in it is what this machine has: told without a guess, and no GPU's memory where none is."""
+    if find_library("EGL") is None:
+        pytest.skip("missing library: libEGL")
+    case = Case(id="c", env="mujoco:markers", api="mujoco", checks=(CHECK,), steps=1)
+    done = probe(newest, case, variables={"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "0"})
+
+    told = done[CHECK].facts["told"]
+    assert done[CHECK].outcome is Outcome.PASSED
+    assert (told["asked"], told["got"]["api"], told["got"]["index"]) == ({"MUJOCO_EGL_DEVICE_ID": "0"}, "egl", 0)
+    assert len(told["devices"]) >= 1
+    if find_library("nvidia-ml") is None:
+        assert told["memory"] == "unavailable: no libnvidia-ml.so.1: no NVIDIA driver here"
+
+
+def test_another_device_than_was_asked_for(drawn) -> None:
+    """It fails, names the setting, and tells whose memory grew, with the workers of a vector environment."""
+    done = drawn("1,0,-", "gymnasium", "InvertedPendulum-v5", CUDA_VISIBLE_DEVICES="3")
+
+    check = done[CHECK]
+    assert (check.outcome, check.raised.message, check.raised.blame) == (
+        Outcome.FAILED,
+        "asked for device 3 by CUDA_VISIBLE_DEVICES=3, drew on EGL device 1 (CUDA device 0), which nothing named",
+        "library",
+    )
+    told = check.facts["told"]
+    assert told["devices"] == ["CUDA 1, software", "CUDA 0, software", "software"]
+    assert told["workers"] == [{"api": "egl", "index": 1, "cuda": 0}] * 2
+    assert told["memory"] == [
+        {"name": "Stand-in 0", "before": 100, "after": 164, "with 2 workers": 292},
+        {"name": "Stand-in 1", "before": 100, "after": 100, "with 2 workers": 100},
+    ]
+
+
+def test_the_device_that_was_asked_for(drawn) -> None:
+    """It passes; that EGL and CUDA count it otherwise is a finding."""
+    done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0")
+
+    assert done[CHECK].outcome is Outcome.PASSED
+    assert done[CHECK].facts["told"]["workers"] == "this API has no environments in batches"
+    assert done.findings == {CHECK: ["EGL device 1 is CUDA device 0: MUJOCO_EGL_DEVICE_ID counts by one of them"]}
+
+
+def test_a_device_without_a_number_of_cuda(drawn) -> None:
+    """CUDA_VISIBLE_DEVICES asks nothing of it."""
+    done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="2", CUDA_VISIBLE_DEVICES="5")
+
+    assert done[CHECK].outcome is Outcome.PASSED
+    assert done[CHECK].facts["told"]["got"]["index"] == 2
+
+
+@pytest.mark.parametrize("devices", LISTS)
+def test_mujoco_does_as_foretold(devices: str, newest: str, libraries: Path) -> None:
+    """Several devices, in CUDA's order or not, one that fails, more than are looked at: the device, or the message."""
+    got = witnessed(newest, "mujoco", devices, SETTINGS, libraries)
+
+    assert got == [foretold("mujoco", MUJOCO, devices, one, None) for one in SETTINGS]
+
+
+if os.environ.get("ENDURANCE"):  # robosuite is large
+
+    @pytest.mark.parametrize("devices", LISTS)
+    def test_robosuite_does_as_foretold(devices: str, python: Callable[..., str], libraries: Path) -> None:
+        """The same of robosuite's own function, with MuJoCo before it knew of CUDA."""
+        site = python(f"robosuite=={ROBOSUITE}", f"mujoco=={OLDER}", "numpy==1.26.4", "gymnasium==1.0.0")
+
+        got = witnessed(site, "robosuite", devices, ROBOSUITES, libraries)
+
+        assert got == [foretold("robosuite", ROBOSUITE, devices, one, OLDER) for one in ROBOSUITES]
+
+
+def foretold(library: str, release: str, devices: str, settings: Settings, mujoco: str | None) -> list[Any]:
+    """Device, error and stage."""
+    known = [
+        Device(cuda=None if word[0] == "-" else int(word.rstrip("!")), works=not word.endswith("!"))
+        for word in devices.split(",")
+    ]
+    found: Choice = chosen(library, release, settings, known, mujoco)
+    return [found.device, found.error, str(found.stage) if found.error else "make"]
+
+
+def witnessed(python: str, library: str, devices: str, asked: list[Settings], libraries: Path) -> list[list[Any]]:
+    """What a library does where these devices are, each of the settings in a process of its own."""
+    base = {"PATH": os.defpath, "MUJOCO_GL": "egl", **standin.variables(libraries, devices)}
+    found = []
+    for one in asked:
+        given = {"MUJOCO_EGL_DEVICE_ID": one.egl, "CUDA_VISIBLE_DEVICES": one.cuda}
+        env = base | {name: value for name, value in given.items() if value is not None}
+        argument = "-1" if one.argument is None else str(one.argument)
+        argv = [python, "-c", WITNESS, library, argument]
+        done = subprocess.run(argv, env=env, capture_output=True, text=True, check=False)
+        line = next((line for line in done.stdout.splitlines() if line.startswith("WITNESS ")), None)
+        assert line, done.stderr
+        found.append(json.loads(line.removeprefix("WITNESS ")))
+    return found
