@@ -433,7 +433,7 @@ def test_the_page_shows_before_after_and_proof() -> None:
     ]
     page = reporting.page(tables.report(whole))
     line = f"partial in render: {SOLVER}"
-    assert f"\n### `py3.11-gymnasium1.2.3`: {line}\n\n| what it does |" in page
+    assert f"\n### `py3.11-gymnasium1.2.3`\n\n    {line}\n\n| what it does |" in page
     assert "| **cures** | cure: install `mujoco<3` | why | works |" in page
     assert f"| **no difference** | other: install `mujoco<2` | why | {line} |" in page
     assert (

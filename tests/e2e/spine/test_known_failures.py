@@ -126,7 +126,7 @@ def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
     page = (changed.desk.state / "reports" / "layers" / "report.md").read_text(encoding="utf-8")
     before, base = f"partial in vector: {XML}", f"`{cells(changed.desk)['red']['id'].partition('/')[2]}`"
     for row in (
-        f"### {base}: {before}",
+        f"### {base}\n\n    {before}\n",
         "| **cures** | cure: install `fake-layers>=3` | it is the remedy | works |",
         "| **another failure behind it** | half: install `fake-layers==2.0` | the next release "
         f"| partial in render: {BLANK} |",
