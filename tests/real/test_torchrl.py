@@ -53,6 +53,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> CellRecord:
         patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
         (cell,) = catalog.load(str(folder / "m.toml"), print).cells
         found = Runner(store.open_store(), Settings(), resolving.Unobserved()).measure(cell)
+    assert found.resolve
     if found.resolve.outcome is Outcome.UNAVAILABLE and "build of torch" in (found.resolve.decisive or ""):
         pytest.skip("unavailable: torch")
     return found
