@@ -69,7 +69,7 @@ def test_an_environment_is_left_as_it_was() -> None:
     """Its own methods are back, also after an exception."""
     env = Batch()
     with pytest.raises(TypeError, match="unexpected keyword"), exchange.Exchange(env):
-        env.step(wrong=True)
+        env.step(None, wrong=True)  # type: ignore[call-arg]
     assert {"step", "reset"} & set(vars(env)) == set()
 
 
