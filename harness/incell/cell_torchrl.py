@@ -6,6 +6,7 @@ compared with what each step really returned.
 
 import importlib
 import sys
+from contextlib import ExitStack
 
 from . import cell_interop
 from .cell_errors import Skip, library
@@ -69,8 +70,9 @@ def backend(probe, facts):
         name, options = MADE, {}
         gymnasium.register(MADE, entry_point=lambda **_: cell_interop.made(probe))
     libs = _of("gym")
-    with libs.set_gym_backend("gymnasium"):
+    with ExitStack() as chosen:
         with library:
+            chosen.enter_context(libs.set_gym_backend("gymnasium"))
             facts["backend"] = libs.gym_backend().__name__
         _drive(probe, facts, lambda _: libs.GymEnv(name, device="cpu", **options), make=lambda _: None)
 
@@ -176,6 +178,10 @@ def _keys(probe, exchange, stored, places):
 def _stored(probe, wrapper, steps, rollout, places):
     """Compare a stored rollout with what each of its steps returned, where no episode ended; there apart."""
     wrong, ends, apart = {}, set(), 0
+    ended = sum(bool(step.ended.any()) for step in steps)
+    if not ended:
+        text = "no episode ended in {} steps: what is done then was not seen"
+        probe.finding("interop.torchrl.ends", text.format(len(steps)), "note")
     for number, step in enumerate(steps):
         after = rollout[..., number]["next"]
         apart += bool(step.ended.any() and not step.ended.all())
@@ -190,7 +196,7 @@ def _stored(probe, wrapper, steps, rollout, places):
         text = "{}: a stored rollout of {} steps holds other values than the steps returned: {}"
         text = text.format(wrapper, len(steps), where)
         probe.finding("interop.torchrl.alias", text + (REUSES if reuses(steps) else ""))
-    return {"steps": len(steps), "ends_apart": apart, "wrong": wrong, "at_ends": sorted(ends)}
+    return {"steps": len(steps), "ends": ended, "ends_apart": apart, "wrong": wrong, "at_ends": sorted(ends)}
 
 
 def _at_end(step, name, stored):
