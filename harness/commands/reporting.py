@@ -156,9 +156,9 @@ def page(report: Report) -> str:
 
 
 def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
-    """What was measured of a cell before, if it was this cell, whatever is expected of it now."""
+    """What was measured of a cell before, if it was this cell, whatever is expected of it now, and why it is tried."""
     found = opened.load_cell(machine_id, cell.id)
-    if found and replace(found.cell, expect=cell.expect) == cell:
+    if found and replace(found.cell, expect=cell.expect, tried=cell.tried) == cell:
         return replace(found, cell=cell, reused=True)
     return None
 

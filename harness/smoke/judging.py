@@ -206,4 +206,5 @@ def _expected(expect: Expectation | None) -> str:
         return Verdict.WORKS
     where = f" in {expect.phase}" if expect.phase else ""
     match = f", its line matching {expect.match!r}" if expect.match else ""
-    return f"{expect.verdict}{where}{match} ({expect.reason})"
+    known = f", known as {expect.signature}" if expect.signature else ""
+    return f"{expect.verdict}{where}{match}{known} ({expect.reason})"

@@ -233,6 +233,18 @@ def test_the_verdict_of_a_cell(found: CellRecord, kind: Kind, text: str) -> None
     assert (ended.kind, ended.text) == (kind, text)
 
 
+def test_the_verdict_of_a_cell_that_fails_in_a_known_way() -> None:
+    """As expected by its cause, not by another."""
+    expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature="it")
+    found = record(replace(CELL, expect=expect), render="failed")
+    same, other = judging.judged(found, TODAY, ["it", "too"]), judging.judged(found, TODAY, ["too"])
+    assert (same.kind, same.text) == (Kind.XFAILED, "partial in render: known")
+    assert (other.kind, other.text) == (
+        Kind.FAILED,
+        "partial in render: boom\nexpected: partial, known as it (known)",
+    )
+
+
 def test_what_is_needed_comes_nearest_first() -> None:
     """Rendering needs a loop, a loop needs an import."""
     assert judging.needs(Phase.RENDER) == (Phase.SINGLE, Phase.IMPORT)

@@ -220,6 +220,15 @@ def test_remedies_are_proven_on_demand(tried: Desk) -> None:
     assert "another failure behind it: default-renamed" in again.out
 
 
+def test_why_a_change_is_tried_changes_no_result(tried: Desk) -> None:
+    """With other words for it, what was measured of it stands, also where it is not looked at again."""
+    path = tried.folder / "layers.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace("the next release", "one more"), encoding="utf-8")
+    ran = tried.run("run", "layers.toml", "-k", "*-red", **known(tried))
+    assert (ran.code, cells(tried)["-with-half"]["change"]["reason"]) == (0, "one more")
+    assert cells(tried)["-with-half"]["verdict"] == "partial"
+
+
 def test_shards_are_merged_with_their_proof(tried: Desk) -> None:
     """The cure stands in another shard than the cell that it cures."""
     variables = known(tried)
