@@ -56,15 +56,17 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
 
 
 def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
-    """The known failures that count in a cell: of those that mask others none, unless there is nothing else."""
-    return tuple(one for one in cell.diagnoses if not one.masks) or cell.diagnoses
+    """The known failures that count in a cell: masks only among themselves, and where nothing was found behind them."""
+    seen_through = {mask for case in cell.cases for mask in case.masked.values()}
+    causes = tuple(one for one in cell.diagnoses if not one.masks)
+    return causes or tuple(one for one in cell.diagnoses if one.seen not in seen_through)
 
 
 def told(cell: CellEntry) -> dict[str, Any]:
     """The deepest cause of a failure that is known, and its remedy."""
-    if not cell.diagnoses:
+    deepest = next(iter(counting(cell)), None)
+    if deepest is None:
         return {}
-    deepest = cell.diagnoses[0]
     proof = f" (proven by {label(deepest.proof)})" if deepest.proof else ""
     remedy = changes.in_words(deepest.remedy) + proof
     return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven}

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from specimens import GENERATED, MACHINES, RESET, XML, case, phase, record, step, warning
 
-from harness import document, knowledge, signatures, verdict
+from harness import document, explaining, knowledge, signatures, verdict
 from harness.errors import BadInput
 from harness.evidence import Knowledge, causes, diagnosed, failures
-from harness.model import CellRecord, Expectation, Outcome, Phase, Plan, Verdict
+from harness.model import CellRecord, CheckRecord, Expectation, Outcome, Phase, Plan, Verdict
 from harness.reporttypes import CellEntry, DiagnosisEntry
 
 KNOWN = signatures.read(
@@ -114,6 +114,17 @@ def test_the_document_has_the_cause_before_its_mask() -> None:
     other = replace(MASKED, installed={"gymnasium": "2.0"})
     assert [each.signature for each in entry(other, known()).diagnoses] == ["mask"]
     assert entry(MASKED, Knowledge()).diagnoses == ()
+
+
+def test_a_mask_that_was_seen_through_is_no_cause() -> None:
+    """It is among the diagnoses, and nobody is told that it is the reason; where nothing was found behind it, it is."""
+    through = replace(VECTOR, decisive="worker killed by SIGKILL", checks=())
+    check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=through.decisive, masked_by=RESET)
+    seen = entry(record(case("ppfp", vector=replace(through, checks=(check,)))), known())
+    assert [each.signature for each in seen.diagnoses] == ["mask"]
+    assert explaining.counting(seen) == ()
+    bare = entry(record(case("ppfp", vector=replace(VECTOR, decisive=RESET, checks=()))), known())
+    assert [each.signature for each in explaining.counting(bare)] == ["mask"]
 
 
 def expecting(signature: str) -> CellRecord:
