@@ -130,6 +130,15 @@ class TestCells:
         """Each at its place in the file."""
         assert refused(text).startswith(f"demo.toml: {sentence}")
 
+    def test_changes_are_tried_on_what_a_strategy_chose(self) -> None:
+        """A combination that it leaves out has no changes either."""
+        text = 'strategy = "baseline"\n'
+        read = matrixfile.read(text + MATRIX + CHANGE + 'cells = "*"\npython = "3.12"\n', "demo.toml")
+        found = plan.expand(read, host_python="3.12.1").cells
+        bases = [cell.id for cell in found if not cell.base]
+        assert 0 < len(bases) < 8
+        assert [cell.base for cell in found if cell.base] == bases
+
     def test_a_strategy_is_made_from_the_same_with_changes(self) -> None:
         """They have no say in which combinations are chosen: a choice that was made stays good."""
 
