@@ -184,7 +184,8 @@ def _why(cell: CellEntry) -> str:
         return f"not verified: {', '.join(cell.unverified)}" + (f" ({'; '.join(reasons)})" if reasons else "")
     hit = [case for case in cell.cases if case.decisive and case.decisive == cell.decisive]
     if hit and len(hit) < len(cell.cases):
-        return f"{', '.join(case.env or case.case for case in hit)}: {cell.decisive}"
+        distinct = len({case.env for case in hit}) == len(hit)
+        return f"{', '.join((distinct and case.env) or case.case for case in hit)}: {cell.decisive}"
     return cell.decisive or ""
 
 
