@@ -99,9 +99,12 @@ def _proved(
     """The plans with the remedied cells of what is red, and what came of those."""
     known, recipes = knowledge.beside(opened.folder), partial(catalog.recipes, Path())
     found = [cell for plan in plans for cell in proving.untried(plan.cells, _of(plan, records), known, recipes)]
+    if not found:
+        tell("no remedy of a known failure is left to be tried")
+        return list(plans), ()
     tell(f"{number(len(found), 'red cell')} to be run again, each with the remedy of a known failure")
     with progress.Progress(len(found), settings.jobs, reporting.headline) as board:
-        more = scheduler.run(found, opened, settings, board) if found else ()
+        more = scheduler.run(found, opened, settings, board)
     return [proving.beside(plan, [cell for cell in found if cell.matrix == plan.matrix]) for plan in plans], more
 
 

@@ -211,6 +211,9 @@ def test_remedies_are_proven_on_demand(tried: Desk) -> None:
     proof = found["-with-default-renamed"]
     assert (proof["verdict"], proof["as_expected"], proof["base"]) == ("works", None, found["red"]["id"])
     assert found["red"]["diagnoses"][0]["proof"] == proof["id"]
+    (tried.folder / "signatures" / "layers.toml").write_text(SIGNATURES.replace(">=3", "==1.0"), encoding="utf-8")
+    nothing = tried.run("run", "layers.toml", "--prove", **variables)
+    assert "no remedy of a known failure is left to be tried\n" in nothing.err
     wrong = SIGNATURES.replace("fake-layers>=3", "fake-layers==2.0")
     (tried.folder / "signatures" / "layers.toml").write_text(wrong, encoding="utf-8")
     again = tried.run("run", "layers.toml", "--prove", "-j", "1", HARNESS_SIGNATURES=variables["HARNESS_SIGNATURES"])
