@@ -308,7 +308,8 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
         )
     )
     text = log.read_text(encoding="utf-8", errors="replace")
-    places = {**uvcli.places(), str(place.path): "$ENV", str(bench.work): "$BUILD"}
+    hooks = Path(argv[1]).parent  # the script that calls the build backend
+    places = {**uvcli.places(), str(place.path): "$ENV", str(bench.work): "$BUILD", str(hooks): "$HOOKS"}
     write_atomic(log, normalise.normalise(text, places).encode())
     if completed.exit_code != 0:
         raise _HookFailed(completed)

@@ -81,5 +81,5 @@ class TestCommittedReport:
     def test_nothing_of_a_machine_or_an_index(self, folder: Path) -> None:
         """No file names an index's address or a folder of the machine that it was made on."""
         for path in folder.rglob("*"):
-            if path.suffix in {".json", ".md", ".txt"}:
+            if path.suffix in {".json", ".jsonl", ".log", ".md", ".txt"}:
                 assert not FOREIGN.search(path.read_text()), path
