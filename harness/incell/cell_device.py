@@ -84,7 +84,7 @@ def _compare(probe, wanted, got):
         message = "this driver does not tell which of its devices draws"
         raise Skip(message)
     here = [number for number in (index, cuda) if number is not None]
-    right = [name for name in asking if set(asking[name]) & set(here)]
+    right = [name for name in asking if set(asking[name] + _among_visible(name, asking)) & set(here)]
     for name in (ARGUMENT, *VARIABLES):
         if name in asking and name not in right and (name != "CUDA_VISIBLE_DEVICES" or cuda is not None):
             text = "asked for device {} by {}, drew {}"
@@ -93,6 +93,12 @@ def _compare(probe, wanted, got):
     if right and cuda is not None and cuda != index:
         text = "EGL device {} is CUDA device {}: {} counts by one of them"
         probe.finding("render.device", text.format(index, cuda, " and ".join(right)))
+
+
+def _among_visible(name, asking):
+    """The device that a number means as a place in CUDA_VISIBLE_DEVICES, as it does for CUDA, and for MuJoCo 4."""
+    visible = asking.get("CUDA_VISIBLE_DEVICES", ())
+    return [visible[number] for number in asking[name] if number < len(visible)] if name != VARIABLES[1] else []
 
 
 def named(name, value):

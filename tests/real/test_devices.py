@@ -124,6 +124,14 @@ def test_the_device_that_was_asked_for(drawn) -> None:
     assert done.findings == {CHECK: ["EGL device 1 is CUDA device 0: MUJOCO_EGL_DEVICE_ID counts by one of them"]}
 
 
+def test_a_place_among_the_visible_devices(drawn) -> None:
+    """A number may count what CUDA_VISIBLE_DEVICES leaves, as it does in MuJoCo 4."""
+    done = drawn("0,1", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0", CUDA_VISIBLE_DEVICES="1")
+
+    assert done[CHECK].outcome is Outcome.PASSED
+    assert done[CHECK].facts["told"]["got"]["index"] == 1
+
+
 def test_a_device_without_a_number_of_cuda(drawn) -> None:
     """CUDA_VISIBLE_DEVICES asks nothing of it."""
     done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="2", CUDA_VISIBLE_DEVICES="5")
