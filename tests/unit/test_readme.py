@@ -30,6 +30,15 @@ def test_its_matrix_can_be_planned() -> None:
     assert (planned.dropped, planned.stale) == ((), ())
 
 
+def test_what_it_shows_of_a_matrix_can_be_read() -> None:
+    """The parts of a matrix that it shows apart: what is brought, a change."""
+    parts = [part for part in re.findall(r"```toml\n(.*?)```", README, re.DOTALL) if "axes" not in part]
+    axes = '[axes]\npython = ["3.9"]\nmujoco = ["3.3.7"]\n[[cases]]\nenv = "Ant-v5"\napi = "gymnasium"\n'
+    read = [matrixfile.read(f"{part}\n{axes}", "m.toml") for part in parts]
+
+    assert [(bool(matrix.bring), bool(matrix.change)) for matrix in read] == [(True, False), (False, True)]
+
+
 def test_its_strategies_can_be_read() -> None:
     """Each line about strategies is one that a matrix file takes."""
     lines = re.findall(r"^(strategy = .*?)(?: *#.*)?$", README, re.MULTILINE)
