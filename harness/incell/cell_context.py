@@ -76,14 +76,11 @@ def drawing_device(library):
 
 def described(find, device):
     """The file of a device, the number by which CUDA knows it, or that it is no hardware."""
-    text = entry(find, "eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
-    if not text:
-        return ""
-    extensions = (text(device, EGL_EXTENSIONS) or b"").split()
+    text, extensions = _device_text(find), _extensions(find, device)
     found = []
     if b"EGL_EXT_device_drm" in extensions:
         found.append(_text(text(device, EGL_DRM_FILE)))
-    cuda = ordinal(find, device) if b"EGL_NV_device_cuda" in extensions else None
+    cuda = ordinal(find, device)
     if cuda is not None:
         found.append("CUDA {}".format(cuda))
     if b"EGL_MESA_device_software" in extensions:
@@ -95,9 +92,20 @@ def ordinal(find, device):
     """The number by which CUDA knows a device of EGL; None where it knows it not."""
     kinds = ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
     of_device = entry(find, "eglQueryDeviceAttribEXT", *kinds)
+    if not of_device or b"EGL_NV_device_cuda" not in _extensions(find, device):
+        return None  # to ask would leave an error behind, which a library may take for its own
     cuda = ctypes.c_void_p()
-    known = of_device and of_device(device, EGL_CUDA_DEVICE, ctypes.byref(cuda))
-    return cuda.value or 0 if known else None
+    return cuda.value or 0 if of_device(device, EGL_CUDA_DEVICE, ctypes.byref(cuda)) else None
+
+
+def _extensions(find, device):
+    """What a device can be asked for."""
+    text = _device_text(find)
+    return (text(device, EGL_EXTENSIONS) or b"").split() if text else []
+
+
+def _device_text(find):
+    return entry(find, "eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
 
 
 def _strings(find):

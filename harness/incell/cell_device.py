@@ -13,7 +13,7 @@ from .cell_errors import Skip, summary, violate
 from .cell_workers import Maker, endings, finish, processes
 
 ARGUMENT = "render_gpu_device_id"
-VARIABLES = ("MUJOCO_EGL_DEVICE_ID", "CUDA_VISIBLE_DEVICES")
+VARIABLES = EGL_ID, CUDA = "MUJOCO_EGL_DEVICE_ID", "CUDA_VISIBLE_DEVICES"
 MOST = 32
 CAMERA = {"has_offscreen_renderer": True, "use_camera_obs": True, "camera_names": "agentview"}
 """What makes robosuite draw whenever it observes."""
@@ -33,13 +33,13 @@ def device(probe, facts):
             env.reset(probe.case["seed"])
             env.render()
             got = told["got"] = env.where_drawn(seen)
-            told["devices"] = got.pop("devices", [])
+            told["devices"], ordinals = got.pop("devices", []), got.pop("ordinals", [])
             memory.note("after")
         if memory.gpus:
             told["workers"] = _workers(probe, memory)
     finally:
         told["memory"] = memory.told()
-    _compare(probe, wanted, got)
+    _compare(probe, wanted, got, ordinals)
 
 
 def settings(case):
@@ -51,7 +51,10 @@ def settings(case):
 
 
 def seen():
-    """What draws (see `cell_context`); of EGL also the `index` of its device, its `cuda` number, and all `devices`."""
+    """What draws (see `cell_context`); of EGL also the `index` and the `cuda` number of its device.
+
+    `devices` are all, in EGL's order, and `ordinals` the numbers that CUDA gives them.
+    """
     return dict(current(), **asked(("libEGL.so", _place)))
 
 
@@ -65,13 +68,15 @@ def _place(library):
     if not query or not query(MOST, listed, ctypes.byref(count)):
         return None
     devices = list(listed[: count.value])
+    ordinals = [ordinal(find, one) for one in devices]
     found = {"devices": [described(find, one) for one in devices], "cuda": ordinal(find, drawing)}
+    found["ordinals"] = [number for number in ordinals if number is not None]
     if drawing in devices:
         found["index"] = devices.index(drawing)
     return {name: value for name, value in found.items() if value is not None}
 
 
-def _compare(probe, wanted, got):
+def _compare(probe, wanted, got, ordinals):
     """Fail where a setting names another device than the one that drew."""
     asking = {name: numbers for name, numbers in ((name, named(name, wanted[name])) for name in wanted) if numbers}
     if not got:
@@ -83,27 +88,37 @@ def _compare(probe, wanted, got):
     if got["api"] == "egl" and index is None:
         message = "this driver does not tell which of its devices draws"
         raise Skip(message)
-    here = [number for number in (index, cuda) if number is not None]
-    right = [name for name in asking if set(asking[name] + _among_visible(name, asking)) & set(here)]
-    for name in (ARGUMENT, *VARIABLES):
-        if name in asking and name not in right and (name != "CUDA_VISIBLE_DEVICES" or cuda is not None):
+    right = [name for name in asking if _means(name, asking, (index, cuda), ordinals)]
+    if cuda is None and CUDA in asking and CUDA not in right:
+        del asking[CUDA]  # it says nothing of devices that are not CUDA's
+    for name in (ARGUMENT, EGL_ID, CUDA):
+        if name in asking and name not in right:
             text = "asked for device {} by {}, drew {}"
             numbers = " or ".join(str(number) for number in asking[name])
             violate(text, numbers, written(name, wanted[name]), _where(got, [(one, wanted[one]) for one in right]))
-    if right and cuda is not None and cuda != index:
-        text = "EGL device {} is CUDA device {}: {} counts by one of them"
-        probe.finding("render.device", text.format(index, cuda, " and ".join(right)))
+    if set(right) - {CUDA} and cuda is not None and cuda != index:
+        text = "EGL device {} is CUDA device {}, and {} may mean either"
+        probe.finding("render.device", text.format(index, cuda, " or ".join(name for name in right if name != CUDA)))
 
 
-def _among_visible(name, asking):
-    """The device that a number means as a place in CUDA_VISIBLE_DEVICES, as it does for CUDA, and for MuJoCo 4."""
-    visible = asking.get("CUDA_VISIBLE_DEVICES", ())
-    return [visible[number] for number in asking[name] if number < len(visible)] if name != VARIABLES[1] else []
+def _means(name, asking, place, ordinals):
+    """Whether a setting can mean the device at this place, (EGL's, CUDA's); CUDA_VISIBLE_DEVICES counts as CUDA does.
+
+    Another number may be a place among the devices that CUDA sees, as it is for CUDA itself and for MuJoCo 4. A driver
+    may number those devices alone: it has no number then that is larger than they are many.
+    """
+    index, cuda = place
+    visible = asking.get(CUDA, [])
+    if name == CUDA and cuda is not None:
+        physical = any(number >= len(visible) for number in ordinals)
+        return cuda in (visible if physical else ordinals)
+    counted = asking[name] + [visible[number] for number in asking[name] if number < len(visible) and name != CUDA]
+    return any(number in counted for number in (index, cuda) if number is not None)
 
 
 def named(name, value):
     """The numbers of devices that a setting names: none where it leaves the choice open or names them otherwise."""
-    parts = str(value).split(",") if name == "CUDA_VISIBLE_DEVICES" else [str(value)]
+    parts = str(value).split(",") if name == CUDA else [str(value)]
     return [int(part) for part in parts if part.strip().isdigit()]
 
 

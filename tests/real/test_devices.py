@@ -115,13 +115,21 @@ def test_another_device_than_was_asked_for(drawn) -> None:
     ]
 
 
+def test_a_place_of_egl_s_that_is_another_gpu(drawn) -> None:
+    """CUDA_VISIBLE_DEVICES=0 is not heeded by drawing at EGL's place 0, where EGL counts otherwise than CUDA."""
+    done = drawn("1,0,-", "mujoco", "mujoco:markers", CUDA_VISIBLE_DEVICES="0", MUJOCO_EGL_DEVICE_ID="1")
+
+    where = "on EGL device 0 (CUDA device 1), which MUJOCO_EGL_DEVICE_ID=1 named"
+    assert done[CHECK].raised.message == f"asked for device 0 by CUDA_VISIBLE_DEVICES=0, drew {where}"
+
+
 def test_the_device_that_was_asked_for(drawn) -> None:
     """It passes; that EGL and CUDA count it otherwise is a finding."""
     done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0")
 
     assert done[CHECK].outcome is Outcome.PASSED
     assert done[CHECK].facts["told"]["workers"] == "this API has no environments in batches"
-    assert done.findings == {CHECK: ["EGL device 1 is CUDA device 0: MUJOCO_EGL_DEVICE_ID counts by one of them"]}
+    assert done.findings == {CHECK: ["EGL device 1 is CUDA device 0, and MUJOCO_EGL_DEVICE_ID may mean either"]}
 
 
 def test_a_place_among_the_visible_devices(drawn) -> None:
