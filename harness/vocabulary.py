@@ -70,7 +70,7 @@ FindingName = Literal[
     "single.space", "single.type", "single.state", "single.check_env", "single.teardown",
     "vector.repeat", "vector.autoreset",
     "render.constant", "render.stale", "render.upside_down", "render.picture", "render.teardown",
-    "interop.torchrl.alias", "interop.torchrl.keys", "interop.torchrl.reset",
+    "interop.torchrl.alias", "interop.torchrl.keys", "interop.torchrl.last", "interop.torchrl.reset",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""
 

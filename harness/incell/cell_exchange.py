@@ -7,6 +7,8 @@ An array is numpy's or torch's. A `part` is one array of what a step gives, by i
 from .cell_counting import Counts
 
 ENDS = ("terminated", "truncated")
+LAST = ("final_obs", "final_observation")
+"""Where gymnasium's vector environments keep the observations with which episodes ended, since 1.0 and before."""
 
 
 class Exchange:
@@ -61,8 +63,9 @@ class Step:
         self.action = action
         self.parts = parts_of(result)
         self.copies = {name: array_of(value).copy() for name, value in self.parts.items()}
-        last = result[-1].get("final_obs", {}) if isinstance(result[-1], dict) else {}
-        self.last = {name: array_of(value).copy() for name, value in named(last).items()}
+        info = result[-1] if isinstance(result[-1], dict) else {}
+        last = [info[name] for name in LAST if name in info][:1]
+        self.last = {name: array_of(value).copy() for name, value in named(last[0]).items()} if last else {}
         found = [self.copies[name].astype(bool) for name in ENDS if name in self.copies]
         self.ended = found[0] | found[1] if len(found) == 2 else found[0]
 

@@ -19,6 +19,7 @@ BESIDE = ("reward", "terminated", "truncated", "done")
 """What TorchRL stores of a step besides the observations."""
 
 REUSES = "; the environment gives the same memory at every step"
+ZEROS = "zeros"
 MADE = "simmatrix/Made-v0"
 
 
@@ -191,6 +192,9 @@ def _stored(probe, wrapper, steps, rollout, places):
                 wrong[name] = wrong.get(name, 0) + 1
             if step.ended.any() and name not in BESIDE:
                 ends.add(_at_end(step, name, after[key]))
+    if ZEROS in ends:
+        text = "{}: where an episode ended, zeros are stored for its last observation"
+        probe.finding("interop.torchrl.last", text.format(wrapper))
     if wrong:
         where = ", ".join("{} in {}".format(name, number) for name, number in sorted(wrong.items()))
         text = "{}: a stored rollout of {} steps holds other values than the steps returned: {}"
@@ -208,6 +212,8 @@ def _at_end(step, name, stored):
         return "the last of the episode"
     if equal(found, rows(step.copies[name], step.ended)):
         return "as returned"
+    if not found.any():
+        return ZEROS
     return "not a number" if np.isnan(found).all() else "another"
 
 

@@ -132,6 +132,7 @@ class Vector(World, gymnasium.vector.VectorEnv):
         modes = getattr(gymnasium.vector, "AutoresetMode", None)  # since gymnasium 1.1
         self.autoreset_mode = modes[autoreset] if modes else None
         self.metadata = dict(self.metadata, autoreset_mode=self.autoreset_mode)
+        self.last = "final_obs" if modes else "final_observation"
 
     def finish(self, ended):
         """Keep the last observations, and begin the next episodes, if that is left to us."""
@@ -139,7 +140,7 @@ class Vector(World, gymnasium.vector.VectorEnv):
             return {}
         last = self.observe()
         self.begin(ended)
-        return {"final_obs": last, "_final_obs": ended}
+        return {self.last: last, "_" + self.last: ended}
 
 
 def make(kind="environment", **options):

@@ -33,6 +33,12 @@ kwargs = {{ observations = "dict", reuse = true }}
 checks = {list(WRAPPERS)}
 
 [[cases]]
+id = "last"
+env = "tensor:tensor_env:make"
+kwargs = {{ kind = "vector", observations = "dict", apart = true }}
+checks = {[GYM_TENSOR]}
+
+[[cases]]
 id = "apart"
 env = "tensor:tensor_env:make"
 kwargs = {{ apart = true }}
@@ -124,6 +130,14 @@ def test_a_corrupted_rollout_is_told(record: CellRecord) -> None:
             ("GymWrapper", "age in 95, policy in 95, truncated in 95"),
             ("IsaacLabWrapper", "age in 95, policy in 95"),
         )
+    ]
+
+
+def test_zeros_for_a_last_observation_are_told(record: CellRecord) -> None:
+    """Of a dict TorchRL does not find the last observations, which the environment gives."""
+    assert told(record, "last")[GYM_TENSOR]["rollout"]["wrong"] == {}
+    assert findings(record, "last") == [
+        "interop.torchrl.last: GymWrapper: where an episode ended, zeros are stored for its last observation"
     ]
 
 
