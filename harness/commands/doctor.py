@@ -165,8 +165,10 @@ def _lines(made: Doctored) -> Iterable[str]:
     yield f"display: {_answer(told.display)}"
     yield ""
     yield "set here: " + (_typed({k: v for k, v in told.settings.items() if v is not None}) or "none of the variables")
-    width = max(len(one.library) for one in told.selected)
-    yield from (f"  {one.library:<{width}}  {_outcome(one)}" for one in told.selected)
+    alike: dict[str, list[str]] = {}
+    for one in told.selected:
+        alike.setdefault(_outcome(one), []).append(one.library)
+    yield from (f"  {', '.join(libraries)}: {outcome}" for outcome, libraries in alike.items())
     yield ""
     yield "what each value would select alone, with MUJOCO_GL=egl:"
     yield from _table(told.possible)

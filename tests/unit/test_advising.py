@@ -145,4 +145,7 @@ def test_the_document() -> None:
         "MUJOCO_EGL_DEVICE_ID=0 CUDA_VISIBLE_DEVICES=1",
     ]
     assert [one.device for one in made.rendering.selected] == [None, 0, 0, 0, 0]
-    assert "  robosuite 1.4, 1.5    fails: RuntimeError: The MUJOCO_EGL" in "\n".join(doctor._lines(made))
+    assert "\n  robosuite 1.4, 1.5: fails: RuntimeError: The MUJOCO_EGL" in "\n".join(doctor._lines(made))
+    assert "\n  MuJoCo before 4, MuJoCo 4, gymnasium (MuJoCo 4), dm_control: EGL device 0\n" in "\n".join(
+        doctor._lines(made)
+    )
