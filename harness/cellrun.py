@@ -234,7 +234,7 @@ class _Measurement:
         for check in limits:
             self.context.notify(check)
         self.runs += 1
-        name = digest(self.context.identity, self.case.id, sorted(limits))[:16] + f"-{self.runs}"
+        name = digest(self.context.identity, self.case.id, _asked(self.case), sorted(limits))[:16] + f"-{self.runs}"
         with launch.probe(self.context.site(), self.case, limits) as run:
             evidence = self._keep(run, name)
             replies = [reply for reply in run.reply.checks if reply.check in limits]

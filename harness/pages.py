@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import advising, cameras, changes, present, rendering
+from harness import advising, cameras, changes, present, rendering, tables
 from harness.errors import BadInput
 from harness.reporttypes import CaseEntry, CellEntry, Document, Report
 
@@ -15,7 +15,8 @@ def render(template: str, document: Document, report: Report) -> str:
 
     `cell("LABEL")` is the cell of this label, `cells(AXIS="VALUE", ...)` those with these values (a list is any of
     them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL-with-NAME")` what a change did;
-    `CELL | camera_pairs` is what became of its cameras, `rendering` and `advising` know how devices are chosen.
+    `CELL | camera_pairs` is what became of its cameras, `rendering` and `advising` know how devices are chosen,
+    `VERSIONS | in_order` is what it says.
     """
     from jinja2 import StrictUndefined, TemplateError  # noqa: PLC0415 - start-up
     from jinja2.sandbox import SandboxedEnvironment  # noqa: PLC0415
@@ -23,7 +24,7 @@ def render(template: str, document: Document, report: Report) -> str:
     environment = SandboxedEnvironment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs}
+    environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs, "in_order": tables.in_order}
     found = _Cells(document.cells)
     known: dict[str, Any] = {"rendering": rendering, "advising": advising}
     known |= {"cell": found.labelled, "cells": found.having, "case": _case, "effect": found.effect}

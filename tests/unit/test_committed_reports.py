@@ -15,7 +15,7 @@ from harness.reporttypes import Document
 
 REPORTS = Path(__file__).parents[2] / "reports"
 MATRICES = REPORTS.parent / "matrices"
-UNAVAILABLE = {"interop": 1, "isaac-gym": 2, "isaac-lab": 2}
+UNAVAILABLE = {"interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2}
 """How many cells of a report this project's machines lack something for: a CPU torch, an archive, a GPU."""
 
 FOLDERS = sorted(path.parent for path in REPORTS.glob("*/report.json"))
