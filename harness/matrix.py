@@ -134,7 +134,8 @@ class Changes(Table, frozen=True, kw_only=True):
     files: Annotated[Files, Meta(description="files placed into the cell's HOME")] = Files()
     empty: Annotated[tuple[VariableName, ...], Meta(description="variables that are set, to the empty string")] = ()
     python_path: Annotated[
-        tuple[InnerPath, ...], Meta(description="folders of the cell's HOME that modules are imported from")
+        tuple[InnerFolder, ...],
+        Meta(description="folders of the cell's HOME that modules are imported from; `.` too"),
     ] = ()
     bring: Annotated[dict[Label, BringTable], Meta(description="what the user has to bring, by a name for it")] = {}
     extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject")] = ()

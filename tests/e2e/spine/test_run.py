@@ -32,6 +32,21 @@ match = "blank frame"
 reason = "it paints black"
 """
 
+APART = """
+requirements = ["fake-healthy"]
+python_path = ["."]
+files = { "raises.py" = "def make(word):\\n    raise ValueError('the word is ' + word)\\n" }
+
+[index]
+no_index = true
+find_links = ["@WHEELS@"]
+
+[axes]
+python = ["host"]
+how.one.cases = [{ id = "one", env = "raises:make", api = "gymnasium", kwargs = { word = "one" }, checks = ["single"] }]
+how.two.cases = [{ id = "one", env = "raises:make", api = "gymnasium", kwargs = { word = "two" }, checks = ["single"] }]
+"""
+
 
 # --- the document ----------------------------------------------------------------------------------------------
 
@@ -319,3 +334,17 @@ def _without_paths(document: dict[str, Any]) -> dict[str, Any]:
             case["frames"] = [Path(frame).name for frame in case["frames"]]
             case["evidence"] = sorted(case["evidence"])
     return {**kept, "generated": None}
+
+
+def test_evidence_of_other_arguments_lies_apart(desk: Desk) -> None:
+    """Two cells of one environment, whose cases differ in arguments alone, keep what each of them raised."""
+    ran = desk.run("run", desk.matrix("apart", APART), "--json")
+
+    told = {}
+    for how, cell in ran.cells("how").items():
+        log = (desk.folder / cell["cases"][0]["evidence"]["single"] / "reply.jsonl").read_text()
+        told[how] = (cell["decisive"], re.findall(r"the word is \w+", log)[0])
+    assert told == {
+        "one": ("ValueError: the word is one", "the word is one"),
+        "two": ("ValueError: the word is two", "the word is two"),
+    }
