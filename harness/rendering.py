@@ -24,7 +24,7 @@ OPENS_AT_IMPORT = SpecifierSet("<3.2.5")
 """Releases of MuJoCo whose `mujoco.egl` opens its display when it is imported."""
 
 KNOWS_CUDA = SpecifierSet(">=4.0.0")
-"""Releases of MuJoCo that put devices into CUDA's order; 3.14 to 3.17 have the code, but not the call it needs."""
+"""Releases of MuJoCo that put devices into CUDA's order; 3.17.0, the one before, has no line of that."""
 
 
 class Stage(StrEnum):
