@@ -28,8 +28,8 @@ def folder() -> Path | None:
     if named is not None:
         return Path(named) if named else None
     package = Path(__file__).parent
-    inside = package / "matrices" / FOLDER
-    return inside if inside.is_dir() else package.parent / "matrices" / FOLDER
+    places = (place / "matrices" / FOLDER for place in (package, package.parent))
+    return next((place for place in places if place.is_dir()), None)
 
 
 def known() -> tuple[Signature, ...]:
