@@ -105,11 +105,11 @@ def marks() -> Callable[[Cell], str]:
     known: dict[tuple[int, ...], str] = {}
 
     def mark(cell: Cell) -> str:
-        shared = (cell.question, cell.cases, cell.files, cell.needs, cell.system, cell.empty, cell.bring)
-        key = tuple(map(id, shared))  # between cells
+        later = (cell.system, cell.empty, cell.python_path, cell.bring)
+        key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs, *later)))  # shared between cells
         if key not in known:
             question = dataclasses.replace(cell.question, index=IndexSettings(), snapshot=None)
-            around = (cell.files, cell.needs, *filter(None, (cell.system, cell.empty, cell.python_path, cell.bring)))
+            around = (cell.files, cell.needs, *filter(None, later))
             asked = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
             known[key] = sha256(asked).hexdigest()[:16]
         return known[key]
