@@ -170,6 +170,7 @@ def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
         subject=_subject(record),
         brought=tuple(msgspec.convert(one, BroughtEntry, from_attributes=True) for one in record.brought)
         or msgspec.UNSET,
+        empty=cell.empty or msgspec.UNSET,
         suite=_suite(record, locate),
         controls={
             api: ControlEntry(control=one.control, failed=dict(one.failed), untold=one.untold)

@@ -179,7 +179,8 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     A cell that a `change` makes of another one has the axes of that, its `base`.
 
     `asked` marks what it asks for besides its axes: the same for the same packages and cases. `controls` has, by API,
-    those of the adapters with which something failed after the install.
+    those of the adapters with which something failed after the install. `empty` are variables that were set, to the
+    empty string; in `environment` that means unset.
     """
 
     id: str
@@ -216,6 +217,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     asked: str = ""
     subject: SubjectEntry | None = None
     brought: tuple[BroughtEntry, ...] | msgspec.UnsetType = msgspec.UNSET
+    empty: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     suite: SuiteEntry | None = None
     controls: dict[str, ControlEntry] | msgspec.UnsetType = msgspec.UNSET
     base: str | None = None

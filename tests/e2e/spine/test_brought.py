@@ -98,6 +98,7 @@ def test_a_folder_is_copied_and_its_state_decides(desk: Desk, matrix: Path, stud
         (0, "works", False), (0, "works", True), (1, "broken", False),
     ]  # fmt: skip
     assert _cells(broken)[0]["decisive"] == "ValueError: of the study"
+    assert (_cells(broken)[0]["empty"], _cells(broken)[0]["environment"]) == (["SET_TO_NOTHING"], {})
     marks = [_cells(ran)[0]["brought"][0]["mark"] for ran in (first, again, broken)]
     assert (marks[0] == marks[1], marks[1] == marks[2]) == (True, False)
     log = next((desk.state / "reports" / "needy").rglob("log.txt")).read_text()
