@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any
 
 import msgspec
 
-from harness import repairs
+from harness import failure, repairs
 from harness.model import FAILING, Cell, Change, Phase, Question, Repair, Verdict
 from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry, Effect
 from harness.vocabulary import parsed_requirement, required_name
 
 NEVER = "python_version < '0'"
 """The marker of an override that takes a package out, whoever asks for it."""
-
-CHANGING = re.compile(r"\bline \d+|\d+(?:\.\d+)+")
-"""What differs in two lines about the same failure: lines of files, and versions."""
 
 
 # --- making it -------------------------------------------------------------------------------------------------
@@ -168,22 +164,12 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
     first, second = _failed(before), _failed(after)
     if second < first:
         return Effect.PARTLY
-    if _alike(before, after):
+    failed = failure.of_entry(before), failure.of_entry(after)
+    if failed[0] and failed[1] and failed[0].same(failed[1]):
         return Effect.BREAKS if first < second else Effect.NOTHING
     order = list(Phase)
     places = [order.index(cell.phase) if cell.phase else len(order) for cell in (before, after)]
     return Effect.BREAKS if places[1] < places[0] else Effect.UNCOVERS
-
-
-def _alike(before: CellEntry, after: CellEntry) -> bool:
-    """Whether what decided is the same failure: by the deepest cause that is known, else by its line."""
-    if before.phase is not after.phase:
-        return False
-    causes = [next((one.signature for one in cell.diagnoses if not one.masks), None) for cell in (before, after)]
-    if all(causes):
-        return causes[0] == causes[1]
-    lines = [CHANGING.sub("…", cell.decisive or "") for cell in (before, after)]
-    return lines[0] == lines[1]
 
 
 def _failed(cell: CellEntry) -> set[tuple[str, str]]:

@@ -13,7 +13,7 @@ from functools import cache
 from typing import Annotated, Any, ClassVar, Self
 
 from msgspec import Meta
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 
@@ -89,6 +89,9 @@ class Specifier(Word):
             message = f'"{text}" is not a specifier such as ">=3.8,<3.12"'
             raise ValueError(message) from None
         return text
+
+
+EXAMPLES = 2
 
 
 class PartTaking:
@@ -176,10 +179,14 @@ class Signature(Table, frozen=True, kw_only=True):
     generic: Annotated[bool, Meta(description="broad: what is specific goes before it, and its packages are there")] = (
         False
     )
+    silent: Annotated[
+        bool, Meta(description="nothing is raised: it is told by the packages that are there, never by evidence")
+    ] = False
     references: tuple[str, ...] = ()
     examples: Annotated[
-        tuple[str, ...], Meta(min_length=2, description="texts that it matches, of other paths, lines and versions")
-    ]
+        tuple[str, ...],
+        Meta(description="texts that it matches, of other paths, lines and versions; a silent one has none"),
+    ] = ()
     verified_on: tuple[VerifiedTable, ...] = ()
 
 
@@ -207,7 +214,11 @@ def read(texts: Mapping[str, str]) -> tuple[Signature, ...]:
 
 def _check(one: Signature) -> None:
     message = None
-    if not one.pattern and not one.signal:
+    if one.silent:
+        message = _check_silent(one)
+    elif len(one.examples) < EXAMPLES:
+        message = f'"{one.id}" has too few examples: {EXAMPLES} texts at least that differ'
+    elif not one.pattern and not one.signal:
         message = f'"{one.id}" has neither a "pattern" nor a "signal", and so could be anything'
     elif one.generic and not (one.packages or one.masks):
         message = f'"{one.id}" is generic, and so has to name its "packages"'
@@ -215,6 +226,14 @@ def _check(one: Signature) -> None:
         message = f'"{one.id}" has an empty remedy; say in words ("text") what can be done, or that nothing can'
     if message:
         raise ValueError(message)
+
+
+def _check_silent(one: Signature) -> str | None:
+    if not one.packages:
+        return f'"{one.id}" is silent, and so has to name its "packages"'
+    if one.pattern or one.signal or one.examples:
+        return f'"{one.id}" is silent: nothing is written that a "pattern", "signal" or "examples" could be of'
+    return None
 
 
 # --- matching --------------------------------------------------------------------------------------------------
@@ -263,11 +282,16 @@ def diagnose(known: Iterable[Signature], evidence: Sequence[Evidence], around: A
     """The known failures that fit, the deepest cause first, each once."""
     found: dict[str, Diagnosis] = {}
     for one in known:
-        if _fits(one, around):
+        if not one.silent and _fits(one, around):
             hits = [hit for each in evidence if (hit := _hit(one, each))]
             if hits:
                 found[one.id] = min(hits, key=lambda hit: hit.rank)
     return tuple(sorted(found.values(), key=lambda each: each.rank))
+
+
+def lurking(known: Iterable[Signature], around: Around) -> tuple[Signature, ...]:
+    """The silent failures that what is installed runs into: all their packages are there."""
+    return tuple(one for one in known if one.silent and _fits(replace(one, generic=True), around))
 
 
 def _hit(one: Signature, evidence: Evidence) -> Diagnosis | None:

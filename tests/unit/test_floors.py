@@ -14,8 +14,8 @@ FLOORS = {
     0: {"model", "errors"},
     1: {
         "accepting", "advising", "cameras", "changes", "document", "drafts", "evidence", "expansion", "explaining",
-        "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise", "notices",
-        "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays", "remedies", "rendering",
+        "failure", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise",
+        "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays", "remedies", "rendering",
         "repairs", "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust", "uvsays",
         "verdict", "vocabulary", "wire", "workflows",
     },
@@ -25,7 +25,7 @@ FLOORS = {
         "knowledge", "launch", "machine", "memory", "overlays", "process", "sdists", "store", "subjects", "supervisor",
         "systempackages", "uv", "uvcli", "warming",
     },
-    3: {"catalog", "cellrun", "fetching", "resolving", "scheduler", "suites"},
+    3: {"catalog", "cellrun", "fetching", "resolving", "rootcause", "scheduler", "suites"},
     4: {"commands"},
     5: {"__main__", "smoke", "noxface"},
 }  # fmt: skip

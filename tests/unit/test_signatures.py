@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import pytest
@@ -193,3 +194,35 @@ def test_each_is_said_once_where_it_was_told_best() -> None:
     told = Evidence(phase=Phase.SINGLE, told=("it broke in so many words",))
     (seen,) = diagnose([twice], [logged, told], Around())
     assert (seen.phase, seen.seen) == (Phase.SINGLE, "it broke in so many words")
+
+
+class TestSilent:
+    """Failures that raise nothing."""
+
+    TEXT = """
+    [[signature]]
+    id = "quietly"
+    silent = true
+    packages = ["physics==2"]
+    cause = "It computes other numbers."
+    remedy = { requirements = ["physics>2"] }
+    """
+
+    def test_they_are_told_by_what_is_installed(self) -> None:
+        """In a version that fits; not where a package is not there, or nothing is known of it."""
+        known = signatures.read({"silent.toml": textwrap.dedent(self.TEXT)})
+
+        assert [one.id for one in signatures.lurking(known, Around(installed={"physics": "2"}))] == ["quietly"]
+        assert signatures.lurking(known, Around(installed={"physics": "3"})) == ()
+        assert signatures.lurking(known, Around(requirements=("other",))) == ()
+
+    def test_they_never_explain_evidence(self) -> None:
+        """Whatever it is."""
+        known = signatures.read({"silent.toml": textwrap.dedent(self.TEXT)})
+
+        assert diagnose(known, [Evidence(phase=None, told=("anything",))], Around(installed={"physics": "2"})) == ()
+
+    def test_a_pattern_is_refused(self) -> None:
+        """Nothing is written that it could match."""
+        with pytest.raises(BadInput, match="is silent: nothing is written"):
+            signatures.read({"silent.toml": textwrap.dedent(self.TEXT).replace("silent", "pattern = 'x'\nsilent")})

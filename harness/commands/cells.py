@@ -1,0 +1,50 @@
+"""The one cell that a command line names: by its id, its label or a glob, of a matrix or of what was run here."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+
+from harness import catalog, machine, plan
+from harness.commands.run import tell
+from harness.errors import BadInput
+from harness.model import Cell, Plan
+from harness.schema import suggestion
+from harness.store import Store
+
+LISTED = 10
+
+
+def named(verb: str, text: str, opened: Store, *, offline: bool = False) -> tuple[Plan, Cell]:
+    """The cell, as its matrix plans it today, and its plan; one of `try` as it was run. Raises BadInput."""
+    matrix, _, label = text.partition("/")
+    if text.endswith(".toml") or not label:
+        message = f'{verb} {text}: name a cell, as in "quickstart/py3.11-gymnasium1.2.3-mujoco3.3.7" or "quickstart/*"'
+        raise BadInput(message)
+    if matrix == plan.TRY_MATRIX:
+        return _tried(verb, text, opened)
+    name, _, label = text.rpartition(".toml/")  # a matrix of the user's own: PATH.toml/LABEL
+    planned = catalog.load(f"{name}.toml" if name else matrix, tell, offline=offline)
+    planned = catalog.dated(planned, opened, offline=offline)
+    return planned, _one(verb, text, label or text, planned.cells)
+
+
+def _tried(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
+    here = machine.facts().id
+    known = [one.cell for one in opened.cells() if one.machine == here and one.cell.matrix == plan.TRY_MATRIX]
+    cell = _one(verb, text, text, known)
+    return Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes)), cell
+
+
+def _one(verb: str, text: str, pattern: str, cells: tuple[Cell, ...] | list[Cell]) -> Cell:
+    exact = [cell for cell in cells if pattern in {cell.id, cell.label}]
+    found = exact or [cell for cell in cells if fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        more = f", and {len(found) - LISTED} more" if len(found) > LISTED else ""
+        names = ", ".join(cell.id for cell in found[:LISTED])
+        message = f"{verb} {text}: matches {len(found)} cells; name one of {names}{more}"
+    else:
+        near = suggestion(text, [cell.id for cell in cells])
+        message = f"{verb} {text}: there is no such cell{near}"
+    raise BadInput(message)

@@ -1,0 +1,164 @@
+"""Cells measured for a search: what is at hand is used, what may come next is prepared meanwhile, within bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from time import monotonic
+from types import TracebackType
+from typing import Self
+
+from harness import failure, knowledge, machine, process, verdict
+from harness.evidence import diagnosed
+from harness.failure import Failure
+from harness.model import Cell, CellRecord, Phase, Verdict
+from harness.reporttypes import UNTOLD
+from harness.scheduler import Beside, Observer, Runner, Settings
+from harness.signatures import Diagnosis
+from harness.store import Store
+from harness.verdict import Judgement
+
+
+class Spent(Exception):
+    """The runs or minutes that were allowed are used up."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bounds:
+    """How many cells may be measured, and for how long; None is no bound."""
+
+    runs: int | None = None
+    minutes: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trial:
+    """One cell as it was measured, in `seconds` of a clock. `at_hand` is whether nothing had to be run for it."""
+
+    cell: Cell
+    record: CellRecord
+    judged: Judgement
+    found: tuple[Diagnosis, ...]
+    seconds: float
+    at_hand: bool
+
+    @property
+    def works(self) -> bool:
+        """Whether all of it that was asked for passed."""
+        return self.judged.verdict is Verdict.WORKS
+
+    @property
+    def untold(self) -> bool:
+        """Whether it says nothing about the packages: this machine or the network was at fault."""
+        return self.judged.verdict in UNTOLD
+
+    @property
+    def failure(self) -> Failure | None:
+        """What it failed of."""
+        return failure.of(self.judged, self.found)
+
+
+@dataclass
+class Bench:
+    """Where the cells of a search are measured, one at a time; use it in a `with` block.
+
+    `settings.until` is the last phase that matters. `trials` are all that were asked for, in order, those that were at
+    hand among them; `built` are the keys of the environments that had to be made.
+    """
+
+    store: Store
+    settings: Settings
+    observer: Observer
+    bounds: Bounds = Bounds()
+    trials: list[Trial] = field(default_factory=list, init=False)
+    built: set[str] = field(default_factory=set, init=False)
+
+    def __post_init__(self) -> None:
+        self.store.save_machine(machine.facts().id, machine.facts().facts)
+        self.began = monotonic()
+        self._runner = self._made(self.settings)
+        self._ahead = ThreadPoolExecutor(1)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error:
+            process.stop()
+        self._ahead.shutdown(cancel_futures=True)
+
+    def at_hand(self, cell: Cell) -> Trial | None:
+        """What a cell came to where nothing has to be run for it, whatever the bounds; it is not counted."""
+        began = monotonic()
+        record = self._runner.known(cell)
+        return self._trial(record, began, at_hand=True) if record else None
+
+    def measure(self, cell: Cell, *, again: bool = False, keep: bool = False) -> Trial:
+        """Measure a cell, or take what is known of it; `again` runs its probes anew with the same lock.
+
+        With `keep` its record is one that `show` knows. Raises Spent.
+        """
+        began = monotonic()
+        known = None if again else self._runner.known(cell)
+        if known is None:
+            self._within()
+            runner = self._made(replace(self.settings, fresh=True)) if again else self._runner
+            self.observer.started(cell)
+            record = runner.measure(cell)
+            self._note_built(runner)
+        else:
+            record = known
+        if keep:
+            self._runner.keep(record)
+        self.observer.done(record)
+        trial = self._trial(record, began, at_hand=known is not None)
+        self.trials.append(trial)
+        return trial
+
+    def prepare(self, cells: Iterable[Cell]) -> None:
+        """Resolve and install cells in the background, so that measuring them finds their environments."""
+        for cell in cells:
+            self._ahead.submit(self._prepare, cell)
+
+    def _prepare(self, cell: Cell) -> None:
+        if not process.stopped() and self._runner.known(cell) is None:
+            replace(self._runner, observer=Beside(self.observer)).prepare(cell)
+
+    @property
+    def runs(self) -> int:
+        """How many cells were really measured."""
+        return sum(not trial.at_hand for trial in self.trials)
+
+    def _within(self) -> None:
+        if self.bounds.runs is not None and self.runs >= self.bounds.runs:
+            message = f"{self.bounds.runs} runs are used up"
+            raise Spent(message)
+        if self.bounds.minutes is not None and monotonic() - self.began > self.bounds.minutes * 60:
+            message = f"{self.bounds.minutes:g} minutes are used up"
+            raise Spent(message)
+
+    def _made(self, settings: Settings) -> Runner:
+        return Runner(self.store, settings, Beside(self.observer))
+
+    def _note_built(self, runner: Runner) -> None:
+        made = {one.key for one in runner.environments.values() if not one.reused}
+        self.built |= made
+
+    def _trial(self, record: CellRecord, began: float, *, at_hand: bool) -> Trial:
+        judged = verdict.judge(record)
+        return Trial(
+            cell=record.cell,
+            record=record,
+            judged=judged,
+            found=diagnosed(record, judged, knowledge.beside(self.store.folder)),
+            seconds=round(monotonic() - began, 3),
+            at_hand=at_hand,
+        )
+
+
+def until(failed: Failure) -> Phase:
+    """The last phase that matters to whoever asks for this failure only."""
+    return failed.phase or Phase.SUITE
