@@ -15,9 +15,9 @@ FLOORS = {
     1: {
         "accepting", "advising", "cameras", "changes", "document", "drafts", "evidence", "expansion", "explaining",
         "failure", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise",
-        "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays", "remedies", "rendering",
-        "repairs", "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust", "uvsays",
-        "verdict", "vocabulary", "wire", "workflows",
+        "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays", "remedies",
+        "rendering", "repairs", "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust",
+        "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing", "environments",
