@@ -13,17 +13,17 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors"},
     1: {
-        "accepting", "advising", "cameras", "changes", "document", "drafts", "evidence", "expansion", "explaining",
-        "failure", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "nativesays", "normalise",
-        "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays", "remedies",
-        "rendering", "repairs", "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust",
+        "accepting", "advising", "cameras", "changes", "distilling", "document", "drafts", "evidence", "expansion",
+        "explaining", "failure", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "nativesays",
+        "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays",
+        "remedies", "rendering", "repairs", "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust",
         "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing", "environments",
         "fetched", "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs", "interpreters",
-        "knowledge", "launch", "machine", "memory", "overlays", "process", "sdists", "store", "subjects", "supervisor",
-        "systempackages", "uv", "uvcli", "warming",
+        "knowledge", "launch", "machine", "measured", "memory", "overlays", "process", "sdists", "store", "subjects",
+        "supervisor", "systempackages", "uv", "uvcli", "warming",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "rootcause", "scheduler", "suites"},
     4: {"commands"},

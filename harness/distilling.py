@@ -1,0 +1,205 @@
+"""What was measured, as one plain JSON document: the cells of reports and their locks, without all that explains them.
+
+The standard library alone, as the hook that builds our wheel runs it, too. `layer` reads a report, `combined` puts
+layers on one another, and `lock_text` gives a lock again to the byte. The document:
+
+    {"schema": 1, "generated": "...Z", "machines": {ID: {"os", "libc", "glibc", "architecture", "gl", "gpu"}},
+     "cells": [...], "locks": {SHA-256: [[name, version], ...]}, "hashes": {"name==version": [SHA-256 of files]},
+     "taken": {SHA-256: {name: [places in its hashes]}}}
+
+`taken` says which of a release's files a lock holds, where those are not all of them.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+Plain = Mapping[str, Any]
+
+SCHEMA = 1
+UNTOLD = frozenset({"not_run", "unavailable", "inconclusive"})
+"""Verdicts that say nothing of the packages, so that nothing is left of their cells."""
+
+PIN = re.compile(r"^([\w.-]+)==(\S+)((?: \\\n +--hash=sha256:[0-9a-f]{64})+)$", re.MULTILINE)
+HASH = re.compile(r"sha256:([0-9a-f]{64})")
+COPIED = ("id", "matrix", "python", "machine", "measured", "verdict", "unverified", "phase", "phases", "axes")
+LATER = ("environment", "supplied", "requirements", "decisive")
+OWN = 2
+"""Colons in the id of an environment (`gym:module:function`) that a matrix brings itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """Measured cells of some reports: plain cells, facts of machines, and texts of locks by their SHA-256."""
+
+    generated: str = ""
+    machines: Mapping[str, Plain] = field(default_factory=dict)
+    cells: Sequence[Plain] = ()
+    locks: Mapping[str, str] = field(default_factory=dict)
+
+
+def layer(report: Plain, lock: Callable[[str], str | None]) -> Layer:
+    """What a report document measured; `lock` gives the text of a lock that the document names, None if it is gone."""
+    cells = [cell for cell in report["cells"] if cell["verdict"] not in UNTOLD and cell["machine"] and cell["measured"]]
+    texts = {name: lock(name) for name in {cell["lock"] for cell in cells if cell["lock"]}}
+    named = {name: _sha256(text) for name, text in texts.items() if text and _is_lock(text)}
+    return Layer(
+        generated=report["generated"],
+        machines={name: _machine(facts) for name, facts in report["machines"].items()},
+        cells=[_cell(cell, named.get(cell["lock"])) for cell in cells],
+        locks={sha: texts[name] or "" for name, sha in named.items()},
+    )
+
+
+def combined(layers: Iterable[Layer]) -> dict[str, Any]:
+    """The layers as one document: of a cell measured twice on one machine the newer measurement stands."""
+    generated = ""
+    machines: dict[str, Plain] = {}
+    locks: dict[str, str] = {}
+    cells: dict[tuple[str, str], Plain] = {}
+    for one in layers:
+        generated = max(generated, one.generated)
+        machines.update(one.machines)
+        locks.update(one.locks)
+        for cell in one.cells:
+            key = cell["id"], cell["machine"]
+            if key not in cells or cells[key]["measured"] <= cell["measured"]:
+                cells[key] = cell
+    used = {cell["lock"] for cell in cells.values()}
+    return {
+        "schema": SCHEMA,
+        "generated": generated,
+        "machines": {name: dict(machines[name]) for name in sorted({machine for _, machine in cells} & set(machines))},
+        "cells": [dict(cells[key]) for key in sorted(cells)],
+        **_locks({sha: text for sha, text in sorted(locks.items()) if sha in used}),
+    }
+
+
+def again(document: Plain) -> Layer:
+    """A document as a layer, so that others can be put upon it."""
+    return Layer(
+        generated=document["generated"],
+        machines=document["machines"],
+        cells=document["cells"],
+        locks={sha: lock_text(document, sha) for sha in document["locks"]},
+    )
+
+
+def lock_text(document: Plain, sha256: str) -> str:
+    """A lock of the document as hash-pinned requirements, as they were measured."""
+    taken = document["taken"].get(sha256, {})
+    lines = []
+    for name, version in document["locks"][sha256]:
+        known = document["hashes"][f"{name}=={version}"]
+        hashes = [known[place] for place in taken[name]] if name in taken else known
+        lines.append(" \\\n".join((f"{name}=={version}", *(f"    --hash=sha256:{one}" for one in hashes))) + "\n")
+    return "".join(lines)
+
+
+def packed(document: Plain) -> bytes:
+    """The document compressed, equal for equal documents."""
+    buffer = io.BytesIO()
+    with gzip.GzipFile(filename="", mode="wb", compresslevel=9, fileobj=buffer, mtime=0) as file:
+        file.write(json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode())
+    return buffer.getvalue()
+
+
+def unpacked(content: bytes) -> dict[str, Any]:
+    """What was packed."""
+    document: dict[str, Any] = json.loads(gzip.decompress(content))
+    return document
+
+
+# --- one report ------------------------------------------------------------------------------------------------
+
+
+def _cell(cell: Plain, lock: str | None) -> dict[str, Any]:
+    made = {key: cell.get(key) for key in (*COPIED, *LATER)}
+    expectation = cell.get("expectation") or {}
+    made |= {
+        "cases": [{key: case[key] for key in ("case", "env", "api", "phases", "decisive")} for case in cell["cases"]],
+        "lock": lock,
+        "causes": [one["signature"] for one in _counting(cell)],
+        "proofs": {one["signature"]: one["proof"] for one in cell["diagnoses"] if one.get("proof")},
+        "repairs": [{key: one[key] for key in ("package", "version", "reason", "link")} for one in cell["repairs"]],
+        "reason": expectation.get("reason"),
+        "link": expectation.get("link"),
+        "base": cell.get("base"),
+        "change": (cell.get("change") or {}).get("change"),
+        "brought": [one["name"] for one in cell.get("brought") or ()],
+        "subject": (cell.get("subject") or {}).get("name"),
+        "own": all((case["env"] or "").count(":") >= OWN for case in cell["cases"]) and bool(cell["cases"]),
+    }
+    return {key: value for key, value in made.items() if value or key in SAID}
+
+
+SAID = frozenset({*COPIED, *LATER, "cases", "lock", "causes", "repairs"})
+"""Keys that every cell has; any other one is left out where there is nothing to say."""
+
+
+def _counting(cell: Plain) -> list[Plain]:
+    """The known failures that count: masks only among themselves."""
+    return [one for one in cell["diagnoses"] if not one["masks"]] or list(cell["diagnoses"])
+
+
+def _machine(facts: Plain) -> dict[str, Any]:
+    libc = str(facts.get("libc", ""))
+    ways = [facts.get(way) or {} for way in ("egl", "osmesa", "display")]
+    drawing: Plain = next((way for way in ways if way.get("vendor")), {})
+    made = {
+        "os": facts.get("os"),
+        "libc": libc,
+        "glibc": libc.partition(" ")[2] if libc.startswith("glibc ") else None,
+        "architecture": facts.get("architecture"),
+        "gl": drawing.get("vendor"),
+        "gl_version": drawing.get("version"),
+        "gpu": (facts.get("gpu") or {}).get("name"),
+    }
+    return {name: fact for name, fact in made.items() if fact}
+
+
+def _is_lock(text: str) -> bool:
+    return not PIN.sub("", text).strip()
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+# --- locks -----------------------------------------------------------------------------------------------------
+
+
+def _pins(text: str) -> Iterator[tuple[str, str, list[str]]]:
+    for name, version, hashes in PIN.findall(text):
+        yield name, version, HASH.findall(hashes)
+
+
+def _locks(texts: Mapping[str, str]) -> dict[str, Any]:
+    """Locks as pairs, the hashes of each release once, and what of these a lock does not hold."""
+    read = {sha: list(_pins(text)) for sha, text in texts.items()}
+    known: dict[str, set[str]] = {}
+    for name, version, hashes in (pin for pins in read.values() for pin in pins):
+        known.setdefault(f"{name}=={version}", set()).update(hashes)
+    ordered = {release: sorted(hashes) for release, hashes in sorted(known.items())}
+    taken = {sha: dict(_taken(pins, ordered)) for sha, pins in read.items()}
+    return {
+        "locks": {sha: [[name, version] for name, version, _ in pins] for sha, pins in read.items()},
+        "hashes": ordered,
+        "taken": {sha: places for sha, places in taken.items() if places},
+    }
+
+
+def _taken(
+    pins: Iterable[tuple[str, str, list[str]]], known: Mapping[str, list[str]]
+) -> Iterator[tuple[str, list[int]]]:
+    for name, version, hashes in pins:
+        all_of_it = known[f"{name}=={version}"]
+        if hashes != all_of_it:
+            yield name, [all_of_it.index(one) for one in hashes]

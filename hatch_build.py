@@ -1,0 +1,60 @@
+"""What is made when a wheel is built: the measured results behind `reports/`, as one compressed file in the package."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import ModuleType
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+TARGET = "harness/measured.json.gz"
+
+
+class Hook(BuildHookInterface):
+    """Puts the measured results into the wheel; an editable install reads `reports/` itself."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Distil the reports into a file of a temporary folder, which the build takes in."""
+        self.folder: TemporaryDirectory[str] | None = None
+        if version == "editable":
+            return
+        self.folder = TemporaryDirectory()
+        made = Path(self.folder.name) / "measured.json.gz"
+        made.write_bytes(packed(Path(self.root)))
+        build_data["force_include"][str(made)] = TARGET
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove the temporary folder."""
+        if self.folder:
+            self.folder.cleanup()
+
+
+def packed(root: Path) -> bytes:
+    """The measured results of a checkout, compressed."""
+    distilling = _distilling(root)
+    layers = []
+    for path in sorted((root / "reports").glob("*/report.json")):
+
+        def lock(name: str, folder: Path = path.parent) -> str | None:
+            return (folder / name).read_text(encoding="utf-8") if (folder / name).is_file() else None
+
+        layers.append(distilling.layer(json.loads(path.read_bytes()), lock))
+    content: bytes = distilling.packed(distilling.combined(layers))
+    return content
+
+
+def _distilling(root: Path) -> ModuleType:
+    """The module of the package that does it, which needs nothing but the standard library."""
+    spec = importlib.util.spec_from_file_location("_distilling", root / "harness" / "distilling.py")
+    if spec is None or spec.loader is None:
+        message = "harness/distilling.py is not there"
+        raise RuntimeError(message)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,112 @@
+"""The measured results at hand: those that come with us, other people's, and our own, in layers."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from specimens import HERE, MACHINES, quick, quick_document
+
+from harness import distilling, document, measured
+from harness.errors import BadInput
+from harness.store import Store
+
+LOCK = f"numpy==2.2.6 \\\n    --hash=sha256:{'1' * 64}\n"
+
+
+@pytest.fixture
+def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package without reports, and no store."""
+    monkeypatch.setattr(measured, "PACKAGE", tmp_path / "nowhere" / "harness")
+    monkeypatch.setattr(measured, "PACKED", tmp_path / "packed.json.gz")
+    monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
+    monkeypatch.delenv(measured.VARIABLE, raising=False)
+    return tmp_path
+
+
+def put(folder: Path) -> Path:
+    """A report folder with a lock."""
+    (folder / "locks").mkdir(parents=True)
+    (folder / "locks" / "5f0c.txt").write_text(LOCK)
+    (folder / "report.json").write_bytes(document.encode(quick_document()))
+    return folder
+
+
+def works(found: dict) -> list[str]:
+    """The cells that work."""
+    return [cell["id"] for cell in found["cells"] if cell["verdict"] == "works"]
+
+
+def test_a_checkout_reads_its_reports() -> None:
+    """What the reports of this checkout measured is there, with a lock for every cell that works, in under 2 MB."""
+    found = measured.shipped()
+
+    assert len({cell["matrix"] for cell in found["cells"]}) > 10
+    assert len(works(found)) > 200
+    assert all(cell["lock"] in found["locks"] for cell in found["cells"] if cell["verdict"] == "works")
+    assert len(distilling.packed(found)) < 2_000_000
+
+
+def test_nothing_is_known_and_no_store_is_made(alone: Path) -> None:
+    """Without any results there are none, and asking leaves no folder behind."""
+    assert measured.load()["cells"] == []
+    assert not (alone / "state").exists()
+
+
+def test_a_wheel_reads_its_file(alone: Path) -> None:
+    """The packed file is what comes with us; nothing beside the package is read."""
+    put(alone / "nowhere" / "reports" / "quick")
+    (alone / "packed.json.gz").write_bytes(distilling.packed(distilling.combined([])))
+
+    assert measured.shipped()["cells"] == []
+
+
+@pytest.mark.parametrize("depth", [".", ".."], ids=["a report", "a folder of reports"])
+def test_results_of_others_are_put_upon_them(alone: Path, monkeypatch: pytest.MonkeyPatch, depth: str) -> None:
+    """HARNESS_RESULTS names folders of reports, or folders that hold such folders."""
+    monkeypatch.setenv(measured.VARIABLE, f"{put(alone / 'others' / 'quick') / depth}:")
+
+    found = measured.load()
+
+    assert works(found)
+    assert [*found["locks"].values()] == [[["numpy", "2.2.6"]]]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "{}: has no report.json, nor has a folder in it; HARNESS_RESULTS names folders of reports"),
+        ("[", "{}/report.json: is no report of this harness: JSONDecodeError: "),
+        ("{}", "{}/report.json: is no report of this harness: KeyError: 'cells'"),
+        ("3", "{}/report.json: is no report of this harness: TypeError: "),
+    ],
+)
+def test_a_folder_without_a_report_is_refused(
+    alone: Path, monkeypatch: pytest.MonkeyPatch, content: str | None, message: str
+) -> None:
+    """A variable that names something else says so, with the file."""
+    if content is not None:
+        (alone / "report.json").write_text(content)
+    monkeypatch.setenv(measured.VARIABLE, str(alone))
+
+    with pytest.raises(BadInput) as refused:
+        measured.load()
+
+    assert str(refused.value).startswith(message.format(alone))
+
+
+def test_what_this_store_measured_lies_on_top(alone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cell that was measured here again is told as it stands here; a cell measured elsewhere alone stays."""
+    monkeypatch.setenv(measured.VARIABLE, str(put(alone / "others")))
+    before = {cell["id"]: cell for cell in measured.load()["cells"]}
+    opened = Store(alone / "state")
+    record = next(one for one in quick()[1] if one.cell.id in works(measured.load()))
+    opened.save_machine(HERE, MACHINES[HERE])
+
+    opened.save_cell(replace(record, lock=None, measured="2027-01-01T00:00:00Z"))
+
+    after = {cell["id"]: cell for cell in measured.load()["cells"]}
+
+    assert after.keys() == before.keys()
+    changed = [name for name in after if after[name] != before[name]]
+    assert changed == [record.cell.id]
+    assert after[record.cell.id]["measured"] == "2027-01-01T00:00:00Z"
