@@ -1,0 +1,244 @@
+"""The one combination of requirements that a command line asks for, as `try` and `repair` do: options, and its cell."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
+
+from harness import catalog, checkouts, inputs, interpreters, plan, repairs, scheduler, subjects
+from harness.commands.run import tell
+from harness.errors import BadInput
+from harness.inputfiles import Inputs
+from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
+from harness.schema import located
+from harness.store import Store
+from harness.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
+
+REUSED_FOR_HOURS = 24.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options that say what is tried."""
+    parser.add_argument("requirements", metavar="REQUIREMENT", nargs="*", help="such as 'gymnasium[mujoco]==1.2.3'")
+    parser.add_argument(
+        "-r",
+        dest="files",
+        type=Path,
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="requirements.txt, pyproject.toml, pylock.toml or environment.yml",
+    )
+    parser.add_argument("--subject", metavar="PATH", help="put this project, wheel or git+ADDRESS@REFERENCE on top")
+    parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml")
+    parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a group of the pyproject.toml")
+    parser.add_argument("--python", metavar="V", help="version, `host` or path [the active environment's, or newest]")
+    parser.add_argument("--env", metavar="ID", action="append", default=[], help="an environment id; may be repeated")
+    parser.add_argument("--api", metavar="A", help="the API that the environments speak")
+    parser.add_argument(
+        "--import", dest="imports", metavar="MODULE", action="append", default=[], help="a module to import first"
+    )
+    parser.add_argument("--set", metavar="N=V", action="append", default=[], help="an environment variable of the cell")
+    for option, meaning in RESOLVER_OPTIONS.items():
+        parser.add_argument(option, metavar="R", action="append", default=[], help=meaning)
+    parser.add_argument(
+        "--overlay",
+        metavar="PACKAGE",
+        nargs="?",
+        action="append",
+        const=EVERY,
+        default=[],
+        help="repair releases that no resolver accepts: of this package, or of every one that has a recipe",
+    )
+    parser.add_argument("--as-of", metavar="INSTANT", help="resolve as the index stood then (UTC), e.g. 2024-01-31")
+    parser.add_argument("--torch-backend", metavar="B", default="cpu", help="uv's: cpu, auto, cu126, ... [%(default)s]")
+
+
+EVERY = ":all:"
+"""What `--overlay` means that names no package."""
+
+RESOLVER_OPTIONS = {
+    "--constraint": "bound a package without asking for it",
+    "--override": "replace what other packages say of this one",
+    "--build-constraint": "bound what sdists are built with",
+    "--only-binary": "never build this package from source (`:all:` for every one)",
+}
+
+
+def _subject(args: argparse.Namespace) -> Subject:
+    """The package under test, whose extras and groups are those asked for."""
+    remote = args.subject.startswith(checkouts.REPOSITORY)
+    source = args.subject if remote else str(Path(args.subject).resolve())
+    with located("--extra, --group"):
+        extras, groups = (tuple(map(PackageName.canonical, names)) for names in (args.extra, args.group))
+    return subjects.settled(Subject(source=source, extras=extras, groups=groups), offline=args.offline)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Given:
+    """What a command line's files and its `--subject` say."""
+
+    inputs: Inputs
+    subject: Subject | None
+
+
+def read(args: argparse.Namespace) -> Given:
+    """Read the files; what of them cannot be modelled is told. Raises BadInput."""
+    tested = _subject(args) if args.subject else None
+    of_files = ([], []) if tested else (args.extra, args.group)
+    given = inputs.read(args.files, extras=of_files[0], groups=of_files[1])
+    for line in (*given.not_modelled, *given.notes):
+        tell(f"note: {line}")
+    return Given(inputs=given, subject=tested)
+
+
+def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner: scheduler.Runner) -> Plan:
+    """The one-cell plan, its Python chosen and its instant set; what is wrong is said before anything is kept."""
+    given = read_before.inputs
+    overlay, taken = _overlay(args.overlay)
+    asked = plan.Asked(
+        requirements=(*args.requirements, *taken, *given.requirements),
+        overlay=overlay,
+        python="host",
+        envs=tuple(args.env),
+        api=args.api,
+        imports=tuple(args.imports),
+        environment=dict(_variable(text) for text in args.set),
+        constraints=(*args.constraint, *given.constraints),
+        overrides=(*args.override, *given.overrides),
+        build_constraints=(*args.build_constraint, *given.build_constraints),
+        only_binary=(*args.only_binary, *given.only_binary),
+        torch_backend=args.torch_backend,
+        as_of=args.as_of,
+        subject=read_before.subject,
+    )
+    asked = replace(asked, files=models(plan.single(asked).cells[0].cases))
+    if args.as_of is None:
+        instant = opened.instant(plan.TRY_MATRIX, renew=runner.settings.fresh, hours=REUSED_FOR_HOURS)
+        asked = replace(asked, as_of=instant)
+    question = replace(plan.single(asked).cells[0].question, index=given.index)
+    if given.prerelease:
+        question = replace(question, prerelease=given.prerelease)
+    cell = replace(plan.single(asked).cells[0], question=question)
+    python = _asked_python(args.python) if args.python else _python(cell, given, runner)
+    asked = replace(asked, python=_version(python), brought=_brought(asked, cell, python, runner))
+    planned = plan.single(asked)
+    (cell,) = planned.cells
+    return replace(planned, cells=(replace(cell, python=python, question=question),))
+
+
+def _brought(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
+    """The API of environments where nothing on the command line tells it: that which the requirements bring."""
+    env = plan.unspoken(asked)
+    if env is None:
+        return None
+    interpreter = interpreters.obtain(python, offline=runner.settings.offline)
+    lock = runner.lock_of(cell, interpreter)[0] if interpreter else None
+    brought = [api for api in (GYMNASIUM, GYM) if lock and api in lock.versions]
+    if lock and not brought:
+        message = (
+            f"--env {env}: nothing that is asked for brings {' or '.join(FAMILY)}; name one of them, too, "
+            f"or what it speaks with --api ({', '.join(api for api in APIS if api not in FAMILY)})"
+        )
+        raise BadInput(message)
+    return brought[0] if brought else None
+
+
+def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]:
+    """The repairs that `--overlay` asks for; and requirements, which follow it where it names no package."""
+    if not given:
+        return (), ()
+    known = catalog.recipes(Path("matrices"))
+    names = [text for text in given if re.fullmatch(r"[A-Za-z0-9._-]+", text)]
+    with located("--overlay"):
+        wanted = [PackageName.canonical(name) for name in names]
+        found = repairs.chosen(known, wanted if len(names) == len(given) else tuple(known))
+    return found, tuple(text for text in given if text not in names and text != EVERY)
+
+
+def models(cases: Iterable[Case]) -> dict[str, str]:
+    """Models of the user's own that environments name, as `mujoco:FILE.xml`: the cell gets them in its HOME.
+
+    One that is not in this folder may be the simulator's, where that brings models of its own.
+    """
+    found = {}
+    for case in cases:
+        name = (case.env or "").removeprefix(f"{case.api}:")
+        if (
+            not name.endswith(MODELS)
+            or case.api in FAMILY
+            or (case.api in plan.BRING_MODELS and not Path(name).exists())
+        ):
+            continue
+        with located(f"--env {case.env}"):
+            name = InnerPath.canonical(name)
+        try:
+            found[name] = Path(name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+            message = f"--env {case.env}: {name} cannot be read from this folder: {why}"
+            raise BadInput(message) from None
+    return found
+
+
+MODELS = (".xml", ".urdf", ".sdf")
+
+
+def _variable(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        message = f"--set {text}: write NAME=VALUE, as in --set MUJOCO_GL=osmesa"
+        raise BadInput(message)
+    return name, value
+
+
+def _asked_python(text: str) -> str:
+    """The value of `--python`."""
+    if "/" in text:
+        if interpreters.find(text) is None:
+            message = f"--python {text}: there is no Python here that can be run"
+            raise BadInput(message)
+    elif text != HOST:
+        with located("--python"):
+            version_text(text)
+    return text
+
+
+def _version(python: str) -> str:
+    """What cells are named after: the version of an interpreter given by its path."""
+    found = interpreters.find(python) if "/" in python or python == HOST else None
+    return found.version if found else python
+
+
+def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
+    """The active environment's Python if it can be had, else the newest that the requirements allow."""
+    about = subjects.about(cell.subject) if cell.subject else None
+    allowed = SpecifierSet(given.python or "") & SpecifierSet(about.python if about else "")
+    active = interpreters.active_version()
+    if active and allowed.contains(active, prereleases=True) and interpreters.find(active):
+        return active
+    minors = {found.minor: found for found in interpreters.available() if allowed.contains(found.version)}
+    newest = sorted(minors.values(), key=lambda found: Version(found.version), reverse=True)
+    for found in newest:
+        lock, step = runner.lock_of(cell, found)
+        if lock or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE:
+            return found.minor
+    if newest:
+        return newest[0].minor
+    return _lacking(allowed) if allowed else HOST
+
+
+def _lacking(allowed: SpecifierSet) -> str:
+    """The oldest version that is allowed, where no interpreter here is."""
+    pinned = [each.version for each in allowed if each.operator == "==" and not each.version.endswith(".*")]
+    found = next((v for v in (*pinned, *(f"3.{minor}" for minor in range(7, 100))) if allowed.contains(v)), None)
+    if found is None:
+        message = f"try: no Python is allowed by all that was given: {allowed}; name one with --python"
+        raise BadInput(message)
+    return found
