@@ -31,6 +31,7 @@ VERBS = {
     "init": ("harness.commands.init", "start in somebody's project: matrix, nox session, workflow"),
     "fetch": ("harness.commands.fetch", "bring all that a matrix needs into a folder, for machines without network"),
     "doctor": ("harness.commands.doctor", "what draws on this machine, and what the settings select"),
+    "recommend": ("harness.commands.recommend", "which versions work together, as measured"),
     "gc": ("harness.commands.gc", "remove what is old or too much from cache and state"),
     "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
 }

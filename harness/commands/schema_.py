@@ -85,6 +85,12 @@ def _doctored() -> type:
     return Doctored
 
 
+def _recommended() -> type:
+    from harness.commands.recommend import Recommended  # noqa: PLC0415
+
+    return Recommended
+
+
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
@@ -97,6 +103,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "gc": ("`gc --json`", _collected),
     "init": ("`init --json`", _init),
     "doctor": ("`doctor --json`", _doctored),
+    "recommend": ("`recommend --json`", _recommended),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }
 

@@ -11,13 +11,13 @@ import harness
 
 PACKAGE = Path(harness.__file__).parent
 FLOORS = {
-    0: {"model", "errors"},
+    0: {"model", "errors", "standalone"},
     1: {
         "accepting", "advising", "cameras", "changes", "distilling", "document", "drafts", "evidence", "expansion",
-        "explaining", "failure", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging", "nativesays",
-        "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving", "pytestsays",
-        "remedies", "rendering", "repairs", "reporttypes", "schema", "shards", "signatures", "strategy", "tables", "trust",
-        "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "explaining", "failure", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging",
+        "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving",
+        "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "shards", "signatures",
+        "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing", "environments",
@@ -31,6 +31,10 @@ FLOORS = {
 }  # fmt: skip
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}
+STANDALONE = {"__main__", "spawning", "looking", "importing", "choosing"}
+"""Files of `standalone` that read files and start processes, as that is what the verbs do where no harness is: the
+command of `explain -- COMMAND` in its own terminal, which the supervisor's log file could not be, and the interpreter of
+an environment that is looked at. The host's floor 4 alone imports them."""
 PURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
 
 
@@ -87,6 +91,8 @@ def test_imports_make_no_circle() -> None:
 def test_low_floors_do_no_input_or_output(module: str) -> None:
     """Values and pure functions spawn nothing, connect to nothing, ask no clock and open no file."""
     for path in parts()[module]:
+        if module == "standalone" and path.stem in STANDALONE:
+            continue
         assert not {name.split(".")[0] for name in imports(path)} & PURE
         called = {ast.unparse(n.func) for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)}
         assert not {name for name in called if name == "open" or name.split(".")[-1] in {"read_text", "read_bytes"}}
@@ -94,9 +100,18 @@ def test_low_floors_do_no_input_or_output(module: str) -> None:
 
 def test_nothing_but_process_spawns() -> None:
     """There is one spawner, and the supervisor that it starts."""
-    spawning = {module for module, files in parts().items() for path in files if "subprocess" in imports(path)}
+    found = [(module, path) for module, files in parts().items() for path in files if "subprocess" in imports(path)]
+    spawning = {module for module, path in found if module != "standalone" or path.stem not in STANDALONE}
 
     assert spawning <= {"process"}
+
+
+def test_only_verbs_use_what_stands_alone_and_spawns() -> None:
+    """What the rest of the host imports of it is pure."""
+    apart = {f"harness.standalone.{name}" for name in STANDALONE}
+    using = {module for module, files in parts().items() for path in files if imports(path) & apart}
+
+    assert using <= {"commands"}
 
 
 def test_the_host_knows_only_the_path_of_the_cell_side() -> None:
