@@ -1,4 +1,4 @@
-"""Signatures: patterns over evidence that name a cause and a remedy, as data, and the matcher.
+"""Signatures: patterns over evidence that name a cause and a remedy, as data. `standalone/matching.py` matches them.
 
 A file of them (`signatures/FAMILY.toml`) is read by `read`. Their patterns are regular expressions that a browser
 understands as well as Python does: searched with `^` and `$` at every line, `.` never a line break.
@@ -9,19 +9,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Annotated, Any, ClassVar, Self
 
 from msgspec import Meta
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
-from packaging.utils import canonicalize_name
 
 from harness.errors import BadInput
 from harness.matrix import Table
 from harness.model import Change, Phase
-from harness.normalise import bounded
 from harness.schema import load_toml, located
+from harness.standalone import matching
 from harness.vocabulary import (
     Instant,
     Label,
@@ -31,8 +29,6 @@ from harness.vocabulary import (
     Requirement,
     Variables,
     Word,
-    parsed_requirement,
-    required_name,
 )
 
 ESCAPED = r"\\[\s\S]"
@@ -273,89 +269,23 @@ class Diagnosis:
     @property
     def rank(self) -> tuple[Any, ...]:
         """The deepest cause is least: no mask, of packages rather than of the machine, specific, in so many words."""
-        one = self.signature
-        order = list(Phase).index(self.phase) if self.phase else len(Phase)
-        return one.masks, not one.phases, one.generic, not self.told, order
+        return matching.rank(self.signature, self.phase, told=self.told)
 
 
 def diagnose(known: Iterable[Signature], evidence: Sequence[Evidence], around: Around) -> tuple[Diagnosis, ...]:
     """The known failures that fit, the deepest cause first, each once."""
-    found: dict[str, Diagnosis] = {}
-    for one in known:
-        if not one.silent and _fits(one, around):
-            hits = [hit for each in evidence if (hit := _hit(one, each))]
-            if hits:
-                found[one.id] = min(hits, key=lambda hit: hit.rank)
-    return tuple(sorted(found.values(), key=lambda each: each.rank))
+    return tuple(
+        Diagnosis(signature=hit.known, phase=hit.phase, seen=hit.seen, told=hit.told)  # type: ignore[arg-type]
+        for hit in matching.diagnose(known, evidence, around)
+    )
 
 
 def lurking(known: Iterable[Signature], around: Around) -> tuple[Signature, ...]:
     """The silent failures that what is installed runs into: all their packages are there."""
-    return tuple(one for one in known if one.silent and _fits(replace(one, generic=True), around))
+    return matching.lurking(known, around)
 
 
-def _hit(one: Signature, evidence: Evidence) -> Diagnosis | None:
-    """The evidence as this signature sees it, if it fits."""
-    if one.phases and evidence.phase is not None and evidence.phase not in one.phases:
-        return None
-    if one.signal and one.signal != evidence.signal:
-        return None
-    if one.pattern is None:
-        return Diagnosis(signature=one, phase=evidence.phase, seen=f"killed by {one.signal}", told=True)
-    for told, texts in ((True, evidence.told), (False, evidence.logs)):
-        for text in texts:
-            if found := compiled(one.pattern).search(text):
-                return Diagnosis(signature=one, phase=evidence.phase, seen=_line(text, found), told=told)
-    return None
-
-
-@cache
-def compiled(pattern: str) -> re.Pattern[str]:
-    """A pattern as it is searched for."""
-    return re.compile(pattern, re.MULTILINE)
-
-
-def _line(text: str, found: re.Match[str]) -> str:
-    """The line on which a match ends: of a traceback and its exception that is the exception."""
-    start = text.rfind("\n", 0, max(found.end() - 1, 0)) + 1
-    stop = text.find("\n", found.end())
-    return bounded(text[start : stop if stop >= 0 else len(text)])
-
-
-# --- packages --------------------------------------------------------------------------------------------------
-
-
-def _fits(one: Signature, around: Around) -> bool:
-    """Whether nothing that is known of packages and Python speaks against it; of a generic one all speaks for it."""
-    if one.python and around.python and not SpecifierSet(one.python).contains(around.python, prereleases=True):
-        return False
-    standing = [_any(_standing(text, around) for text in part.requirements) for part in one.packages]
-    return all(standing) if one.generic else False not in standing
-
-
-def _any(standing: Iterable[bool | None]) -> bool | None:
-    """Whether one of several holds; None where that cannot be told."""
-    found = set(standing)
-    return True if True in found else None if None in found else False
-
-
-def _standing(text: str, around: Around) -> bool | None:
-    """Whether a package that takes part is there; None where that is not known."""
-    name, wanted = required_name(text), parsed_requirement(text).specifier
-    if around.installed is not None:
-        version = _versions(around.installed).get(name)
-        return version is not None and wanted.contains(version, prereleases=True)
-    asked = [parsed_requirement(each).specifier for each in around.requirements if required_name(each) == name]
-    if not asked:
-        return None
-    together = wanted
-    for each in asked:
-        together &= each
-    return not together.is_unsatisfiable()
-
-
-def _versions(installed: Mapping[str, str]) -> dict[str, str]:
-    return {str(canonicalize_name(name)): version for name, version in installed.items()}
+compiled = matching.compiled
 
 
 def machine_applicable(known: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:

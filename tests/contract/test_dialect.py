@@ -1,4 +1,4 @@
-"""The in-cell side speaks Python 3.7 to 3.14, standard library only, under names of its own."""
+"""The in-cell side and what stands alone speak Python 3.7 to 3.14, standard library only, under names of their own."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from harness.model import Case, Outcome
 from harness.vocabulary import APIS
 
 INCELL = Path(harness.__file__).parent / "incell"
+STANDALONE = Path(harness.__file__).parent / "standalone"
+OURS = sorted(STANDALONE.glob("**/*.py"))
 FILES = sorted(INCELL.glob("**/*.py"))
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
 
@@ -31,6 +33,16 @@ set_coroutine_wrapper get_event_loop_policy set_child_watcher NameConstant Num S
 ugettext lgettext
 """
 """Functions, methods and classes of the standard library that are gone or going in 3.14 or before."""
+
+NEWER_NAMES = """
+removeprefix removesuffix is_relative_to readlink cached_property cache batched pairwise prod comb isqrt dist hypot
+sumprod to_thread aclosing get_origin get_args TypedDict Final Literal Protocol TypeAlias ParamSpec
+override StrEnum BooleanOptionalAction randbytes unparse get_source_segment waitstatus_to_exitcode
+bit_count addModuleCleanup hardlink_to
+"""
+"""Functions and classes of the standard library that 3.7 lacks."""
+
+NEWER_MODULES = {"importlib.metadata", "tomllib", "zoneinfo", "graphlib", "annotationlib", "compression"}
 
 LIBRARIES = {"numpy"}
 """What a module of ours may import at its top, once the library under test has brought it."""
@@ -59,7 +71,7 @@ def _at_load(tree: ast.Module) -> ast.Module:
     return tree
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [*FILES, *OURS], ids=lambda path: path.name)
 def test_syntax(path: Path) -> None:
     """Every file parses as Python 3.7."""
     _tree(path)
@@ -76,10 +88,12 @@ def test_syntax_check_can_fail(source: str) -> None:
 
 def test_no_debug_format() -> None:
     """f-strings with `=` are of 3.8, which the parser does not tell."""
-    assert [path.name for path in FILES if re.search(r"""\bf(["']).*\{[^{}"']*=\}.*\1""", path.read_text())] == []
+    assert [
+        path.name for path in [*FILES, *OURS] if re.search(r"""\bf(["']).*\{[^{}"']*=\}.*\1""", path.read_text())
+    ] == []
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [*FILES, *OURS], ids=lambda path: path.name)
 def test_nothing_removed(path: Path) -> None:
     """No module and no name that a Python up to 3.14 has dropped is used."""
     tree = _tree(path)
@@ -97,6 +111,21 @@ def test_imports(path: Path) -> None:
     ours = {"_simmatrix_cell"} if path.name == "bootstrap.py" else set()
     others = {name.partition(".")[0] for name, level in _imports(tree) if level == 0}
     assert others - set(sys.stdlib_module_names) - LIBRARIES - ours == set()
+
+
+@pytest.mark.parametrize("path", OURS, ids=lambda path: path.name)
+def test_what_stands_alone_imports_itself_and_the_standard_library(path: Path) -> None:
+    """Relatively, and nothing that 3.7 lacks; the host alone knows newer ones."""
+    tree = _tree(path)
+    relative = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level]
+    assert all(node.level == 1 for node in relative)
+    others = {name for name, level in _imports(tree) if level == 0}
+    assert {name.partition(".")[0] for name in others} - set(sys.stdlib_module_names) == set()
+    assert others & NEWER_MODULES == set()
+    names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    names |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert names & set(NEWER_NAMES.split()) == set()
+    assert not [node for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg in {"strict", "slots"}]
 
 
 def test_libraries_come_late() -> None:

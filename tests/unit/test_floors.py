@@ -31,10 +31,10 @@ FLOORS = {
 }  # fmt: skip
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}
-STANDALONE = {"__main__", "spawning", "looking", "importing", "choosing"}
+STANDALONE = {"__main__", "spawning", "looking", "importing", "choosing", "running"}
 """Files of `standalone` that read files and start processes, as that is what the verbs do where no harness is: the
-command of `explain -- COMMAND` in its own terminal, which the supervisor's log file could not be, and the interpreter of
-an environment that is looked at. The host's floor 4 alone imports them."""
+command of `explain -- COMMAND` in a terminal of its own, which the supervisor's log file is not, and the interpreter
+of an environment that is looked at. On the host the verbs alone import them."""
 PURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
 
 

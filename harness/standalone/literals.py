@@ -1,0 +1,80 @@
+"""Literals that have to stand in a text for a regular expression to match there: looking for them first is quick."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import Any, FrozenSet, Iterator, List, Sequence, Tuple
+
+try:
+    from re import _parser  # type: ignore[attr-defined]
+except ImportError:  # before Python 3.11
+    import sre_parse as _parser
+
+Clause = FrozenSet[str]
+"""Literals of which one at least has to be there."""
+
+SHORTEST = 3
+"""Characters of a literal that is worth looking for."""
+
+MOST = 3
+"""Clauses that are looked at of one pattern: the longest ones."""
+
+WIDEST = 12
+"""Literals of one clause."""
+
+
+@lru_cache(maxsize=None)
+def clauses(pattern: str) -> Tuple[Clause, ...]:
+    """All of which hold for every text in which the pattern is found; none where nothing is known."""
+    try:
+        parsed = _parser.parse(pattern, re.MULTILINE)
+        if (parsed.state if hasattr(parsed, "state") else parsed.pattern).flags & re.IGNORECASE:
+            return ()
+        found = [clause for clause in _of_sequence(list(parsed)) if _worth(clause)]
+    except Exception:  # the parser is Python's own affair: what it gives may change, and without it all is slower only
+        return ()
+    return tuple(sorted(set(found), key=lambda one: (-min(map(len, one)), len(one), sorted(one)))[:MOST])
+
+
+def possible(pattern: str, text: str) -> bool:
+    """Whether a pattern can be found in a text; surely not where a literal of it is missing."""
+    return all(any(literal in text for literal in clause) for clause in clauses(pattern))
+
+
+def _worth(clause: Clause) -> bool:
+    return 0 < len(clause) <= WIDEST and min(map(len, clause)) >= SHORTEST
+
+
+def _of_sequence(items: Sequence[Tuple[Any, Any]]) -> Iterator[Clause]:
+    """Runs of literals, and what has to be there of everything between them."""
+    run: List[str] = []
+    for operation, argument in items:
+        if str(operation) == "LITERAL":
+            run.append(chr(argument))
+            continue
+        if run:
+            yield frozenset(("".join(run),))
+            run = []
+        yield from _of_one(str(operation), argument)
+    if run:
+        yield frozenset(("".join(run),))
+
+
+def _of_one(operation: str, argument: Any) -> Iterator[Clause]:
+    if operation == "SUBPATTERN":
+        _, added, taken, items = argument
+        if not added and not taken:
+            yield from _of_sequence(list(items))
+    elif operation in {"MAX_REPEAT", "MIN_REPEAT"} and argument[0] >= 1:
+        yield from _of_sequence(list(argument[2]))
+    elif operation == "BRANCH":
+        best = [_best(list(items)) for items in argument[1]]
+        if all(best):
+            yield frozenset(literal for clause in best for literal in clause)
+
+
+def _best(items: Sequence[Tuple[Any, Any]]) -> Clause:
+    """The clause of one alternative that tells most; an empty one where it has none."""
+    known = [clause for clause in _of_sequence(items) if _worth(clause)]
+    return max(known, key=lambda one: min(map(len, one))) if known else frozenset()

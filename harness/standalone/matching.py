@@ -1,0 +1,190 @@
+"""Which known failures fit what was written of a failure, the deepest cause first.
+
+A known failure is looked at by its attributes only: those of `Known` here, or of the host's `signatures.Signature`.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from . import literals
+from .lines import bounded
+from .requirements import requirement
+from .versions import canonical, specifiers, unsatisfiable
+
+PHASES = ("resolve", "install", "import", "single", "vector", "render", "behave", "interop", "suite")
+"""In this order."""
+
+
+class Part(NamedTuple):
+    """Requirements of which one has to hold."""
+
+    requirements: Tuple[str, ...]
+
+
+class Known(NamedTuple):
+    """A known failure, `plain` as its file has it."""
+
+    plain: Mapping[str, Any]
+    id: str
+    phases: Tuple[str, ...]
+    pattern: Optional[str]
+    signal: Optional[str]
+    packages: Tuple[Part, ...]
+    python: Optional[str]
+    masks: bool
+    generic: bool
+    silent: bool
+
+
+def read(plain: Mapping[str, Any]) -> Known:
+    """A known failure of its keys in a file of signatures."""
+    parts = (each if isinstance(each, (list, tuple)) else [each] for each in plain.get("packages", ()))
+    return Known(
+        plain=plain,
+        id=plain["id"],
+        phases=tuple(plain.get("phases", ())),
+        pattern=plain.get("pattern"),
+        signal=plain.get("signal"),
+        packages=tuple(Part(tuple(part)) for part in parts),
+        python=plain.get("python"),
+        masks=bool(plain.get("masks")),
+        generic=bool(plain.get("generic")),
+        silent=bool(plain.get("silent")),
+    )
+
+
+class Seen(NamedTuple):
+    """What is known of one failure. `told` are the lines that say why, `logs` all else that was written.
+
+    `phase` is None where that is not known: then it may be any.
+    """
+
+    phase: Optional[str]
+    told: Tuple[str, ...] = ()
+    logs: Tuple[str, ...] = ()
+    signal: Optional[str] = None
+
+
+class Around(NamedTuple):
+    """What a failure met: `installed` versions, where anything was installed, else what was asked for."""
+
+    installed: Optional[Mapping[str, str]] = None
+    requirements: Tuple[str, ...] = ()
+    python: Optional[str] = None
+
+
+class Hit(NamedTuple):
+    """A known failure that fits. `seen` is the line by which it was told, in the log only where not `told`."""
+
+    known: Any
+    phase: Optional[str]
+    seen: str
+    told: bool
+
+    @property
+    def rank(self) -> Tuple[Any, ...]:
+        """The deepest cause is least: no mask, of packages rather than of the machine, specific, in so many words."""
+        return rank(self.known, self.phase, told=self.told)
+
+
+def rank(known: Any, phase: Optional[str], *, told: bool) -> Tuple[Any, ...]:
+    """What known failures that fit are sorted by."""
+    order = PHASES.index(phase) if phase else len(PHASES)
+    return known.masks, not known.phases, known.generic, not told, order
+
+
+def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tuple[Hit, ...]:
+    """The known failures that fit, the deepest cause first, each once."""
+    standing = _standing(around)
+    found: Dict[str, Hit] = {}
+    for one in known:
+        if not one.silent and _fits(one, around, standing):
+            hits = [hit for hit in (_hit(one, each) for each in evidence) if hit]
+            if hits:
+                found[one.id] = min(hits, key=lambda hit: hit.rank)
+    return tuple(sorted(found.values(), key=lambda each: each.rank))
+
+
+def lurking(known: Iterable[Any], around: Any) -> Tuple[Any, ...]:
+    """The silent failures that what is installed runs into: all their packages are there."""
+    standing = _standing(around)
+    return tuple(one for one in known if one.silent and _fits(one, around, standing, surely=True))
+
+
+def _hit(one: Any, evidence: Any) -> Optional[Hit]:
+    """The evidence as this failure sees it, if it fits."""
+    if one.phases and evidence.phase is not None and evidence.phase not in one.phases:
+        return None
+    if one.signal and one.signal != evidence.signal:
+        return None
+    if one.pattern is None:
+        return Hit(one, evidence.phase, "killed by {}".format(one.signal), told=True)
+    for told, texts in ((True, evidence.told), (False, evidence.logs)):
+        for text in texts:
+            found = search(one.pattern, text)
+            if found:
+                return Hit(one, evidence.phase, _line(text, found), told=told)
+    return None
+
+
+@lru_cache(maxsize=None)
+def compiled(pattern: str) -> re.Pattern[str]:
+    """A pattern as it is searched for."""
+    return re.compile(pattern, re.MULTILINE)
+
+
+def search(pattern: str, text: str) -> Optional[re.Match[str]]:
+    """Find a pattern; in most texts its literals are missing, which is seen quickly."""
+    return compiled(pattern).search(text) if literals.possible(pattern, text) else None
+
+
+def _line(text: str, found: re.Match[str]) -> str:
+    """The line on which a match ends: of a traceback and its exception that is the exception."""
+    start = text.rfind("\n", 0, max(found.end() - 1, 0)) + 1
+    stop = text.find("\n", found.end())
+    return bounded(text[start : stop if stop >= 0 else len(text)])
+
+
+# --- packages --------------------------------------------------------------------------------------------------
+
+Standing = Callable[[str], Optional[bool]]
+"""Whether the package that a requirement names is there in such a version; None where that is not known."""
+
+
+def _fits(one: Any, around: Any, standing: Standing, *, surely: bool = False) -> bool:
+    """Whether nothing that is known of packages and Python speaks against it; of a generic one all speaks for it."""
+    if one.python and around.python and not specifiers(one.python).admits(around.python):
+        return False
+    found = [_any([standing(text) for text in part.requirements]) for part in one.packages]
+    return all(found) if one.generic or surely else False not in found
+
+
+def _any(found: List[Optional[bool]]) -> Optional[bool]:
+    """Whether one of several holds; None where that cannot be told."""
+    return True if True in found else None if None in found else False
+
+
+def _standing(around: Any) -> Standing:
+    """How packages that take part are looked up."""
+    if around.installed is not None:
+        installed = {canonical(name): version for name, version in around.installed.items()}
+        return lambda text: _installed(text, installed)
+    asked: Dict[str, List[Any]] = {}
+    for text in around.requirements:
+        asked.setdefault(requirement(text).name, []).append(requirement(text).specifiers)
+    return lambda text: _asked_for(text, asked)
+
+
+def _installed(text: str, installed: Mapping[str, str]) -> bool:
+    wanted = requirement(text)
+    return wanted.name in installed and wanted.specifiers.admits(installed[wanted.name])
+
+
+def _asked_for(text: str, asked: Mapping[str, List[Any]]) -> Optional[bool]:
+    wanted = requirement(text)
+    if wanted.name not in asked:
+        return None
+    return not unsatisfiable([wanted.specifiers, *asked[wanted.name]])

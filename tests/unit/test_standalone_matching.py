@@ -1,0 +1,127 @@
+"""Looking for literals first finds what a regular expression alone finds; the host's matcher is the one of the pyz."""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Iterator
+
+import pytest
+
+from harness import knowledge, signatures
+from harness.signatures import Around, Evidence
+from harness.standalone import literals, matching
+
+ALPHABET = "abcx\n "
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Literals of one character count, so that random patterns have some."""
+    monkeypatch.setattr(literals, "SHORTEST", 1)
+    monkeypatch.setattr(literals, "MOST", 100)
+    literals.clauses.cache_clear()
+    yield
+    literals.clauses.cache_clear()
+
+
+def pattern(chance: random.Random, depth: int = 3) -> str:
+    """A regular expression of all that signatures may use."""
+    kinds = ["literal", "literal", "class", "any", "edge"] + (["group", "branch", "repeat", "ahead"] if depth else [])
+    parts = []
+    for _ in range(chance.randint(1, 3)):
+        kind = chance.choice(kinds)
+        inner = pattern(chance, depth - 1) if depth else ""
+        parts.append(
+            {
+                "literal": lambda: "".join(chance.choice("abc") for _ in range(chance.randint(1, 3))),
+                "class": lambda: chance.choice(["[ab]", "[^a]", r"\w", "[a-c]", r"[\s\S]"]),
+                "any": lambda: chance.choice(
+                    [".", ".*", ".*?", "a*", "b?", "c+", "[ab]+", "a{2}", "b{0,2}", "c{1,3}?"]
+                ),
+                "edge": lambda: chance.choice(["^", "$", r"\b", r"\B"]),
+                "group": lambda inner=inner: chance.choice([f"({inner})", f"(?:{inner})"]),
+                "branch": lambda inner=inner: f"(?:{inner}|{pattern(chance, depth - 1)}|ab)",
+                "repeat": lambda inner=inner: f"(?:{inner})" + chance.choice(["*", "+", "?", "{2}", "{0,1}", "{1,2}?"]),
+                "ahead": lambda inner=inner: chance.choice([f"(?={inner})", f"(?!{inner})"]),
+            }[kind]()
+        )
+    return "".join(parts)
+
+
+@pytest.mark.usefixtures("short")
+def test_random_patterns_are_found_all_the_same() -> None:
+    """In random texts, with every literal looked at however short."""
+    chance = random.Random(6)
+    found = spared = 0
+    for _ in range(3000):
+        written = pattern(chance)
+        plain = re.compile(written, re.MULTILINE)
+        for _ in range(6):
+            text = "".join(chance.choice(ALPHABET) for _ in range(chance.randint(0, 14)))
+            expected = plain.search(text)
+            made = matching.search(written, text)
+            assert (made and made.span()) == (expected and expected.span()), (written, text)
+            found += expected is not None
+            spared += not literals.possible(written, text)
+    assert min(found, spared) > 3000
+
+
+def test_known_patterns_are_found_all_the_same() -> None:
+    """In the examples of every signature, whole, and with a character lost."""
+    chance = random.Random(7)
+    known = [one for one in knowledge.known() if one.pattern]
+    texts = [text for one in known for text in one.examples]
+    texts += [text[:place] + text[place + 1 :] for text in texts for place in [chance.randrange(len(text))]]
+    for one in known:
+        plain = re.compile(str(one.pattern), re.MULTILINE)
+        for text in texts:
+            assert bool(matching.search(str(one.pattern), text)) is bool(plain.search(text)), (one.id, text)
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        (r"has no attribute '(bool8|float_)'", [{"has no attribute '"}, {"bool8", "float_"}]),
+        (r"a.*b", []),
+        (r"module (?:gym|gymnasium) is", [{"module gym"}, {" is"}]),
+        (r"(?:one|two|[3-9])", []),
+        (r"(?:abc)?def", [{"def"}]),
+        (r"(?:abc)+def", [{"abc"}, {"def"}]),
+        (r"(?!abcd)efg", [{"efg"}]),
+        (r"(?i)abcdef", []),
+        (r"(?i:abcdef)ghi", [{"ghi"}]),
+        (r"x\.py\", line \d+", [{'x.py", line '}]),
+        (r"(abc", []),
+    ],
+)
+def test_literals_of_a_pattern(written: str, expected: list[set[str]]) -> None:
+    """What has to be there, the longest first; nothing of what may be absent or written otherwise."""
+    assert sorted(map(sorted, literals.clauses(written))) == sorted(map(sorted, expected))
+
+
+def test_most_known_patterns_have_literals() -> None:
+    """Otherwise looking for them first would gain nothing."""
+    known = [str(one.pattern) for one in knowledge.known() if one.pattern]
+    assert sum(bool(literals.clauses(one)) for one in known) > 0.9 * len(known)
+
+
+def plain(one: signatures.Signature) -> dict[str, object]:
+    """A signature as its file has it."""
+    packages = [list(map(str, part.requirements)) for part in one.packages]
+    keys = ("id", "pattern", "signal", "python", "masks", "generic", "silent")
+    return {"phases": list(one.phases), "packages": packages, **{key: getattr(one, key) for key in keys}}
+
+
+def test_plain_signatures_are_matched_as_typed_ones() -> None:
+    """Every example, with what the signature needs installed, asked for, and nothing known."""
+    known = knowledge.known()
+    read = [matching.read(plain(one)) for one in known]
+    arounds = [{}, {"installed": {"numpy": "2.2.6", "gym": "0.26.2"}}, {"requirements": ("numpy<2", "gym>=0.21")}]
+    for one in known:
+        for text in one.examples:
+            for more in arounds:
+                typed = signatures.diagnose(known, [Evidence(phase=None, told=(text,))], Around(python="3.10", **more))
+                seen = matching.Seen(phase=None, told=(text,))
+                made = matching.diagnose(read, [seen], matching.Around(python="3.10", **more))
+                assert [hit.known.id for hit in made] == [hit.signature.id for hit in typed]
