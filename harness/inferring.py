@@ -16,6 +16,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.recommending import Known, Query, Wanted, fitting, good
+from harness.reporttypes import number
 
 PYTHON = "python"
 
@@ -166,6 +167,6 @@ def _of_parts(one: Known, other: Known, query: Query) -> Inferred:
         versions={first: str(one.version(first)), second: str(other.version(second))},
         python=one.python,
         why=f"{first} {one.version(first)} and {second} {other.version(second)} each work, and were never measured"
-        f" together; their locks agree in all {shared} packages that both hold",
+        f" together; their locks agree in all that both hold ({number(shared, 'package')})",
         from_cells=(one.cell["id"], other.cell["id"]),
     )

@@ -262,7 +262,7 @@ def _merit(one: Known) -> tuple[Any, ...]:
 
 
 def red(cells: Sequence[Known], query: Query) -> list[Red]:
-    """What fits and does not work, by its cause, the newest first.
+    """What fits and does not work, by its cause: first versions of which none work together, then the newest.
 
     Left out is what the same lock does elsewhere (then it is no matter of versions), and what a matrix broke itself.
     """
@@ -275,7 +275,10 @@ def red(cells: Sequence[Known], query: Query) -> list[Red]:
             causes = tuple(cell["causes"])
             groups.setdefault((cell["phase"], causes or cell.get("reason") or cell["decisive"]), []).append(one)
     told = [_red(found, query) for found in groups.values()]
-    return sorted(told, key=lambda one: newness(one.versions[0].values()), reverse=True)
+    together = [{name: one.version(name) for name in query.names} for one in asked if one.works]
+    return sorted(
+        told, key=lambda one: (one.versions[0] not in together, newness(one.versions[0].values())), reverse=True
+    )
 
 
 def _red(found: Sequence[Known], query: Query) -> Red:
@@ -299,17 +302,17 @@ def _red(found: Sequence[Known], query: Query) -> Red:
 
 
 def relaxed(query: Query) -> Iterator[tuple[str, Query]]:
-    """The same question with less asked, and what was left out, the least first."""
+    """The same question with less asked, and in words what it then is, the least change first."""
     if query.needs:
-        yield f"whether {' and '.join(query.needs)} works", replace(query, needs=())
+        yield f"where nothing is said of {' and '.join(query.needs)}", replace(query, needs=())
     if query.env:
-        yield f"the environment {query.env}", replace(query, env=None)
+        yield f"with other environments than {query.env}", replace(query, env=None)
     if query.python:
-        yield f"Python {query.python}", replace(query, python=None)
+        yield f"on other Pythons than {query.python}", replace(query, python=None)
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
     if any(one.versions for one in query.wanted):
-        yield "the versions", replace(query, wanted=free)
-    yield "all but the packages", Query(wanted=free)
+        yield "of other versions", replace(query, wanted=free)
+    yield "of other versions, on other Pythons, whatever passed", Query(wanted=free)
 
 
 def _version(text: Any) -> str | None:

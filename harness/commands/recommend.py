@@ -24,15 +24,17 @@ from harness.schema import suggestion
 HELP = "Which versions work together: the newest combinations that were measured and found good, with their locks."
 
 SHOWN = 5
+VIRTUAL = ("DISPLAY", "virtual")
+"""As cells have it for which a display was started."""
 LONGEST = 200
 """Characters of a line that says why."""
 NEEDS = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER, Phase.INTEROP)
 
 
 class Nearby(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known where nothing fits: without what was asked, the combinations there are."""
+    """What is known where nothing fits: `where` says how it is not what was asked for."""
 
-    without: str
+    where: str
     combinations: tuple[Combination, ...]
 
 
@@ -65,7 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"what has to have passed, of {', '.join(NEEDS)}")  # fmt: skip
     parser.add_argument("--env", metavar="ID", help="an environment that has to have been tried")
     parser.add_argument("--limit", type=int, default=SHOWN, metavar="N", help=f"combinations to show [{SHOWN}]")
-    parser.add_argument("--lock-out", type=Path, metavar="FILE", help="write the lock of the newest one to a file")
+    parser.add_argument(
+        "--lock-out", type=Path, metavar="FILE", help="write the lock of the newest one that an index has to a file"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
@@ -83,13 +87,16 @@ def main(args: argparse.Namespace) -> int:
     query = _query(args)
     document = measured.load()
     cells = recommending.known(document)
-    told = _told(document, cells, query, max(args.limit, 1))
+    found = recommending.combinations(document, cells, query)
+    told = _told(document, cells, query, found, max(args.limit, 1))
+    best = _installable(found)
     if args.lock_out:
-        _write(args.lock_out, told, query)
+        _write(args.lock_out, best, query)
     if args.json:
         sys.stdout.buffer.write(msgspec.json.encode(told) + b"\n")
     else:
         print("\n".join(_lines(told, document["machines"], cells)))
+        print("\n".join(["", "next", *_next(told, best)]))
     return 0 if told.measured else 1
 
 
@@ -113,8 +120,9 @@ def _query(args: argparse.Namespace) -> Query:
     return Query(wanted=tuple(wanted.values()), python=args.python, needs=args.needs, env=args.env)
 
 
-def _told(document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int) -> Recommended:
-    found = recommending.combinations(document, cells, query)
+def _told(
+    document: Mapping[str, Any], cells: Sequence[Known], query: Query, found: Sequence[Combination], limit: int
+) -> Recommended:
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
         python=query.python,
@@ -132,10 +140,10 @@ def _told(document: Mapping[str, Any], cells: Sequence[Known], query: Query, lim
 
 def _nearby(document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int) -> Nearby | None:
     """What works where less is asked for: the first such question that has an answer."""
-    for without, other in recommending.relaxed(query):
+    for where, other in recommending.relaxed(query):
         found = recommending.combinations(document, cells, other)
         if found:
-            return Nearby(without=without, combinations=tuple(found[:limit]))
+            return Nearby(where=where, combinations=tuple(found[:limit]))
     return None
 
 
@@ -147,13 +155,20 @@ def _try(query: Query) -> str:
     return shlex.join(words)
 
 
-def _write(path: Path, told: Recommended, query: Query) -> None:
-    if not told.measured:
-        message = f"recommend: nothing good was measured of {' '.join(query.names)}, so that there is no lock to write"
-        raise BadInput(message)
-    store.write_atomic(path, told.measured[0].lock.encode())
-    best = told.measured[0]
-    print(f"lock: {path}, of {best.cell}, for Python {best.python} on {best.machine}", file=sys.stderr)
+def _write(path: Path, best: Combination | None, query: Query) -> None:
+    if best is None:
+        print(f"recommend: nothing good was measured of {' '.join(query.names)}: no lock was written", file=sys.stderr)
+        return
+    store.write_atomic(path, best.lock.encode())
+    print(
+        f"lock: {path}: {_versions(best.versions)}, for Python {best.python}, measured on {best.machine}",
+        file=sys.stderr,
+    )
+
+
+def _installable(found: Sequence[Combination]) -> Combination | None:
+    """The newest that installs from an index alone, else the newest."""
+    return next((one for one in found if not one.repaired and not one.brought), next(iter(found), None))
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
@@ -172,8 +187,6 @@ def _lines(told: Recommended, machines: Mapping[str, Any], cells: Sequence[Known
     for one in told.inferred:
         yield from _inferred(one)
     yield from _reds(told)
-    yield ""
-    yield from _next(told)
 
 
 def _combination(one: Combination, machines: Mapping[str, Any]) -> Iterator[str]:
@@ -191,9 +204,13 @@ def _facts(one: Combination, machines: Mapping[str, Any]) -> Iterator[tuple[str,
     yield "passed", ", ".join(phase for phase in CASE_PHASES if one.phases.get(phase) == "passed")
     yield "unseen", ", ".join(one.unverified)
     yield "tried", _some(one.environments)
-    yield "set", " ".join(f"{name}={value}" for name, value in one.settings.items())
+    shown = {name: value for name, value in one.settings.items() if (name, value) != VIRTUAL}
+    yield (
+        "set",
+        ", ".join([f"{name}={value}" for name, value in shown.items()] + ["a display"] * (shown != one.settings)),
+    )
     repaired = ", ".join(one.repaired)
-    yield "repaired", repaired and f"{repaired}: as the index has it, no installer takes it; `simmatrix try --overlay`"
+    yield "repaired", repaired and f"{repaired}: no index has it so; `simmatrix try ... --overlay` makes it"
     yield "brought", ", ".join(one.brought)
     yield from (("measured", f"{one.measured[:10]} on {_machine(name, machines)}") for name in one.machines)
     yield "cell", one.cell + (f" and {len(one.cells) - 1} more" if len(one.cells) > 1 else "")
@@ -220,7 +237,7 @@ def _unknown(told: Recommended, cells: Sequence[Known]) -> Iterator[str]:
         near = suggestion(name, {pin for one in cells for pin in one.chosen}).partition("; valid")[0]
         yield f"{name}: nothing was measured with it{near}"
     if told.nearby:
-        yield f"without {told.nearby.without} there is, measured and found good:"
+        yield f"{told.nearby.where} there is, measured and found good:"
         yield from (
             f"  {_versions(one.versions)} on Python {', '.join(one.pythons)} ({one.cell})"
             for one in told.nearby.combinations
@@ -255,10 +272,8 @@ def _red(one: Red) -> Iterator[str]:
     yield from [f"  <{one.link}>"] if one.link else []
 
 
-def _next(told: Recommended) -> Iterator[str]:
-    yield "next"
-    if told.measured:
-        best = told.measured[0]
+def _next(told: Recommended, best: Combination | None) -> Iterator[str]:
+    if best:
         words = ["simmatrix", "recommend", *told.asked]
         words += ["--python", told.python] if told.python else []
         words += ["--needs", ",".join(told.needs)] if told.needs else []

@@ -1,0 +1,40 @@
+"""`recommend` answers from what was run here, beside what came with us."""
+
+from __future__ import annotations
+
+import hashlib
+
+from commandline import SMALL, Desk
+
+
+def test_what_was_run_here_is_known(desk: Desk) -> None:
+    """Before a run nothing is known of a package; after it the green cell is, with its lock, and the red one as red."""
+    before = desk.run("recommend", "fake-healthy", "--json")
+    desk.run("run", desk.matrix("small", SMALL.read_text()))
+
+    after = desk.run("recommend", "fake-healthy", "--needs", "render", "--json")
+    plain = desk.run("recommend", "fake-healthy", "--lock-out", "lock.txt")
+
+    assert (before.code, before.document["measured"], before.document["unknown"]) == (1, [], ["fake-healthy"])
+    (one,) = after.document["measured"]
+    assert (after.code, len(one["cells"])) == (0, 1)
+    assert one["cell"].endswith("-good")
+    assert one["phases"]["render"] == "passed"
+    (lock,) = (desk.state / "reports/small/locks").glob("*.txt")
+    assert (desk.folder / "lock.txt").read_bytes() == lock.read_bytes() == one["lock"].encode()
+    assert hashlib.sha256(lock.read_bytes()).hexdigest() == one["lock_sha256"]
+    assert "measured and found good" in plain.out
+
+
+def test_results_of_others_are_layered(desk: Desk) -> None:
+    """A report folder named by HARNESS_RESULTS answers on a machine that ran nothing."""
+    desk.run("run", desk.matrix("small", SMALL.read_text()), "--out", "theirs")
+    elsewhere = {"HARNESS_STATE": str(desk.folder / "empty")}
+
+    without = desk.run("recommend", "fake-healthy", **elsewhere)
+    layered = desk.run("recommend", "fake-healthy", "--json", HARNESS_RESULTS="theirs", **elsewhere)
+    wrong = desk.run("recommend", "fake-healthy", HARNESS_RESULTS="nowhere", **elsewhere)
+
+    assert (without.code, layered.code, wrong.code) == (1, 0, 2)
+    assert [one["cell"].endswith("-good") for one in layered.document["measured"]] == [True]
+    assert wrong.err.startswith("simmatrix: nowhere: has no report.json")
