@@ -1,0 +1,93 @@
+"""Which environment is meant: the one that is named, else the active one, else the one that lies here."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+
+NAMES = (("bin", "python"), ("bin", "python3"), ("python",))
+HOW = "name an interpreter or the folder of an environment with --python PATH"
+
+
+class NoEnvironment(ValueError):
+    """No Python is where one is meant; the text says where, and what to do."""
+
+
+class Choice(NamedTuple):
+    """The interpreter of an environment, what named it, and what is to be said of that."""
+
+    python: str
+    why: str
+    remarks: List[str]
+
+    def plain(self) -> Any:
+        """As documents hold it."""
+        return self._asdict()
+
+
+def chosen(asked: Optional[str], variables: Mapping[str, str], folder: str) -> Choice:
+    """The environment. Raises NoEnvironment."""
+    if asked is not None:
+        return Choice(_asked(asked, variables, folder), "named by --python", [])
+    remarks: List[str] = []
+    for text, place in _places(variables, folder):
+        python = _inside(place)
+        if python is None:
+            remarks.append("{} is passed over: no Python lies in {}".format(text, place))
+            continue
+        return Choice(python, "named by " + text, [*remarks, *_other(python, variables)])
+    for name in ("python", "python3"):
+        found = shutil.which(name, path=variables.get("PATH", os.defpath))
+        if found:
+            return Choice(found, "`{}` on PATH; no environment is active".format(name), remarks)
+    message = "there is no Python here: no environment is active, ./.venv is none, and PATH has none; " + HOW
+    raise NoEnvironment(message)
+
+
+def _places(variables: Mapping[str, str], folder: str) -> Iterator[Tuple[str, str]]:
+    for name in ("VIRTUAL_ENV", "CONDA_PREFIX"):
+        if variables.get(name):
+            yield "$" + name, os.path.join(folder, variables[name])
+    if os.path.isdir(os.path.join(folder, ".venv")):
+        yield "./.venv", os.path.join(folder, ".venv")
+
+
+def _inside(place: str) -> Optional[str]:
+    """The interpreter of an environment's folder."""
+    paths = (os.path.join(place, *parts) for parts in NAMES)
+    return next((path for path in paths if os.path.isfile(path) and os.access(path, os.X_OK)), None)
+
+
+def _asked(text: str, variables: Mapping[str, str], folder: str) -> str:
+    path = os.path.join(folder, os.path.expanduser(text))
+    if os.path.isdir(path):
+        found = _inside(path)
+        if found:
+            return found
+        dangling = next((one for one in (os.path.join(path, *parts) for parts in NAMES) if os.path.islink(one)), None)
+        if dangling:
+            gone = os.path.realpath(dangling)
+            message = "--python {}: its Python was {}, which is gone; make the environment anew".format(text, gone)
+            raise NoEnvironment(message)
+        message = "--python {}: no Python lies in that folder; {}".format(text, HOW)
+        raise NoEnvironment(message)
+    if os.path.isfile(path):
+        if os.access(path, os.X_OK):
+            return path
+        message = "--python {}: this file cannot be run; {}".format(text, HOW)
+        raise NoEnvironment(message)
+    names = [] if os.sep in text else [text, "python" + text]
+    found = next(filter(None, (shutil.which(one, path=variables.get("PATH", os.defpath)) for one in names)), None)
+    if found is None:
+        message = "--python {}: there is no such file or folder; {}".format(text, HOW)
+        raise NoEnvironment(message)
+    return found
+
+
+def _other(python: str, variables: Mapping[str, str]) -> List[str]:
+    """What is to be said where `python` starts another one than that of the environment."""
+    found = shutil.which("python", path=variables.get("PATH", os.defpath))
+    if found is None or os.path.realpath(os.path.dirname(found)) == os.path.realpath(os.path.dirname(python)):
+        return []
+    return ["`python` starts another one here: {}".format(found)]

@@ -1,0 +1,181 @@
+"""What the caller's variables, folder and user site change: told by looking scrubbed, with one of them kept."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
+
+from .probing import USER_SITE, Here, imports
+from .versions import canonical
+
+FOLDER = "the working folder"
+FIRST = (
+    "PYTHONPATH LD_LIBRARY_PATH LD_PRELOAD MUJOCO_GL PYOPENGL_PLATFORM CUDA_VISIBLE_DEVICES PYTHONHOME MUJOCO_PATH"
+    " MUJOCO_EGL_DEVICE_ID EGL_DEVICE_ID"
+).split()
+"""The variables that make a difference most often."""
+MOST_RUNS = 16
+
+Told = Mapping[str, Any]
+
+
+class Difference(NamedTuple):
+    """Something that is otherwise when scrubbed. `kind` says what, `by` what makes it, none where that is not known."""
+
+    kind: str
+    module: str
+    as_it_is: str
+    scrubbed: str
+    by: Tuple[str, ...]
+
+    def plain(self) -> Dict[str, Any]:
+        """As documents hold it."""
+        return dict(self._asdict(), by=list(self.by))
+
+
+def differences(here: Here, probes: Told) -> List[Difference]:
+    """All of them, each with what makes it."""
+    found = _of_start(here, probes) + _of_path(here, probes) + _of_packages(probes)
+    return found + _of_imports(here, probes)
+
+
+def _of_start(here: Here, probes: Told) -> List[Difference]:
+    """A Python that does not start in the caller's variables, or only in these."""
+    texts = [str(probes[one].get("trouble", "")) for one in ("facts", "scrubbed")]
+    if bool(texts[0]) is bool(texts[1]):
+        return []
+    by = [name for name in here.removed if name.startswith(("PYTHON", "LD_"))]
+    return [Difference("start", "", texts[0] or "it starts", texts[1] or "it starts", tuple(by))]
+
+
+# --- the path --------------------------------------------------------------------------------------------------
+
+
+def _of_path(here: Here, probes: Told) -> List[Difference]:
+    """Folders that modules are imported from besides those of the environment."""
+    if "path" not in probes["facts"] or "path" not in probes["scrubbed"]:
+        return []
+    clean = set(probes["scrubbed"]["path"])
+    more = [entry for entry in probes["facts"]["path"] if entry not in clean]
+    groups: Dict[Tuple[str, ...], List[str]] = {}
+    for entry in more:
+        groups.setdefault(origin(here, probes["facts"], entry), []).append(entry)
+    return [Difference("path", "", os.pathsep.join(entries), "", by) for by, entries in groups.items()]
+
+
+def origin(here: Here, facts: Told, entry: str) -> Tuple[str, ...]:
+    """What puts a folder on the path."""
+    for name in ("PYTHONPATH", "PYTHONHOME"):
+        for one in here.variables.get(name, "").split(os.pathsep):
+            place = os.path.abspath(os.path.join(here.folder, one))
+            if one and (place == entry or (name == "PYTHONHOME" and entry.startswith(place + os.sep))):
+                return (name,)
+    if entry == facts.get("python", {}).get("user_site"):
+        return (USER_SITE,)
+    return ()
+
+
+def _of_packages(probes: Told) -> List[Difference]:
+    """Packages that are of another version, seen from the caller's side."""
+    here, clean = versions(probes["facts"]), versions(probes["scrubbed"])
+    paths = {name: one["location"] for name, one in effective(probes["facts"]).items()}
+    return [
+        Difference("package", name, "{} in {}".format(here[name], paths[name]), str(clean[name]), ())
+        for name in sorted(here)
+        if name in clean and here[name] != clean[name]
+    ]
+
+
+def effective(facts: Told) -> Dict[str, Dict[str, Any]]:
+    """The distribution of each name that Python finds first."""
+    found: Dict[str, Dict[str, Any]] = {}
+    for one in facts.get("distributions", ()):
+        found.setdefault(canonical(one["name"]), one)
+    return found
+
+
+def versions(facts: Told) -> Dict[str, str]:
+    """What is installed, as far as it has a version."""
+    return {name: one["version"] for name, one in effective(facts).items() if one["version"]}
+
+
+# --- imports ---------------------------------------------------------------------------------------------------
+
+
+def outcome(told: Told) -> Tuple[Any, ...]:
+    """What there is to compare of an import."""
+    if told["error"]:
+        return ("error", told["error"], "", "")
+    file = told["file"] and os.path.realpath(told["file"])
+    return ("", file, told["version"] or "", tuple(sorted(told.get("asked", {}).items())))
+
+
+def said(told: Told) -> str:
+    """It, in a few words."""
+    if told["error"]:
+        return "fails: " + str(told["error"])
+    parts = [told["file"] or "", told["version"] or ""]
+    parts += ["{} {}".format(name, value) for name, value in sorted(told.get("asked", {}).items())]
+    return ", ".join(filter(None, parts))
+
+
+def _libraries(told: Told) -> Tuple[str, ...]:
+    return tuple(sorted(set(told["libraries"])))
+
+
+def _of_imports(here: Here, probes: Told) -> List[Difference]:
+    one, other = probes["imports"], probes["clean_imports"]
+    both = [name for name in one if name in other]
+    apart = [name for name in both if outcome(one[name]) != outcome(other[name])]
+    found = []
+    if apart:
+        blamed = _blamed(here, apart, {name: outcome(one[name]) for name in apart}, outcome)
+        found = [Difference(_kind(one[n], other[n]), n, said(one[n]), said(other[n]), blamed[n]) for n in apart]
+    elsewhere = [name for name in both if name not in apart and _libraries(one[name]) != _libraries(other[name])][:1]
+    for name in elsewhere:
+        here_only, there_only = (
+            ", ".join(sorted({*_libraries(a[name])} - {*_libraries(b[name])})) for a, b in ((one, other), (other, one))
+        )
+        names = both[: both.index(name) + 1]
+        blamed = _blamed(here, names, {name: _libraries(one[name])}, _libraries)
+        found.append(Difference("libraries", name, here_only, there_only, blamed[name]))
+    return found
+
+
+def _kind(one: Told, other: Told) -> str:
+    if bool(one["error"]) is not bool(other["error"]):
+        return "import"
+    return "error" if one["error"] else "module"
+
+
+def _blamed(here: Here, names: Sequence[str], wanted: Mapping[str, Any], seen: Any) -> Dict[str, Tuple[str, ...]]:
+    """What brings each outcome about: one variable alone, found by keeping one at a time, then halves of the rest."""
+    found: Dict[str, Tuple[str, ...]] = dict.fromkeys(wanted, ())
+    runs = [0]
+
+    def tried(kept: Iterable[str]) -> List[str]:
+        """The modules whose outcome these bring about."""
+        runs[0] += 1
+        kept = list(kept)
+        folder = here.folder if FOLDER in kept else None
+        told = imports(here.scrubbed(*kept, folder=folder), names)
+        return [name for name in wanted if seen(told[name]) == wanted[name]]
+
+    removed = here.removed
+    single = [*(name for name in FIRST if name in removed), FOLDER, USER_SITE]
+    for one in single:
+        if all(found.values()) or runs[0] >= MOST_RUNS:
+            return found
+        for name in tried([one]):
+            found[name] = found[name] or (one,)
+    rest = [name for name in removed if name not in FIRST]
+    while rest and not all(found.values()) and runs[0] < MOST_RUNS:
+        half = rest[: (len(rest) + 1) // 2]
+        hit = [name for name in tried(half) if not found[name]]
+        if hit and len(half) == 1:
+            found.update((name, (half[0],)) for name in hit)
+            return found
+        if not hit and len(rest) == 1:
+            return found
+        rest = half if hit else rest[len(half) :]
+    return found

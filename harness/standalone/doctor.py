@@ -1,0 +1,249 @@
+"""`doctor`: what is wrong with an environment, told in one document and, for people, in a few lines."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from . import choosing, declared, differences, nearest, reading
+from .choosing import Choice
+from .declared import NOTE, WARNING, Finding
+from .matching import Seen
+from .probing import Here, probed
+from .running import Run
+
+Told = Mapping[str, Any]
+SHOWN = 8
+OLDEST = (3, 7)
+
+ORDER = (
+    "python.start python.version import env import.shadowed metadata.duplicate metadata.broken modules.claimed known"
+    " measured requirements.conflict requirements.missing probe.difference import.library_twice requires_python"
+    " conda.overwritten metadata.files silent gym.mixed rendering"
+).split()
+"""Findings that decide come first."""
+
+
+class Knowledge(NamedTuple):
+    """What an environment is held against: known failures as their files have them, and measured results."""
+
+    signatures: Sequence[Any]
+    measured: Callable[[], Told]
+
+
+class Asked(NamedTuple):
+    """What the command line asks for, from where. `more` looks at what only the harness can: findings and evidence."""
+
+    python: Optional[str]
+    env: Optional[str]
+    variables: Mapping[str, str]
+    folder: str
+
+
+More = Callable[[Choice, Told], Tuple[List[Finding], List[Seen]]]
+"""Looks at more of an environment, given the choice and its facts."""
+
+
+def document(asked: Asked, run: Run, known: Knowledge, more: Optional[More] = None) -> Dict[str, Any]:
+    """All that is found. Raises NoEnvironment where there is none to look at."""
+    choice = choosing.chosen(asked.python, asked.variables, asked.folder)
+    scratch = tempfile.mkdtemp(prefix="simmatrix-doctor-")
+    try:
+        here = Here(run, choice.python, asked.variables, asked.folder, scratch)
+        return _document(here, choice, asked, known, more)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: Optional[More]) -> Dict[str, Any]:
+    probes = probed(here)
+    looked = probes["facts"] if "distributions" in probes["facts"] else probes["scrubbed"]
+    if "distributions" not in looked:
+        return _nothing(here, choice, looked)
+    apart = differences.differences(here, probes)
+    found = _found(here, probes, looked, apart)
+    told, seen = more(choice, looked) if more else ([], [])
+    causes = reading.known_causes(known.signatures, probes, looked, seen)
+    lurks = [*reading.foreseen(known.signatures, looked), *reading.quiet(known.signatures, looked)]
+    shown = {hit.known.id for hit in causes}
+    lurks = [one for one in lurks if one.id not in shown]
+    measured = known.measured()
+    found += [*told, *map(_lurking, lurks), *nearest.failed(looked, measured)]
+    found.sort(key=_rank)
+    near = nearest.found(looked, measured, asked.env)
+    return {
+        "schema": 1,
+        "decisive": next((one.text for one in found if one.level == WARNING), None),
+        "diagnoses": [reading.diagnosis(hit.known, hit.phase, hit.seen) for hit in causes],
+        "findings": [one.plain() for one in found],
+        "environment": dict(_environment(choice, looked), scrubbed=here.removed),
+        "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},
+        "differences": [one.plain() for one in apart],
+        "lurking": [reading.diagnosis(one) for one in lurks],
+        "nearest": nearest.plain(looked, near, installer(choice, looked)) if near else None,
+    }
+
+
+def _found(here: Here, probes: Told, looked: Told, apart: Sequence[Any]) -> List[Finding]:
+    """What every environment is asked."""
+    found = [*_startless(probes, apart), *reading.failed(probes, apart), *reading.skipped(probes)]
+    found += [*reading.hidden(here, looked), *declared.metadata(looked), *declared.conflicts(looked)]
+    found += [*declared.pythons(looked), *declared.conda(looked), *declared.mixed(looked)]
+    found += [*reading.twice(probes), *reading.different(here, looked, apart)]
+    return found + [Finding("probe", NOTE, "could not be told: " + error) for error in looked["errors"]]
+
+
+def _startless(probes: Told, apart: Sequence[Any]) -> List[Finding]:
+    """A Python that starts neither way, though it tells what it holds without its `site`."""
+    if any(one.kind == "start" for one in apart) or "trouble" not in probes["scrubbed"]:
+        return []
+    return [Finding("python.start", WARNING, "this Python does not start: {}".format(probes["scrubbed"]["trouble"]))]
+
+
+def _rank(one: Finding) -> Tuple[bool, int]:
+    place = ORDER.index(one.check) if one.check in ORDER else len(ORDER)
+    return one.level != WARNING, place
+
+
+def _lurking(one: Any) -> Finding:
+    """A known failure that these versions have, though nothing has failed yet."""
+    if one.silent and not one.pattern:
+        return Finding("silent", WARNING, "{} ({})".format(one.plain["cause"], one.id))
+    phases = ", ".join(one.phases)
+    return Finding("known", WARNING, "known to fail ({}): {} ({})".format(phases, one.plain["cause"], one.id))
+
+
+def _import(one: Told) -> Dict[str, Any]:
+    return {name: one.get(name) for name in ("error", "file", "version")}
+
+
+def _environment(choice: Choice, looked: Told) -> Dict[str, Any]:
+    python = looked["python"]
+    return {
+        "python": choice.python,
+        "why": choice.why,
+        "remarks": list(choice.remarks),
+        "version": python["version"],
+        "implementation": python["implementation"],
+        "prefix": python["prefix"],
+        "base_prefix": python["base_prefix"],
+        "conda": bool(looked["conda"]),
+        "platform": python["platform"],
+        "libc": python["libc"],
+        "packages": differences.versions(looked),
+    }
+
+
+def _nothing(here: Here, choice: Choice, looked: Told) -> Dict[str, Any]:
+    """What is said of a Python that tells nothing."""
+    code = "import sys; sys.stdout.write('%d.%d' % sys.version_info[:2])"
+    said = here.run([choice.python, "-E", "-c", code], here.scrubbed().variables, here.folder, 30.0).output.strip()
+    numbers = said.split(".")
+    old = len(numbers) == 2 and all(map(str.isdigit, numbers)) and tuple(map(int, numbers)) < OLDEST
+    if old:
+        finding = Finding(
+            "python.version", WARNING, "this is Python {}, older than 3.7, the oldest known here".format(said)
+        )
+    else:
+        finding = Finding("python.start", WARNING, "this Python does not start: {}".format(looked["trouble"]))
+    return {
+        "schema": 1,
+        "decisive": finding.text,
+        "diagnoses": [],
+        "findings": [finding.plain()],
+        "environment": {"python": choice.python, "why": choice.why, "remarks": choice.remarks, "version": said or None},
+        "imports": {},
+        "differences": [],
+        "lurking": [],
+        "nearest": None,
+    }
+
+
+def installer(choice: Choice, looked: Told) -> str:
+    """How packages are put into this environment."""
+    if "pip" in differences.versions(looked):
+        return "{} -m pip install".format(choice.python)
+    return "uv pip install --python {}".format(choice.python)
+
+
+def code(made: Told) -> int:
+    """The exit code: notes alone are no finding; a Python that is too old cannot be looked at."""
+    checks = {one["check"] for one in made["findings"] if one["level"] == WARNING}
+    return 3 if checks == {"python.version"} else 1 if checks else 0
+
+
+# --- for people ------------------------------------------------------------------------------------------------
+
+
+def lines(made: Told, in_words: Callable[[Told], str]) -> Iterable[str]:
+    """The document for people: what decides first, then the rest, then what to change."""
+    yield from _head(made["environment"])
+    found = [one for one in made["findings"] if one["level"] == WARNING]
+    yield from _causes(made, in_words)
+    for one in found[:SHOWN]:
+        yield "warning: {}".format(one["text"])
+        yield from _remedy(made, one["text"], in_words)
+    if len(found) > SHOWN:
+        yield "... and {} more warnings (--json lists all)".format(len(found) - SHOWN)
+    notes = [one for one in made["findings"] if one["level"] == NOTE]
+    yield from ("note: {}".format(one["text"]) for one in notes[:SHOWN])
+    if len(notes) > SHOWN:
+        yield "... and {} more notes (--json lists all)".format(len(notes) - SHOWN)
+    if not found:
+        yield "nothing is wrong, as far as can be seen from outside"
+    yield from _nearest(made)
+
+
+def _head(told: Told) -> Iterable[str]:
+    version = told.get("version") or "does not answer"
+    yield "{} (Python {}), {}".format(told["python"], version, told["why"])
+    yield from ("  {}".format(one) for one in told.get("remarks", ()))
+    removed = told.get("scrubbed")
+    if removed is not None:
+        looked = "looked at twice: as it is, and without your variables, your folder and the user site"
+        yield "  {} packages, {}".format(len(told["packages"]), looked)
+    yield ""
+
+
+def _causes(made: Told, in_words: Callable[[Told], str]) -> Iterable[str]:
+    for one in made["diagnoses"][:1]:
+        yield "cause: {}".format(one["cause"])
+        yield "remedy: {}".format(in_words(one["remedy"]))
+        yield from ("see: {}".format(reference) for reference in one["references"][:1])
+        yield ""
+
+
+def _remedy(made: Told, text: str, in_words: Callable[[Told], str]) -> Iterable[str]:
+    for one in made["lurking"]:
+        if text.endswith("({})".format(one["signature"])) and one["remedy"]:
+            yield "  remedy: {}".format(in_words(one["remedy"]))
+
+
+def _nearest(made: Told) -> Iterable[str]:
+    near = made["nearest"]
+    yield ""
+    if near is None:
+        yield "nearest known-good: nothing that is installed here was measured"
+        return
+    where = "{}, {}, {}".format(near["cell"], near["machine"], near["measured"][:10])
+    if not near["command"]:
+        yield "these versions were measured together, and work ({})".format(where)
+    elif made["decisive"] is None:
+        changes = ", ".join("{} {}, here {}".format(one["name"], one["then"], one["now"]) for one in near["changes"])
+        yield "these versions were not measured together; the nearest that work ({}) have {}".format(where, changes)
+    else:
+        yield "nearest known-good ({}):".format(where)
+        yield "  {}".format(near["command"])
+    yield from ("  {}".format(one) for one in near["remarks"])
+    if near["also"]:
+        count = len(near["also"])
+        yield "  {} more package(s) differ there, which seldom matters (--json lists them)".format(count)
+
+
+def printed(text: str) -> None:
+    """Write to stdout, whatever characters it knows."""
+    encoding = sys.stdout.encoding or "ascii"
+    sys.stdout.write(text.encode(encoding, "replace").decode(encoding) + os.linesep)

@@ -1,0 +1,385 @@
+"""What an environment holds, told by its own interpreter: `python -B looking.py [FILE]` prints one JSON document.
+
+It stands alone, imports nothing of the environment and changes nothing in it. What cannot be read is data, too.
+"""
+
+from __future__ import annotations
+
+import sys
+
+STARTED = frozenset(sys.modules)
+HERE = __file__.rpartition("/")[0]
+SEARCHED = [entry for entry in sys.path if entry != HERE]
+
+
+def _standard(entries: Any) -> Any:
+    """The folders of the standard library: modules of ours come from there, whatever PYTHONPATH says."""
+    roots = {sys.base_prefix, sys.base_exec_prefix, sys.prefix, sys.exec_prefix}
+    below = [one for one in entries if any(one.startswith(root + "/") for root in roots)]
+    return [one for one in below if "site-packages" not in one and "dist-packages" not in one]
+
+
+STANDARD = _standard(SEARCHED)
+sys.path[:] = STANDARD
+
+import json  # noqa: E402 - not before it is known where it comes from
+import os  # noqa: E402
+import platform  # noqa: E402
+import site  # noqa: E402
+import sysconfig  # noqa: E402
+from typing import Any, Dict, List  # noqa: E402
+
+CODE = (".py", ".so", ".pyd")
+MOST_FILES = 300000
+SHOWN = 3
+COMMON = frozenset(
+    "tests test testing docs doc examples example scripts benchmarks benchmark setup conftest utils tools".split()
+)
+"""Names that many have and nobody imports."""
+
+
+def document() -> Any:
+    """All that is to be told."""
+    errors: List[str] = []
+    entries = _entries()
+    found = _all(entries)
+    return {
+        "schema": 1,
+        "python": _noted(_python, errors, {}),
+        "path": entries,
+        "folder": _folder(),
+        "distributions": found,
+        "leftovers": [one for entry in entries for one in _leftovers(entry)],
+        "claimed": _claimed(found),
+        "hidden": _hidden(found, entries),
+        "importable": sorted({name for entry in entries if entry not in STANDARD for name in _importable(entry)}),
+        "conda": _noted(_conda, errors, []),
+        "errors": errors,
+    }
+
+
+def _noted(ask: Any, errors: Any, otherwise: Any) -> Any:
+    """What a function answers; why it does not is an error that is told."""
+    try:
+        return ask()
+    except Exception as error:
+        errors.append("{}: {}: {}".format(ask.__name__.strip("_"), type(error).__name__, error))
+        return otherwise
+
+
+def _folder() -> Any:
+    try:
+        return os.getcwd()
+    except OSError:
+        return None
+
+
+def _entries() -> Any:
+    """Where modules are searched for, in order; where `site` was left out, with the folder that it would have added."""
+    entries = [os.path.abspath(one) for one in SEARCHED if one]
+    if sys.flags.no_site:
+        paths = sysconfig.get_paths()
+        entries += [paths[name] for name in ("purelib", "platlib")]
+    return list(dict.fromkeys(entries))
+
+
+# --- the interpreter -------------------------------------------------------------------------------------------
+
+
+def _python() -> Any:
+    value = sysconfig.get_config_var
+    started = sys.modules.get("sitecustomize"), sys.modules.get("usercustomize")
+    return {
+        "version": platform.python_version(),
+        "implementation": sys.implementation.name,
+        "executable": sys.executable,
+        "prefix": sys.prefix,
+        "base_prefix": sys.base_prefix,
+        "platform": sysconfig.get_platform(),
+        "abi": str(value("SOABI")),
+        "free_threaded": bool(value("Py_GIL_DISABLED")),
+        "libc": " ".join(platform.libc_ver()).strip(),
+        "machine": platform.machine(),
+        "system": platform.system(),
+        "release": platform.release(),
+        "platform_version": platform.version(),
+        "os_name": os.name,
+        "user_site": _user_site(),
+        "user_site_used": bool(site.ENABLE_USER_SITE) and _user_site() in SEARCHED,
+        "customised": [str(getattr(one, "__file__", one)) for one in started if one],
+        "flags": [name for name in ("isolated", "no_site", "no_user_site", "safe_path") if getattr(sys.flags, name, 0)],
+        "venv": _settings(os.path.join(sys.prefix, "pyvenv.cfg")),
+        "site_packages": list(dict.fromkeys(sysconfig.get_paths()[name] for name in ("purelib", "platlib"))),
+    }
+
+
+def _user_site() -> Any:
+    try:
+        return site.getusersitepackages()
+    except Exception:
+        return None
+
+
+def _settings(path: Any) -> Any:
+    pairs = (line.partition("=") for line in _text(path).splitlines())
+    return {name.strip(): value.strip() for name, sign, value in pairs if sign}
+
+
+# --- distributions ---------------------------------------------------------------------------------------------
+
+
+def _all(entries: Any) -> Any:
+    found = []
+    for entry in entries:
+        try:
+            names = sorted(os.listdir(entry))
+        except OSError:
+            continue
+        for name in names:
+            if name.endswith((".dist-info", ".egg-info")) and not name.startswith("~"):
+                found.append(_distribution(entry, name))
+        if entry.endswith(".egg") and os.path.isdir(os.path.join(entry, "EGG-INFO")):
+            found.append(_distribution(entry, "EGG-INFO"))
+    return found
+
+
+def _distribution(entry: Any, name: Any) -> Any:
+    """One distribution as its metadata tells it; `trouble` is why that cannot be had."""
+    place = os.path.join(entry, name)
+    told, trouble = _metadata(place)
+    stem = os.path.basename(entry) if name == "EGG-INFO" else name
+    guessed = stem.rpartition(".")[0].split("-")
+    files = _recorded(place)
+    origin = _json(os.path.join(place, "direct_url.json"))
+    gone = _missing(entry, files or ())
+    fields = {
+        "name": told.get("name", [guessed[0]])[0],
+        "version": told.get("version", [None])[0],
+        "folder": name,
+        "location": entry,
+        "requires": told.get("requires-dist", []) + _requires(place),
+        "requires_python": told.get("requires-python", [None])[0],
+        "extras": told.get("provides-extra", []),
+        "modules": _modules(place, files),
+        "installer": _text(os.path.join(place, "INSTALLER")).strip() or None,
+        "origin": (origin.get("url") if isinstance(origin, dict) else None) or _linked(entry, guessed[0]),
+        "editable": bool(isinstance(origin, dict) and (origin.get("dir_info") or {}).get("editable")),
+        "recorded": files is not None,
+        "missing": len(gone),
+        "missing_files": gone[:SHOWN],
+        "trouble": trouble,
+    }
+    if fields["version"] is None:
+        fields["trouble"] = trouble or "its metadata names no version"
+        fields["version"] = guessed[1] if len(guessed) > 1 else None
+    return fields
+
+
+def _metadata(place: Any) -> Any:
+    """The headers by name, in small letters; and why they cannot be read."""
+    paths = [os.path.join(place, name) for name in ("METADATA", "PKG-INFO")] if os.path.isdir(place) else [place]
+    path = next((one for one in paths if os.path.exists(one)), None)
+    if path is None:
+        return {}, "it has no METADATA"
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+    except OSError as error:
+        return {}, "{} cannot be read: {}".format(os.path.basename(path), error.strerror)
+    try:
+        text, trouble = data.decode("utf-8"), None
+    except UnicodeDecodeError:
+        text, trouble = data.decode("latin-1"), "{} is not UTF-8 text".format(os.path.basename(path))
+    headers = _headers(text)
+    if not headers.get("name"):
+        return headers, trouble or "{} names no project".format(os.path.basename(path))
+    return headers, trouble
+
+
+def _headers(text: Any) -> Any:
+    found: Dict[str, List[str]] = {}
+    name = ""
+    for line in text.splitlines():
+        if not line.strip():
+            break
+        if line[0] in " \t" and name:
+            continue
+        name, sign, value = line.partition(":")
+        name = name.strip().lower()
+        if sign and value.strip():
+            found.setdefault(name, []).append(value.strip())
+    return found
+
+
+def _requires(place: Any) -> Any:
+    """The requirements of an egg-info, whose sections are extras and markers."""
+    found: List[str] = []
+    extra = marker = ""
+    for line in map(str.strip, _text(os.path.join(place, "requires.txt")).splitlines()):
+        if line.startswith("["):
+            extra, _, marker = line.strip("[]").partition(":")
+        elif line and not line.startswith("#"):
+            conditions = ["({})".format(marker)] if marker else []
+            conditions += ['extra == "{}"'.format(extra)] if extra else []
+            found.append("; ".join([line, " and ".join(conditions)]) if conditions else line)
+    return found
+
+
+def _recorded(place: Any) -> Any:
+    """The files that RECORD lists, relative to the folder of packages, each with its hash; None without one."""
+    path = os.path.join(place, "RECORD")
+    if not os.path.isfile(path):
+        return None
+    rows = (row.rsplit(",", 2) for row in _text(path).splitlines() if row)
+    return {row[0].strip('"'): row[1] if len(row) > 2 else "" for row in rows}
+
+
+def _modules(place: Any, files: Any) -> Any:
+    """The names that can be imported: the first part of each file of code."""
+    if files is None:
+        return sorted(line.strip() for line in _text(os.path.join(place, "top_level.txt")).splitlines() if line.strip())
+    tops = {one.split("/")[0].partition(".")[0] for one in files if one.endswith(CODE) and ".data/" not in one}
+    return sorted(one for one in tops if one.isidentifier() and not one.startswith("__"))
+
+
+def _linked(entry: Any, name: Any) -> Any:
+    """Where an old editable installation leads."""
+    for spelled in (name, name.replace("_", "-")):
+        lines = _text(os.path.join(entry, spelled + ".egg-link")).splitlines()
+        if lines:
+            return lines[0].strip()
+    return None
+
+
+looked_at: List[str] = []
+
+
+def _missing(entry: Any, files: Any) -> Any:
+    """The files of RECORD that are gone; compiled ones and scripts do not count."""
+    plain = [one for one in files if not one.startswith(("..", "/")) and not one.endswith(".pyc")]
+    if len(looked_at) + len(plain) > MOST_FILES:
+        return []
+    looked_at.extend(plain)
+    return [one for one in plain if not os.path.lexists(os.path.join(entry, one))]
+
+
+def _claimed(found: Any) -> Any:
+    """Files that several distributions of a folder claim as their own: what was installed last has overwritten them.
+
+    Two that bring the very same file do each other no harm.
+    """
+    owners: Dict[Any, Any] = {}
+    for one in found:
+        place = os.path.join(one["location"], one["folder"])
+        for file, mark in (_recorded(place) or {}).items():
+            if file.endswith(CODE) and not file.startswith("..") and file.split("/")[0].partition(".")[0] not in COMMON:
+                owners.setdefault((one["location"], file), {})[one["folder"]] = mark
+    groups: Dict[Any, Any] = {}
+    for (location, file), marks in owners.items():
+        if len(set(marks.values())) > 1:
+            groups.setdefault((location, tuple(sorted(marks))), []).append(file)
+    return [
+        {"location": location, "folders": list(folders), "count": len(files), "file": min(files)}
+        for (location, folders), files in sorted(groups.items())
+    ]
+
+
+def _leftovers(entry: Any) -> Any:
+    """What an interrupted installation left: folders that begin with a tilde."""
+    try:
+        return [os.path.join(entry, name) for name in sorted(os.listdir(entry)) if name.startswith("~")]
+    except OSError:
+        return []
+
+
+# --- modules that hide others ----------------------------------------------------------------------------------
+
+
+def _hidden(found: Any, entries: Any) -> Any:
+    """Modules that exist twice where Python searches: `first` is taken, `then` is what a distribution or Python has.
+
+    The working folder comes first, as it does for `python -c` and for a script that lies there.
+    """
+    safe = getattr(sys.flags, "safe_path", False) or sys.flags.isolated
+    here = [] if safe or not _folder() else [_folder()]
+    order = [*here, *entries]
+    known = {name for one in found for name in one["modules"] if name not in COMMON}
+    tops = {entry: _importable(entry) for entry in order}
+    told = []
+    for name in sorted(known):
+        places = [tops[entry][name] for entry in order if name in tops[entry]]
+        real = list(dict.fromkeys(map(os.path.realpath, places)))
+        if len(real) > 1:
+            told.append({"module": name, "first": places[0], "then": real[1], "standard": False})
+    return told + _hiding_standard(order, tops)
+
+
+def _hiding_standard(order: Any, tops: Any) -> Any:
+    standard = {name: path for entry in STANDARD for name, path in _importable(entry).items()}
+    earlier = order[: min([order.index(one) for one in STANDARD if one in order] or [0])]
+    return [
+        {"module": name, "first": path, "then": standard[name], "standard": True}
+        for entry in earlier
+        for name, path in sorted(tops[entry].items())
+        if name in standard and name not in STARTED and name not in COMMON
+    ]
+
+
+def _importable(entry: Any) -> Any:
+    """The modules and packages of a folder by name; a folder without `__init__.py` hides nothing."""
+    found: Dict[str, str] = {}
+    try:
+        names = sorted(os.listdir(entry))
+    except OSError:
+        return found
+    for name in names:
+        path = os.path.join(entry, name)
+        if name.endswith(CODE):
+            found.setdefault(name.partition(".")[0], path)
+        elif "." not in name and os.path.isfile(os.path.join(path, "__init__.py")):
+            found[name] = os.path.join(path, "__init__.py")
+    return found
+
+
+# --- conda -----------------------------------------------------------------------------------------------------
+
+
+def _conda() -> Any:
+    """What conda has put here. `metadata` are the folders of Python metadata of each package."""
+    place = os.path.join(sys.prefix, "conda-meta")
+    found: List[Dict[str, Any]] = []
+    for name in sorted(os.listdir(place)) if os.path.isdir(place) else ():
+        if name.endswith(".json"):
+            told = _json(os.path.join(place, name))
+            if not isinstance(told, dict) or not told.get("name"):
+                found.append({"name": name[:-5], "trouble": "it cannot be read"})
+                continue
+            files = [one for one in told.get("files") or () if isinstance(one, str)]
+            folders = {one.split("/")[-2] for one in files if one.endswith(("-info/METADATA", "-info/PKG-INFO"))}
+            fields: Dict[str, Any] = {key: told.get(key) for key in ("name", "version", "build", "channel")}
+            found.append(dict(fields, metadata=sorted(folders), trouble=None))
+    return found
+
+
+def _json(path: Any) -> Any:
+    try:
+        return json.loads(_text(path) or "null")
+    except ValueError:
+        return None
+
+
+def _text(path: Any) -> Any:
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return file.read()
+    except OSError:
+        return ""
+
+
+if __name__ == "__main__":
+    TOLD = json.dumps(document())
+    if len(sys.argv) > 1:
+        with open(sys.argv[1], "w", encoding="ascii") as target:
+            target.write(TOLD)
+    else:
+        print(TOLD)

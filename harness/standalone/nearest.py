@@ -1,0 +1,239 @@
+"""The measured combination that works and lies nearest to what is installed, and what would have to change.
+
+`measured` is the document of measured results: cells with verdict, Python, cases and the lock of each.
+"""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from .declared import NOTE, WARNING, Finding, unmet
+from .differences import versions
+from .keys import SIMULATORS, weight
+from .versions import is_version, version
+
+Told = Mapping[str, Any]
+PYTHON = 4
+"""What it weighs that a cell was measured on the next minor version of Python."""
+MOST = 40
+
+
+class Change(NamedTuple):
+    """Another version of a package; `now` is None where it is not there."""
+
+    name: str
+    now: Optional[str]
+    then: str
+
+    def plain(self) -> Dict[str, Any]:
+        """As documents hold it."""
+        return dict(self._asdict())
+
+
+class Near(NamedTuple):
+    """A cell that works, and its distance: `changes` matter, `also` are the other versions that differ.
+
+    `uncovered` is there and not in the cell, `foreign` in the cell and not there.
+    """
+
+    cell: Told
+    lock: Mapping[str, str]
+    changes: Tuple[Change, ...]
+    also: Tuple[Change, ...]
+    uncovered: Tuple[str, ...]
+    foreign: Tuple[str, ...]
+
+    @property
+    def distance(self) -> int:
+        """What the changes weigh together."""
+        return sum(max(weight(one.name), 1) for one in self.changes)
+
+
+def minor(text: Optional[str]) -> str:
+    """The first two parts of a version of Python."""
+    return ".".join((text or "").split(".")[:2])
+
+
+def subjects(facts: Told) -> List[str]:
+    """What this environment is there for, as far as it is known here."""
+    return sorted(set(versions(facts)) & SIMULATORS)
+
+
+def found(facts: Told, measured: Told, env: Optional[str] = None) -> Optional[Near]:
+    """The nearest, one that hurts nothing which stays before others. None where nothing known is installed."""
+    wanted = subjects(facts)
+    near = [_near(facts, cell, lock, wanted, env) for cell, lock in _green(measured, env)]
+    fitting = [one for one in near if len(one.uncovered) < max(len(wanted), 1)] if wanted or env else []
+    ordered = sorted(fitting, key=lambda one: _order(one, facts))[:MOST]
+    made = [_with_needs(facts, one) for one in ordered]
+    return next((one for one in made if not hurt(facts, one)), made[0] if made else None)
+
+
+def _green(measured: Told, env: Optional[str]) -> Iterator[Tuple[Told, Dict[str, str]]]:
+    """The cells that work, with what is installed in them."""
+    for cell in measured.get("cells", ()):
+        lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
+        if lock and cell["verdict"] == "works" and not cell.get("repairs") and (env is None or _has(cell, env)):
+            yield cell, dict(lock)
+
+
+def _has(cell: Told, env: str) -> bool:
+    """Whether an environment was made and stepped there."""
+    return any(
+        bare(case["env"], case["api"]) == bare(env, case["api"]) and case["phases"].get("single") == "passed"
+        for case in cell["cases"]
+        if case["env"]
+    )
+
+
+def bare(env: str, api: str) -> str:
+    """The id of an environment without the name of its API."""
+    return env[len(api) + 1 :] if env.startswith(api + ":") else env
+
+
+def _near(facts: Told, cell: Told, lock: Dict[str, str], wanted: Sequence[str], env: Optional[str]) -> Near:
+    there = versions(facts)
+    apart = [Change(name, there[name], then) for name, then in lock.items() if name in there and there[name] != then]
+    if env is not None:
+        brought = {case["api"] for case in cell["cases"] if case["env"] and bare(case["env"], case["api"]) == env}
+        named = {name for name in lock if name in SIMULATORS and (name in cell["axes"] or name in brought)}
+        apart += [Change(name, None, lock[name]) for name in sorted(named - set(there))]
+    changes = [one for one in apart if _matters(one)]
+    return Near(
+        cell=cell,
+        lock=lock,
+        changes=tuple(sorted(changes, key=lambda one: (-weight(one.name), one.name))),
+        also=tuple(sorted(one for one in apart if one not in changes)),
+        uncovered=tuple(name for name in wanted if name not in lock),
+        foreign=tuple(sorted(name for name in lock if name in SIMULATORS and name not in there)),
+    )
+
+
+def _matters(one: Change) -> bool:
+    """Whether a difference counts: of simulators each, of what they stand on that of the first number."""
+    if one.now is None or one.name in SIMULATORS:
+        return True
+    if not weight(one.name) or not is_version(one.now):
+        return False
+    return version(one.now).release[:1] != version(one.then).release[:1]
+
+
+def _order(one: Near, facts: Told) -> Tuple[Any, ...]:
+    """The nearest is least: with all that is there, little to be changed, another Python counting as a change."""
+    away = _away(one.cell["python"], facts["python"]["version"])
+    numpy = one.lock.get("numpy", "0")
+    newest = tuple(-part for part in version(numpy).release) if is_version(numpy) else ()
+    settings = len(one.cell.get("environment", {}))
+    return (
+        len(one.uncovered), one.distance + PYTHON * away, len(one.foreign), away, settings, len(one.also), newest,
+        one.cell["id"],
+    )  # fmt: skip
+
+
+def _away(one: Optional[str], other: str) -> int:
+    """How many minor versions two Pythons are apart."""
+    numbers = [int(part) for each in (one, other) for part in minor(each).split(".")[1:]]
+    return abs(numbers[0] - numbers[1]) if len(numbers) > 1 else 99
+
+
+def _with_needs(facts: Told, one: Near) -> Near:
+    """With the further changes that packages need which stay as they are."""
+    there = versions(facts)
+    changes = list(one.changes)
+    before = {(each.asker, each.name) for each in unmet(facts, there)}
+    while True:
+        made = {**there, **{each.name: each.then for each in changes}}
+        stays = set(there) - {each.name for each in changes}
+        hurt = [each for each in unmet(facts, made) if each.asker in stays and (each.asker, each.name) not in before]
+        more = [each for each in one.also if each.name in {name.asker for name in hurt} and each not in changes]
+        if not more:
+            return one._replace(changes=tuple(changes), also=tuple(each for each in one.also if each not in changes))
+        changes += more
+
+
+def hurt(facts: Told, one: Near) -> List[str]:
+    """What stays as it is and asks for something else than what the changes bring."""
+    there = versions(facts)
+    changed = {each.name: each.then for each in one.changes}
+    before = {(each.asker, each.name) for each in unmet(facts, there)}
+    after = unmet(facts, {**there, **changed})
+    return [
+        "{} {} asks for {}".format(each.asker, there[each.asker], each.text)
+        for each in after
+        if each.asker in there and each.asker not in changed and (each.asker, each.name) not in before
+    ]
+
+
+# --- what failed -----------------------------------------------------------------------------------------------
+
+
+def failed(facts: Told, measured: Told) -> List[Finding]:
+    """What was measured to fail with these very versions, where no measurement with them works."""
+    wanted = subjects(facts)
+    python = minor(facts["python"]["version"])
+    red: List[Told] = []
+    green: List[Told] = []
+    for cell in measured.get("cells", ()):
+        lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
+        if not lock or not wanted or minor(cell["python"]) != python or cell.get("environment"):
+            continue
+        one = _near(facts, cell, dict(lock), wanted, None)
+        if not one.changes and not one.uncovered and not one.foreign:
+            (green if cell["verdict"] == "works" else red).append(cell)
+    telling = [cell for cell in red if cell["verdict"] in {"broken", "import_fails", "partial"} and cell["decisive"]]
+    return [] if green else [_red(cell) for cell in telling[:1]]
+
+
+def _red(cell: Told) -> Finding:
+    envs = ", ".join(
+        case["env"] for case in cell["cases"] if case["env"] and set(case["phases"].values()) & {"failed", "crashed"}
+    )
+    phases = ", ".join(name for name, how in cell["phases"].items() if how in {"failed", "crashed", "timed_out"})
+    text = "measured with these versions, {} fails{} ({}): {}".format(
+        cell["id"], " of " + envs if envs else "", phases, cell["decisive"]
+    )
+    return Finding("measured", NOTE if cell["verdict"] == "partial" else WARNING, text)
+
+
+# --- in words --------------------------------------------------------------------------------------------------
+
+
+def command(one: Near, installer: str) -> Optional[str]:
+    """What to type."""
+    if not one.changes:
+        return None
+    return installer + " " + " ".join(shlex.quote("{}=={}".format(each.name, each.then)) for each in one.changes)
+
+
+def remarks(facts: Told, one: Near) -> List[str]:
+    """What does not fit, said so."""
+    python, there = minor(facts["python"]["version"]), minor(one.cell["python"])
+    told = []
+    if python != there:
+        told.append("it was measured on Python {}: nothing near was measured on {}".format(there, python))
+    if one.uncovered:
+        told.append("it says nothing of {}".format(", ".join(one.uncovered)))
+    if one.cell.get("unverified"):
+        told.append("not verified there: {}".format(", ".join(one.cell["unverified"])))
+    settings = {**one.cell.get("environment", {}), **one.cell.get("supplied", {})}
+    if settings:
+        told.append("with " + " ".join("{}={}".format(name, value) for name, value in sorted(settings.items())))
+    return told + ["afterwards " + text for text in hurt(facts, one)]
+
+
+def plain(facts: Told, one: Near, installer: str) -> Dict[str, Any]:
+    """As documents hold it."""
+    cell = one.cell
+    return {
+        "cell": cell["id"],
+        "python": cell["python"],
+        "machine": cell["machine"],
+        "measured": cell["measured"],
+        "lock": cell["lock"],
+        "distance": one.distance,
+        "changes": [each.plain() for each in one.changes],
+        "also": [each.plain() for each in one.also],
+        "command": command(one, installer),
+        "remarks": remarks(facts, one),
+    }

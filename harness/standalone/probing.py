@@ -1,0 +1,199 @@
+"""Looks at an environment twice: in the caller's variables and folder as they are, and scrubbed."""
+
+from __future__ import annotations
+
+import json
+import os
+import pkgutil
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence
+
+from .keys import LEFT_OUT, MODULES
+from .running import Ran, Run
+from .versions import canonical
+
+SECONDS = 60
+"""How long one import may take."""
+LOOKING_SECONDS = 120.0
+
+KEPT = frozenset(
+    "PATH HOME USER LOGNAME SHELL TERM LANG LANGUAGE TZ TMPDIR DISPLAY XAUTHORITY WAYLAND_DISPLAY HOSTNAME PWD".split()
+)
+"""The variables that stay when an environment is scrubbed; those of LC_ and XDG_, too."""
+NO_USER_SITE = "PYTHONNOUSERSITE"
+
+
+class Here(NamedTuple):
+    """From where an environment is looked at: the variables and the folder of whoever asks."""
+
+    run: Run
+    python: str
+    variables: Mapping[str, str]
+    folder: str
+    scratch: str
+
+    def scrubbed(self, *kept: str, folder: Optional[str] = None) -> Here:
+        """The same without what the caller has set, but for some variables; in an empty folder, or in this one."""
+        left = {
+            name: value
+            for name, value in self.variables.items()
+            if name in KEPT or name in kept or name.startswith(("LC_", "XDG_"))
+        }
+        if USER_SITE not in kept:
+            left[NO_USER_SITE] = "1"
+        return self._replace(variables=left, folder=folder or made(os.path.join(self.scratch, "empty")))
+
+    @property
+    def removed(self) -> List[str]:
+        """The variables that scrubbing takes away."""
+        left = self.scrubbed().variables
+        return sorted(name for name in self.variables if name not in left and self.variables[name])
+
+
+USER_SITE = "the user site"
+"""In place of a variable: what lies in ~/.local."""
+
+
+def made(folder: str) -> str:
+    """The folder, made where it is not there."""
+    os.makedirs(folder, exist_ok=True)
+    return folder
+
+
+def facts(here: Here, name: str, *flags: str) -> Dict[str, Any]:
+    """What the interpreter tells of its environment; `trouble` is why it tells nothing."""
+    target = os.path.join(here.scratch, name + ".json")
+    argv = [here.python, "-B", *flags, _script(here, "looking.py"), target]
+    ran = here.run(argv, here.variables, here.folder, LOOKING_SECONDS)
+    try:
+        with open(target, encoding="ascii") as file:
+            told = json.load(file)
+        assert isinstance(told, dict)
+    except (OSError, ValueError, AssertionError):
+        return {"trouble": ended(ran), "output": ran.output[-6000:]}
+    return told
+
+
+def ended(ran: Ran) -> str:
+    """How a process ended that should not have, in a line."""
+    lines = [line.strip() for line in ran.output.splitlines() if line.strip()]
+    if ran.timed_out:
+        return "it did not end in its time"
+    if ran.signal:
+        return "it was killed by " + ran.signal
+    return lines[-1] if lines else "it ended with {}, without a word".format(ran.code)
+
+
+def _script(here: Here, name: str) -> str:
+    """The path of a script that the environment's own interpreter runs: a copy, since ours may lie in an archive."""
+    path = os.path.join(made(os.path.join(here.scratch, "scripts")), name)
+    if not os.path.exists(path):
+        with open(path, "wb") as file:
+            file.write(pkgutil.get_data(__name__.rpartition(".")[0], name) or b"")
+    return path
+
+
+def modules(told: Mapping[str, Any]) -> List[str]:
+    """The modules that are imported: those of the packages that matter, as far as they are there."""
+    names = {canonical(one["name"]) for one in told.get("distributions", ())}
+    tops = set(told.get("importable", ()))
+    found = [module for name, module in MODULES.items() if name in names or module in tops]
+    return list(dict.fromkeys(found))
+
+
+def left_out(told: Mapping[str, Any]) -> Dict[str, str]:
+    """The packages that are there and not imported, with the reason."""
+    names = {canonical(one["name"]) for one in told.get("distributions", ())}
+    return {name: why for name, why in LEFT_OUT.items() if name in names}
+
+
+# --- imports ---------------------------------------------------------------------------------------------------
+
+
+def imports(here: Here, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
+    """What came of importing each, one after the other; what failed is tried alone once more.
+
+    `alone` says that a module can be imported where no other one is.
+    """
+    found = _together(here, names)
+    for name in names[1:]:
+        if found[name]["error"]:
+            again = _together(here, [name])[name]
+            found[name] = again if again["error"] else dict(found[name], alone=True)
+    return found
+
+
+def _together(here: Here, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
+    found: Dict[str, Dict[str, Any]] = {}
+    waiting = list(names)
+    while waiting:
+        target = os.path.join(here.scratch, "imports.jsonl")
+        if os.path.exists(target):
+            os.unlink(target)
+        argv = [here.python, "-B", _script(here, "importing.py"), target, str(SECONDS), *waiting]
+        ran = here.run(argv, here.variables, here.folder, SECONDS * len(waiting) + 30.0)
+        told = list(_lines(target))
+        found.update({one["module"]: dict(one, output="") for one in told if not one["started"]})
+        left = [name for name in waiting if name not in found]
+        if not left:
+            break
+        started = [one["module"] for one in told if one["started"] and one["module"] in left]
+        guilty = started[-1] if started else left[0]
+        found[guilty] = _died(guilty, ran, started=bool(started))
+        waiting = left[left.index(guilty) + 1 :]
+    return found
+
+
+def _died(name: str, ran: Ran, *, started: bool) -> Dict[str, Any]:
+    slow = ran.timed_out or ran.signal == "SIGALRM"
+    said = "TimeoutError: `import {}` takes more than {} s".format(name, SECONDS) if slow else _death(ran)
+    return {
+        "module": name,
+        "error": said if started else ended(ran),
+        "signal": None if slow else ran.signal,
+        "traceback": ran.output[-6000:],
+        "output": ran.output[-6000:],
+        "libraries": [],
+    }
+
+
+def _death(ran: Ran) -> str:
+    return "killed by " + ran.signal if ran.signal else "the process ended with exit code {}".format(ran.code)
+
+
+def _lines(path: str) -> Iterator[Dict[str, Any]]:
+    try:
+        with open(path, encoding="ascii") as file:
+            for line in file:
+                yield json.loads(line)
+    except (OSError, ValueError):  # the last one may be cut off
+        return
+
+
+# --- both ------------------------------------------------------------------------------------------------------
+
+
+def probed(here: Here) -> Dict[str, Any]:
+    """All that is found: `facts`, `imports` as it is, `scrubbed` and `clean_imports` scrubbed."""
+    clean = here.scrubbed()
+    as_it_is, scrubbed = facts(here, "as-it-is"), facts(clean, "scrubbed")
+    if "trouble" in scrubbed:
+        bare = facts(clean, "bare", "-I", "-S")
+        scrubbed = scrubbed if "trouble" in bare else dict(bare, trouble=scrubbed["trouble"])
+    looked = as_it_is if "distributions" in as_it_is else scrubbed
+    names = modules(looked)
+    startable = [one for one in (as_it_is, scrubbed) if "trouble" not in one]
+    told = imports(here, names) if as_it_is in startable else {}
+    alike = not here.removed and not _apart(as_it_is, scrubbed)
+    again = told if alike else imports(clean, names) if scrubbed in startable else {}
+    return {
+        "facts": as_it_is,
+        "scrubbed": scrubbed,
+        "imports": told,
+        "clean_imports": again,
+        "left_out": left_out(looked),
+    }
+
+
+def _apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether something can come from the folder or the user site."""
+    return one.get("path") != other.get("path") or one.get("hidden") != other.get("hidden")

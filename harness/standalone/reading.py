@@ -1,0 +1,259 @@
+"""What was found in an environment, as findings: imports that fail, modules that are hidden, libraries loaded twice."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+from .declared import NOTE, WARNING, Finding
+from .differences import Difference, effective, versions
+from .keys import MODULES
+from .matching import Around, Hit, Seen, diagnose, lurking
+from .probing import USER_SITE, Here
+from .requirements import requirement
+from .versions import canonical
+
+Told = Mapping[str, Any]
+STEM = re.compile(r"^(lib[A-Za-z+]+?)[-.\d]")
+KINDS = {"libgomp": "OpenMP", "libomp": "OpenMP", "libiomp": "OpenMP"}
+NAMES = {
+    "libmujoco": "MuJoCo",
+    "libstdc++": "the C++ library",
+    "libGL": "libGL",
+    "libEGL": "libEGL",
+    "libOSMesa": "OSMesa",
+    "libglfw": "GLFW",
+    "libcudart": "CUDA's runtime",
+}
+SHOWN = 4
+
+
+# --- imports ---------------------------------------------------------------------------------------------------
+
+
+def failed(probes: Told, apart: Sequence[Difference]) -> List[Finding]:
+    """The imports that fail, but for those that a difference tells of already."""
+    told = {one.module for one in apart if one.kind in {"import", "error"}}
+    found = []
+    for name, one in (probes["imports"] or probes["clean_imports"]).items():
+        if not one["error"] or name in told:
+            continue
+        if one.get("alone"):
+            text = "`import {}` fails once others are imported, and works alone: {}".format(name, one["error"])
+        else:
+            text = "`import {}` fails: {}".format(name, one["error"])
+        found.append(Finding("import", WARNING, text))
+    return found
+
+
+def evidence(probes: Told) -> Iterator[Seen]:
+    """What the imports that fail have written."""
+    for one in (probes["imports"] or probes["clean_imports"]).values():
+        if one["error"]:
+            logs = tuple(filter(None, (one.get("traceback"), one.get("output"))))
+            yield Seen(phase="import", told=(one["error"],), logs=logs, signal=one.get("signal"))
+
+
+def skipped(probes: Told) -> List[Finding]:
+    """What was not imported, and why."""
+    return [
+        Finding("import.skipped", NOTE, "{} was not imported: {}".format(name, why))
+        for name, why in probes["left_out"].items()
+    ]
+
+
+# --- known failures --------------------------------------------------------------------------------------------
+
+
+def around(facts: Told) -> Around:
+    """What known failures are held against."""
+    return Around(installed=versions(facts), python=facts["python"]["version"].rstrip("+"))
+
+
+def known_causes(known: Iterable[Any], probes: Told, facts: Told, more: Sequence[Seen] = ()) -> Tuple[Hit, ...]:
+    """The known failures that the failing imports show, the deepest cause first."""
+    return diagnose(known, [*evidence(probes), *more], around(facts))
+
+
+def quiet(known: Iterable[Any], facts: Told) -> List[Any]:
+    """The known failures without a message that what is installed runs into."""
+    return list(lurking(known, around(facts)))
+
+
+def foreseen(known: Iterable[Any], facts: Told) -> List[Any]:
+    """The known failures of exactly these versions: all take part, and the remedy asks for others.
+
+    Two packages at least are named with versions, or one with Pythons: what fails with any version is not foreseen.
+    """
+    there = versions(facts)
+    plain = [one for one in known if not one.masks and one.phases and not {"resolve", "install"} & {*one.phases}]
+    sure = [one._replace(silent=True) for one in plain if not one.silent and _bounded(one)]
+    return [one for one in lurking(sure, around(facts)) if _mended(one, there)]
+
+
+def _bounded(one: Any) -> bool:
+    with_versions = [part for part in one.packages if all(requirement(text).specifiers for text in part.requirements)]
+    return len(with_versions) + bool(one.python) > 1
+
+
+def _mended(one: Any, there: Mapping[str, str]) -> bool:
+    """Whether the remedy asks for other versions than those that are there."""
+    remedy = one.plain.get("remedy", {})
+    texts = [text for key in ("requirements", "constraints") for text in remedy.get(key, ())]
+    asked = [requirement(text) for text in texts]
+    return any(each.name in there and not each.specifiers.admits(there[each.name]) for each in asked)
+
+
+def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str, Any]:
+    """A known failure as documents hold it."""
+    plain = one.plain
+    return {
+        "signature": one.id,
+        "cause": plain["cause"],
+        "remedy": dict(plain["remedy"]),
+        "proven": False,
+        "masks": one.masks,
+        "references": list(plain.get("references", ())),
+        "generic": one.generic,
+        "phase": phase,
+        "seen": seen,
+    }
+
+
+# --- modules that hide others ----------------------------------------------------------------------------------
+
+
+def hidden(here: Here, facts: Told) -> List[Finding]:
+    """Modules that are found before those that the packages of the environment bring."""
+    own = tuple(one + os.sep for one in facts["python"]["site_packages"])
+    groups: Dict[Tuple[str, bool], List[Told]] = {}
+    for one in facts["hidden"]:
+        if not one["first"].startswith(own):
+            groups.setdefault((_place(here, facts, one["first"]), one["standard"]), []).append(one)
+    return [_hiding(place, those, standard=standard) for (place, standard), those in groups.items()]
+
+
+def _place(here: Here, facts: Told, path: str) -> str:
+    """From where a module is taken."""
+    if os.path.dirname(path) == here.folder or os.path.dirname(os.path.dirname(path)) == here.folder:
+        return "the working folder"
+    entries = [entry for entry in facts["path"] if path.startswith(entry + os.sep)]
+    entry = max(entries, key=len) if entries else os.path.dirname(path)
+    listed = [os.path.abspath(one) for one in here.variables.get("PYTHONPATH", "").split(os.pathsep) if one]
+    if entry in listed:
+        return "PYTHONPATH ({})".format(entry)
+    return "{} ({})".format(USER_SITE, entry) if entry == facts["python"]["user_site"] else entry
+
+
+def _hiding(place: str, those: Sequence[Told], *, standard: bool) -> Finding:
+    names = ", ".join(one["module"] for one in those[:SHOWN])
+    more = " and {} more".format(len(those) - SHOWN) if len(those) > SHOWN else ""
+    whose = "of Python's own library" if standard else "of this environment"
+    first = those[0]
+    text = "{} hides {}{} {}: {} is imported, not {}".format(place, names, more, whose, first["first"], first["then"])
+    return Finding("import.shadowed", WARNING, text)
+
+
+# --- libraries -------------------------------------------------------------------------------------------------
+
+
+def twice(probes: Told) -> List[Finding]:
+    """Shared libraries of which a process had more than one."""
+    paths = sorted({path for one in probes["imports"].values() for path in one["libraries"]})
+    groups: Dict[str, Dict[str, str]] = {}
+    for path in paths:
+        found = STEM.match(os.path.basename(path))
+        stem = found.group(1) if found else os.path.basename(path)
+        kind = KINDS.get(stem, NAMES.get(stem))
+        if kind:
+            groups.setdefault(kind, {})[path] = stem
+    return [_double(kind, those) for kind, those in groups.items() if len(those) > 1]
+
+
+def _double(kind: str, those: Mapping[str, str]) -> Finding:
+    listed = ", ".join(those)
+    harmless = kind == "OpenMP" and set(those.values()) <= {"libgomp"}
+    harmless = harmless or kind == "CUDA's runtime"
+    text = "{} was loaded {} times in one process: {}".format(kind, len(those), listed)
+    return Finding("import.library_twice", NOTE if harmless else WARNING, text)
+
+
+# --- differences -----------------------------------------------------------------------------------------------
+
+
+def different(here: Here, facts: Told, apart: Sequence[Difference]) -> List[Finding]:
+    """What the caller's settings change, in sentences."""
+    tellers = {
+        "start": _start,
+        "path": _path,
+        "package": _package,
+        "import": _import,
+        "error": _import,
+        "module": _module,
+        "libraries": _loaded,
+    }
+    groups: Dict[Tuple[str, Tuple[str, ...]], List[Difference]] = {}
+    for one in apart:
+        groups.setdefault((one.kind, one.by), []).append(one)
+    return [tellers[kind](_by(here, by), those, facts) for (kind, by), those in groups.items()]
+
+
+def _by(here: Here, by: Sequence[str]) -> str:
+    """What makes a difference, with its value."""
+    if not by:
+        return "something in the caller's settings, found in none of them alone,"
+    named = ("{}={}".format(name, here.variables[name]) if name in here.variables else name for name in by)
+    return " and ".join(named)
+
+
+def _start(by: str, those: Sequence[Difference], _: Told) -> Finding:
+    bad, where = (those[0].as_it_is, "here") if those[0].scrubbed == "it starts" else (those[0].scrubbed, "without it")
+    return Finding("probe.difference", WARNING, "with {} this Python does not start {}: {}".format(by, where, bad))
+
+
+def _path(by: str, those: Sequence[Difference], facts: Told) -> Finding:
+    entries = [entry for one in those for entry in one.as_it_is.split(os.pathsep)]
+    from_there = {canonical(one["name"]) for one in facts["distributions"] if one["location"] in entries}
+    keys = sorted(from_there & {*MODULES}) or sorted(from_there)
+    names = ", ".join(keys[:SHOWN]) + (" and {} more".format(len(keys) - SHOWN) if len(keys) > SHOWN else "")
+    brings = "brings {} from {}".format(names, ", ".join(entries)) if names else "adds {}".format(", ".join(entries))
+    text = "{} {}, outside this environment".format(by.partition("=")[0], brings)
+    return Finding("probe.difference", WARNING if set(keys) & {*MODULES} else NOTE, text)
+
+
+def _package(by: str, those: Sequence[Difference], facts: Told) -> Finding:
+    listed = ", ".join("{} {}, not {}".format(one.module, one.as_it_is, one.scrubbed) for one in those[:SHOWN])
+    more = " and {} more".format(len(those) - SHOWN) if len(those) > SHOWN else ""
+    text = "other versions than this environment's own are used here: {}{}".format(listed, more)
+    return Finding("probe.difference", WARNING, text)
+
+
+def _import(by: str, those: Sequence[Difference], _: Told) -> Finding:
+    names, first = ", ".join(one.module for one in those), those[0]
+    text = "with {} `import {}` {}; without, {}".format(by, names, first.as_it_is, _short(first.scrubbed))
+    return Finding("probe.difference", WARNING, text)
+
+
+def _short(said: str) -> str:
+    return "it " + said if said.startswith("fails") else "it works"
+
+
+def _module(by: str, those: Sequence[Difference], _: Told) -> Finding:
+    first = those[0]
+    names = ", ".join(one.module for one in those)
+    text = "with {} {} is another: {}; without: {}".format(by, names, first.as_it_is, first.scrubbed)
+    return Finding("probe.difference", WARNING, text)
+
+
+def _loaded(by: str, those: Sequence[Difference], _: Told) -> Finding:
+    first = those[0]
+    text = "with {} `import {}` loads {}; without, {}".format(
+        by, first.module, first.as_it_is or "less", first.scrubbed or "less"
+    )
+    return Finding("probe.difference", WARNING, text)
+
+
+def reach(facts: Told) -> Dict[str, str]:
+    """The versions of the packages that are there."""
+    return {name: one["version"] for name, one in effective(facts).items() if one["version"]}
