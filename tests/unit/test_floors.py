@@ -14,10 +14,10 @@ FLOORS = {
     0: {"model", "errors", "standalone"},
     1: {
         "accepting", "advising", "cameras", "changes", "distilling", "document", "drafts", "evidence", "expansion",
-        "explaining", "failure", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending", "merging",
-        "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving",
-        "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "shards", "signatures",
-        "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending",
+        "merging", "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving",
+        "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "search", "shards",
+        "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing", "environments",
@@ -31,7 +31,7 @@ FLOORS = {
 }  # fmt: skip
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}
-STANDALONE = {"__main__", "spawning", "looking", "importing", "choosing", "running"}
+STANDALONE = {"__main__", "spawning", "looking", "importing", "choosing", "running", "probing", "doctor"}
 """Files of `standalone` that read files and start processes, as that is what the verbs do where no harness is: the
 command of `explain -- COMMAND` in a terminal of its own, which the supervisor's log file is not, and the interpreter
 of an environment that is looked at. On the host the verbs alone import them."""
