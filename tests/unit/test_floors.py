@@ -20,10 +20,10 @@ FLOORS = {
         "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
-        "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing", "environments",
-        "fetched", "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs", "interpreters",
-        "knowledge", "launch", "machine", "measured", "memory", "overlays", "process", "sdists", "store", "subjects",
-        "supervisor", "systempackages", "uv", "uvcli", "warming",
+        "alone", "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing",
+        "environments", "fetched", "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs",
+        "interpreters", "knowledge", "launch", "machine", "measured", "memory", "overlays", "process", "sdists", "store",
+        "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "rootcause", "scheduler", "suites"},
     4: {"commands"},
@@ -31,7 +31,9 @@ FLOORS = {
 }  # fmt: skip
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}
-STANDALONE = {"__main__", "spawning", "looking", "importing", "choosing", "running", "probing", "doctor"}
+STANDALONE = set(
+    "__main__ spawning looking importing choosing running probing doctor explain packages".split()  # noqa: SIM905
+)
 """Files of `standalone` that read files and start processes, as that is what the verbs do where no harness is: the
 command of `explain -- COMMAND` in a terminal of its own, which the supervisor's log file is not, and the interpreter
 of an environment that is looked at. On the host the verbs alone import them."""

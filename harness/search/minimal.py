@@ -1,0 +1,121 @@
+"""`minimise`: of many changes that together cure, a smallest set that does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from harness.search.answers import USUAL, Answer, Asked, Rules
+from harness.search.boundaries import bound, boundary
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Minimal(Generic[T]):
+    """The `items` that cure, none of which can be left out as far as that could be tested; None where all do not cure.
+
+    `asked` is every test in its order, `bound` how many a single culprit needs at most. `least` is whether each item
+    was seen to be needed; those of `unsure` could not be left out for a test.
+    """
+
+    items: tuple[T, ...] | None
+    asked: tuple[Asked[tuple[T, ...]], ...]
+    bound: int
+    unsure: tuple[T, ...] = ()
+
+    @property
+    def least(self) -> bool:
+        """Whether each item was seen to be needed."""
+        return not self.unsure
+
+
+def minimise(items: Sequence[T], test: Callable[[tuple[T, ...]], Answer], *, rules: Rules = USUAL) -> Minimal[T]:
+    """Of items that cure together a set that does and of which no item can be left out.
+
+    `test` says of a set, in the order of `items`, whether it is good; the whole is said to be good, the empty one bad.
+    One culprit takes about as many tests as a binary search. What `test` raises goes through.
+    """
+    return _Search(items, test, rules).run()
+
+
+class _Search(Generic[T]):
+    """The state of one search: what each set answered."""
+
+    def __init__(self, items: Sequence[T], test: Callable[[tuple[T, ...]], Answer], rules: Rules) -> None:
+        self.items = tuple(items)
+        self.test = test
+        self.rules = rules
+        self.asked: list[Asked[tuple[T, ...]]] = []
+        self.answers: dict[frozenset[int], list[Answer]] = {}
+
+    def run(self) -> Minimal[T]:
+        needed: frozenset[int] = frozenset()
+        rest = len(self.items)
+        while True:
+            found = self._shortest(needed, rest)
+            if found is None:
+                break
+            low, high = found
+            needed |= frozenset(range(low, high))
+            rest = low
+            if not rest or self._good(needed):
+                return self._told(*self._spared(needed))
+        if not needed:
+            return self._told(None, ())
+        return self._told(*self._spared(needed | frozenset(range(rest))))
+
+    def _told(self, found: frozenset[int] | None, unsure: Sequence[int]) -> Minimal[T]:
+        return Minimal(
+            items=None if found is None else self._set(found),
+            asked=tuple(self.asked),
+            bound=bound(len(self.items) + 1),
+            unsure=tuple(self.items[index] for index in unsure),
+        )
+
+    def _set(self, indices: frozenset[int]) -> tuple[T, ...]:
+        return tuple(self.items[index] for index in sorted(indices))
+
+    def _ask(self, indices: frozenset[int]) -> Answer:
+        chosen = self._set(indices)
+        answer = self.test(chosen)
+        self.asked.append(Asked(candidate=chosen, answer=answer))
+        self.answers.setdefault(indices, []).append(answer)
+        return answer
+
+    def _shortest(self, needed: frozenset[int], rest: int) -> tuple[int, int] | None:
+        """The items at which ever longer beginnings, added to what is needed, start to cure: first, and after last.
+
+        None where all of them do not cure.
+        """
+        sets = [needed | frozenset(range(count)) for count in range(rest, -1, -1)]
+        known = {place: self.answers[each] for place, each in enumerate(sets) if each in self.answers}
+        found = boundary(sets, self._ask, rules=self.rules, known=known)
+        if found.good is None or found.bad is None:
+            return None
+        return len(sets) - 1 - sets.index(found.bad), len(sets) - 1 - sets.index(found.good)
+
+    def _good(self, indices: frozenset[int]) -> bool:
+        """Whether a set cures: more often than not, of as many answers as it takes."""
+        answers = self.answers.get(indices, [])
+        while abs(lead := answers.count(Answer.GOOD) - answers.count(Answer.BAD)) < 2 and len(answers) < 7:
+            if self._ask(indices) is Answer.UNTESTABLE:
+                return False
+            answers = self.answers[indices]
+        return lead > 0
+
+    def _spared(self, needed: frozenset[int]) -> tuple[frozenset[int], tuple[int, ...]]:
+        """What is left once every item that is not needed is left out; and those of which that could not be told."""
+        unsure = []
+        for index in sorted(needed):
+            without = needed - {index}
+            if not without:
+                continue
+            if Answer.UNTESTABLE in self.answers.get(without, ()):
+                unsure.append(index)
+            elif self._good(without):
+                needed = without
+            elif self.answers[without][-1] is Answer.UNTESTABLE:
+                unsure.append(index)
+        return needed, tuple(index for index in unsure if index in needed)
