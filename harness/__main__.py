@@ -30,8 +30,10 @@ VERBS = {
     "ci": ("harness.commands.ci", "a workflow for GitHub, GitLab or Slurm that runs a matrix"),
     "init": ("harness.commands.init", "start in somebody's project: matrix, nox session, workflow"),
     "fetch": ("harness.commands.fetch", "bring all that a matrix needs into a folder, for machines without network"),
+    "explain": ("harness.commands.explain", "why something failed, from what it wrote, or around a command"),
     "doctor": ("harness.commands.doctor", "what draws on this machine, and what the settings select"),
     "recommend": ("harness.commands.recommend", "which versions work together, as measured"),
+    "repair": ("harness.commands.repair", "the smallest change that turns a red cell green, proven by a rerun"),
     "gc": ("harness.commands.gc", "remove what is old or too much from cache and state"),
     "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
 }
@@ -68,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
         module = _imported(VERBS[verb][0])
         parser = argparse.ArgumentParser(prog=f"simmatrix {verb}", description=module.HELP)
         module.add_arguments(parser)
-        code = int(module.main(parser.parse_args(rest)))
+        code = int(module.main(_parsed(module, parser, rest)))
         print(end="", flush=True)  # what cannot be written any more is known here, not when Python ends
         return code
     except HarnessError as error:
@@ -85,6 +87,14 @@ def main(arguments: Sequence[str]) -> int:
         return 0
     except Exception as error:
         return _unforeseen(error)
+
+
+def _parsed(module: Any, parser: argparse.ArgumentParser, rest: Sequence[str]) -> argparse.Namespace:
+    """The arguments; where a verb takes a command after `--`, that is no argument of ours, and stays as it is."""
+    if not hasattr(module, "split"):
+        return parser.parse_args(rest)
+    ours, command = module.split(rest)
+    return parser.parse_args(ours, argparse.Namespace(after=command))
 
 
 def _unforeseen(error: Exception) -> int:

@@ -185,6 +185,26 @@ class Signature(Table, frozen=True, kw_only=True):
     ] = ()
     verified_on: tuple[VerifiedTable, ...] = ()
 
+    @property
+    def as_file(self) -> dict[str, Any]:
+        """What its file says of it, but for examples and where it was seen: what is matched, and told."""
+        parts = (part.requirements for part in self.packages)
+        said = {
+            "id": str(self.id),
+            "cause": self.cause,
+            "remedy": self.remedy.plain,
+            "phases": list(map(str, self.phases)),
+            "pattern": self.pattern and str(self.pattern),
+            "signal": self.signal,
+            "packages": [list(map(str, each)) if len(each) > 1 else str(each[0]) for each in parts],
+            "python": self.python and str(self.python),
+            "masks": self.masks,
+            "generic": self.generic,
+            "silent": self.silent,
+            "references": list(self.references),
+        }
+        return {name: value for name, value in said.items() if value}
+
 
 class SignaturesFile(Table, frozen=True, kw_only=True):
     """Known failures of one family of packages: `signatures/FAMILY.toml`."""

@@ -91,6 +91,12 @@ def _recommended() -> type:
     return Recommended
 
 
+def _explained() -> type:
+    from harness.commands.explain import Explained  # noqa: PLC0415
+
+    return Explained
+
+
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
@@ -103,6 +109,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "gc": ("`gc --json`", _collected),
     "init": ("`init --json`", _init),
     "doctor": ("`doctor --json`", _doctored),
+    "explain": ("`explain --json`", _explained),
     "recommend": ("`recommend --json`", _recommended),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }

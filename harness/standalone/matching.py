@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from . import literals
 from .lines import bounded
@@ -98,10 +98,10 @@ def rank(known: Any, phase: Optional[str], *, told: bool) -> Tuple[Any, ...]:
 
 def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tuple[Hit, ...]:
     """The known failures that fit, the deepest cause first, each once."""
-    standing = _standing(around)
+    look = _looking(around)
     found: Dict[str, Hit] = {}
     for one in known:
-        if not one.silent and _fits(one, around, standing):
+        if not one.silent and _fits(one, around, look):
             hits = [hit for hit in (_hit(one, each) for each in evidence) if hit]
             if hits:
                 found[one.id] = min(hits, key=lambda hit: hit.rank)
@@ -110,8 +110,22 @@ def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tupl
 
 def lurking(known: Iterable[Any], around: Any) -> Tuple[Any, ...]:
     """The silent failures that what is installed runs into: all their packages are there."""
-    standing = _standing(around)
-    return tuple(one for one in known if one.silent and _fits(one, around, standing, surely=True))
+    look = _looking(around)
+    return tuple(one for one in known if one.silent and _of_python(one, around) and _standing(one, look))
+
+
+def matches(known: Iterable[Any], evidence: Any) -> Iterator[Hit]:
+    """The known failures that evidence tells of, whatever is installed, in their order."""
+    for one in known:
+        hit = _hit(one, evidence)
+        if hit:
+            yield hit
+
+
+def standing(known: Sequence[Any], around: Any) -> List[Optional[bool]]:
+    """Whether the packages that take part in each are there; None where that cannot be told of all of them."""
+    look = _looking(around)
+    return [_standing(one, look) for one in known]
 
 
 def _hit(one: Any, evidence: Any) -> Optional[Hit]:
@@ -150,16 +164,26 @@ def _line(text: str, found: re.Match[str]) -> str:
 
 # --- packages --------------------------------------------------------------------------------------------------
 
-Standing = Callable[[str], Optional[bool]]
+Look = Callable[[str], Optional[bool]]
 """Whether the package that a requirement names is there in such a version; None where that is not known."""
 
 
-def _fits(one: Any, around: Any, standing: Standing, *, surely: bool = False) -> bool:
+def _fits(one: Any, around: Any, look: Look) -> bool:
     """Whether nothing that is known of packages and Python speaks against it; of a generic one all speaks for it."""
-    if one.python and around.python and not specifiers(one.python).admits(around.python):
+    if not _of_python(one, around):
         return False
-    found = [_any([standing(text) for text in part.requirements]) for part in one.packages]
-    return all(found) if one.generic or surely else False not in found
+    found = _standing(one, look)
+    return found is True if one.generic else found is not False
+
+
+def _of_python(one: Any, around: Any) -> bool:
+    return not (one.python and around.python) or specifiers(one.python).admits(around.python)
+
+
+def _standing(one: Any, look: Look) -> Optional[bool]:
+    """Whether each part holds: one at least of its requirements."""
+    found = [_any([look(text) for text in part.requirements]) for part in one.packages]
+    return False if False in found else None if None in found else True
 
 
 def _any(found: List[Optional[bool]]) -> Optional[bool]:
@@ -167,7 +191,7 @@ def _any(found: List[Optional[bool]]) -> Optional[bool]:
     return True if True in found else None if None in found else False
 
 
-def _standing(around: Any) -> Standing:
+def _looking(around: Any) -> Look:
     """How packages that take part are looked up."""
     if around.installed is not None:
         installed = {canonical(name): version for name, version in around.installed.items()}

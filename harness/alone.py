@@ -1,0 +1,62 @@
+"""Makes `simmatrix-doctor.pyz`: what stands alone, the known failures and the measured results, in one file.
+
+Equal for equal contents: no time, no order and no path of this machine gets into it.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from harness import distilling, knowledge, measured, store
+from harness.signatures import Signature
+
+PACKAGE = Path(__file__).parent / "standalone"
+INSIDE = "simmatrix_doctor"
+"""The name of the package in the file: no library is called so."""
+
+SHEBANG = b"#!/usr/bin/env python3\n"
+START = f"""\
+import sys
+
+if sys.version_info < (3, 7):
+    sys.exit("simmatrix-doctor: needs Python 3.7 or newer, this is %d.%d" % sys.version_info[:2])
+sys.dont_write_bytecode = True
+from {INSIDE}.__main__ import main
+
+sys.exit(main(sys.argv[1:]))
+"""
+WHEN = (1980, 1, 1, 0, 0, 0)
+"""The time of every member, the first that a zip file knows."""
+
+EXECUTABLE = 0o755
+
+
+def write(path: Path) -> None:
+    """Write it to a path, atomically. Raises BadInput where signatures or results cannot be read."""
+    store.write_atomic(path, content(knowledge.known(), measured.shipped()))
+    path.chmod(EXECUTABLE)
+
+
+def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
+    """The whole file."""
+    members = {
+        "__main__.py": START.encode(),
+        **{f"{INSIDE}/{file.name}": file.read_bytes() for file in sorted(PACKAGE.glob("*.py"))},
+        f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in known], sort_keys=True).encode(),
+        f"{INSIDE}/measured.json.gz": distilling.packed(dict(results)),
+    }
+    buffer = io.BytesIO(SHEBANG)
+    buffer.seek(0, os.SEEK_END)
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, data in members.items():
+            member = zipfile.ZipInfo(name, WHEN)
+            member.compress_type = zipfile.ZIP_DEFLATED
+            member.external_attr = 0o644 << 16
+            archive.writestr(member, data)
+    return buffer.getvalue()

@@ -1,0 +1,64 @@
+"""`simmatrix explain [FILE|-] [-- COMMAND...]`: why something failed, and what to do. It is `standalone/explain.py`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+
+from harness import knowledge, measured, store
+from harness.errors import BadInput
+from harness.reporttypes import DiagnosisEntry, FindingEntry
+from harness.standalone import explain, matching
+from harness.standalone.explain import HELP, add_arguments, split
+from harness.standalone.wording import Place
+
+__all__ = ["HELP", "Explained", "add_arguments", "main", "split"]
+
+FOLDER = "outputs"
+MOST = 20
+"""Outputs of failed commands that are kept below the state folder."""
+
+
+class Explained(msgspec.Struct, frozen=True, kw_only=True):
+    """The document of `explain --json`: `decisive` is the line that says why, None where nothing failed.
+
+    `diagnoses` are known causes, the deepest first; none where the cause is unknown. `phase` is where it failed, as
+    far as the text tells.
+    """
+
+    schema: int = 1
+    decisive: str | None
+    phase: str | None
+    diagnoses: tuple[DiagnosisEntry, ...]
+    findings: tuple[FindingEntry, ...]
+
+
+def main(args: argparse.Namespace) -> int:
+    """Explain a text, or run the command and explain it where it fails."""
+    known = explain.Knowledge(known=_known, measured=measured.load)
+    try:
+        if args.after is None:
+            return explain.of_text(args, known, Place())
+        return explain.of_command(args, args.after, known, Place(kept=str(_output(args.after))))
+    except explain.Bad as error:
+        raise BadInput(str(error)) from None
+
+
+def _known() -> list[matching.Known]:
+    return [matching.read(one.as_file) for one in knowledge.known()]
+
+
+def _output(command: Sequence[str]) -> Path:
+    """The file that a command's output goes to; the oldest ones are removed."""
+    folder = store.open_store().folder / FOLDER
+    folder.mkdir(exist_ok=True)
+    for old in sorted(folder.glob("*.log"))[: -MOST + 1]:
+        old.unlink(missing_ok=True)
+    name = re.sub(r"[^A-Za-z0-9.-]+", "-", Path(command[0]).name if command else "none")[:40]
+    return folder / f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.getpid()}-{name}.log"

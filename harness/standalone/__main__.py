@@ -1,0 +1,99 @@
+"""`python simmatrix-doctor.pyz explain|doctor ...`: the two verbs where the harness is not."""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import os
+import pkgutil
+import sys
+from typing import Any, Dict, List, Mapping, Optional, Sequence
+
+from . import doctor, explain, running, wording
+from .choosing import NoEnvironment
+from .matching import Known, read
+from .wording import Place
+
+SIGNATURES, MEASURED = "signatures.json", "measured.json.gz"
+"""What the file carries beside the code."""
+
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run one verb and return its exit code."""
+    ours, command = explain.split(arguments)
+    parser = argparse.ArgumentParser(prog=_program(), description="What failed, why, and what to do; installs nothing.")
+    verbs = parser.add_subparsers(dest="verb", metavar="explain|doctor")
+    explain.add_arguments(verbs.add_parser("explain", help="explain a failure", description=explain.HELP))
+    _add_doctor(verbs.add_parser("doctor", help="what is wrong with an environment"))
+    args = parser.parse_args(ours)
+    if args.verb is None:
+        parser.error("say explain or doctor")
+    if command is not None and args.verb == "doctor":
+        parser.error("doctor runs no command")
+    try:
+        return _explain(args, command) if args.verb == "explain" else _doctor(args)
+    except (explain.Bad, NoEnvironment) as error:
+        print("{}: {}".format(_program(), error), file=sys.stderr)
+        return explain.BAD
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:  # whoever read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _program() -> str:
+    """How we were called, as it can be typed again."""
+    name = os.path.basename(sys.argv[0] or "simmatrix-doctor.pyz")
+    return "python {}".format(name) if name.endswith(".pyz") else "python -m harness.standalone"
+
+
+def _explain(args: argparse.Namespace, command: Optional[List[str]]) -> int:
+    place = Place(program=_program(), alone=True)
+    knowledge = explain.Knowledge(known=_known, measured=_measured)
+    if command is None:
+        return explain.of_text(args, knowledge, place)
+    return explain.of_command(args, command, knowledge, place)
+
+
+def _add_doctor(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--python", metavar="PATH", help="an interpreter, or the folder of an environment")
+    parser.add_argument("--env", metavar="ID", help="the environment that is to run, for the nearest known-good lock")
+    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+
+
+def _doctor(args: argparse.Namespace) -> int:
+    asked = doctor.Asked(args.python, args.env, dict(os.environ), os.getcwd())
+    made = doctor.document(asked, running.run, doctor.Knowledge(_known(), lambda: _measured() or {}))
+    doctor.printed(json.dumps(made) if args.json else "\n".join(doctor.lines(made, wording.in_words)))
+    return doctor.code(made)
+
+
+# --- what it carries -------------------------------------------------------------------------------------------
+
+
+def _data(name: str) -> Optional[bytes]:
+    try:
+        return pkgutil.get_data(str(__package__), name)
+    except OSError:
+        return None
+
+
+def _known() -> List[Known]:
+    content = _data(SIGNATURES)
+    return [read(plain) for plain in json.loads((content or b"[]").decode())]
+
+
+def _measured() -> Optional[Mapping[str, Any]]:
+    content = _data(MEASURED)
+    if content is None:
+        return None
+    made: Dict[str, Any] = json.loads(gzip.decompress(content).decode())
+    return made
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,179 @@
+"""The verb `explain`, wherever it runs: on a file, on stdin, or around a command."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import sys
+import tempfile
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
+
+from . import explaining, keeping, packages, wording
+from .explaining import Explained, Here
+from .keeping import Kept
+from .matching import Known
+from .packages import Packages
+from .wording import Place
+
+UNKNOWN, BAD = 1, 2
+HELP = (
+    "Explain a failure from what was written of it: cause, remedy, reference, and what to type next. A FILE, or - for"
+    " stdin; or, after --, a command, which is run as it stands, and explained where it fails. Exits with 1 where the"
+    " cause is unknown; around a command with the command's own code."
+)
+
+
+class Bad(Exception):
+    """What was typed, or what it names, cannot be used; the text says what to do."""
+
+
+class Knowledge(NamedTuple):
+    """What failures are compared with, read only where there is one."""
+
+    known: Callable[[], Sequence[Known]]
+    measured: Callable[[], Optional[Mapping[str, Any]]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `explain`."""
+    parser.usage = (
+        "%(prog)s [--python PATH] [--json] [FILE | -]\n       %(prog)s [--python PATH] [--json] -- COMMAND..."
+    )
+    parser.add_argument("file", metavar="FILE", nargs="?", help="a log, traceback or notebook's output; - for stdin")
+    parser.add_argument("--python", metavar="PATH", help="the interpreter, or environment, that it failed in")
+    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+
+
+def split(arguments: Sequence[str]) -> Tuple[List[str], Optional[List[str]]]:
+    """Our own arguments, and the command after `--`; None where there is no `--`."""
+    if "--" not in arguments:
+        return list(arguments), None
+    place = list(arguments).index("--")
+    return list(arguments[:place]), list(arguments[place + 1 :])
+
+
+def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int:
+    """Explain a file or stdin. Raises Bad."""
+    kept = _read(args.file)
+    if not kept.text.strip():
+        message = "explain: {} is empty; give the whole output of what failed".format(_called(args.file))
+        raise Bad(message)
+    around = _around(args.python, ()) if args.python else None
+    here = _here(around, knowledge)
+    made = _with_missing(explaining.explained(kept.text, knowledge.known(), here), kept)
+    if args.json:
+        print(json.dumps(made.plain()))
+    else:
+        _print(made, place._replace(python=around.python if around else None), sys.stdout)
+    return 0 if made.cause is not None else UNKNOWN
+
+
+def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Knowledge, place: Place) -> int:
+    """Run a command, and explain it where it fails; `place.kept` is the file that its output goes to. Raises Bad."""
+    from . import spawning  # noqa: PLC0415 - Windows lacks what it needs
+
+    if not command:
+        message = "explain: names no command after --"
+        raise Bad(message)
+    if args.file is not None:
+        message = "explain: a FILE or a command, not both: {} stands before --".format(args.file)
+        raise Bad(message)
+    around = _around(args.python, command)
+    path = place.kept or _temporary()
+    with open(path, "wb") as log:
+        ended = spawning.run(command, log, apart=args.json)
+    if ended.code == 0:
+        os.unlink(path)
+        if args.json:
+            print(json.dumps({"schema": 1, "decisive": None, "phase": None, "diagnoses": [], "findings": []}))
+        return 0
+    if ended.trouble:
+        os.unlink(path)
+        print("explain: {}".format(ended.trouble), file=sys.stderr)
+        return ended.code
+    with open(path, "rb") as written:
+        kept = keeping.kept(written.read)
+    here = _here(around, knowledge)._replace(failed=True, signal=ended.signal)
+    made = _with_end(_with_missing(explaining.explained(kept.text, knowledge.known(), here), kept), ended.code)
+    if args.json:
+        print(json.dumps(made.plain()))
+    place = place._replace(python=around.python if around else None, command=tuple(command), kept=path)
+    _print(made, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), _end(ended)))
+    return ended.code
+
+
+def _end(ended: Any) -> str:
+    return "killed by {}".format(ended.signal) if ended.signal else "exit code {}".format(ended.code)
+
+
+def _print(made: Explained, place: Place, stream: TextIO, *before: str) -> None:
+    text = "\n".join([*before, *wording.lines(made, place)])
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
+
+
+def _with_missing(made: Explained, kept: Kept) -> Explained:
+    if not kept.missing:
+        return made
+    text = "{:.1f} of {:.1f} MB were left out: looked at are the beginning, the end, and each traceback once".format(
+        kept.missing / 1e6, kept.size / 1e6
+    )
+    return made._replace(findings=(*made.findings, ("left out", "note", text)))
+
+
+def _with_end(made: Explained, code: int) -> Explained:
+    """A command that says nothing has its end for a decisive line."""
+    if made.told.decisive:
+        return made
+    line = "exited with code {} without a word".format(code) if code < 128 else "killed without a word"
+    return made._replace(told=made.told._replace(decisive=line))
+
+
+# --- what is read ----------------------------------------------------------------------------------------------
+
+
+def _called(file: Optional[str]) -> str:
+    return "stdin" if file in {None, "-"} else str(file)
+
+
+def _read(file: Optional[str]) -> Kept:
+    if file is None and sys.stdin is not None and sys.stdin.isatty():
+        message = "explain: give a FILE, a text on stdin, or a command after --"
+        raise Bad(message)
+    if file in {None, "-"}:
+        return keeping.kept(sys.stdin.buffer.read if sys.stdin else io.BytesIO().read)
+    try:
+        with open(str(file), "rb") as stream:
+            return keeping.kept(stream.read)
+    except OSError as error:
+        message = "explain: {}: cannot be read: {}".format(file, error.strerror)
+        raise Bad(message) from None
+
+
+def _around(python: Optional[str], command: Sequence[str]) -> Optional[Packages]:
+    """The packages of the interpreter that is named, or that the command runs."""
+    folder = os.getcwd()
+    if python is None:
+        return packages.of_command(command, os.environ, folder)
+    found = packages.of_interpreter(python, os.environ, folder)
+    if found is None:
+        message = (
+            "explain --python {}: no Python lies there; name an interpreter or the folder of an environment".format(
+                python
+            )
+        )
+        raise Bad(message)
+    return found
+
+
+def _here(around: Optional[Packages], knowledge: Knowledge) -> Here:
+    installed, python = (around.installed, around.version) if around and around.installed else (None, None)
+    return Here(installed=installed, python=python, measured=knowledge.measured())
+
+
+def _temporary() -> str:
+    descriptor, path = tempfile.mkstemp(prefix="simmatrix-explain-", suffix=".log")
+    os.close(descriptor)
+    return path

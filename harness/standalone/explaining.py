@@ -1,0 +1,232 @@
+"""Explains a text of unknown origin: the deepest known cause, what else could be, what was measured, and what to do."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from . import matching, telling
+from .hinting import Hints, hints
+from .lines import bounded
+from .matching import Around, Hit, Seen
+from .requirements import requirement
+from .telling import Told
+from .versions import specifiers, unsatisfiable
+
+NOTE, WARNING = "note", "warning"
+CHANGING = re.compile(r"\bline \d+|0x[0-9a-f…]+|\d+(?:\.\d+)+|(?:/[\w.+-]+){2,}")
+"""What differs in two lines about the same failure."""
+
+DECISIVE, ELSEWHERE, LOG = 0, 1, 2
+"""Where a failure was told: in the decisive line, in another one that says why, or anywhere."""
+
+SHOWN = 3
+
+
+class Here(NamedTuple):
+    """What is known apart from the text: the packages and the Python of an environment, and how a command ended.
+
+    `failed` is whether it surely failed. `measured` is the document of measured results.
+    """
+
+    installed: Optional[Mapping[str, str]] = None
+    python: Optional[str] = None
+    failed: bool = False
+    signal: Optional[str] = None
+    measured: Optional[Mapping[str, Any]] = None
+
+
+NOTHING = Here()
+
+
+class Explained(NamedTuple):
+    """What is to be said. `diagnoses` are known causes, the deepest first; `findings` are to be known besides."""
+
+    told: Told
+    hints: Hints
+    diagnoses: Tuple[Hit, ...]
+    findings: Tuple[Tuple[str, str, str], ...]
+
+    @property
+    def phase(self) -> Optional[str]:
+        """Where it failed: in the one phase that the cause shows in, else where the text looks like."""
+        cause = next((hit.known for hit in self.diagnoses if not hit.known.masks), None)
+        if cause is not None and cause.phases and self.told.phase not in cause.phases:
+            return str(cause.phases[0])
+        return self.told.phase
+
+    @property
+    def cause(self) -> Optional[Hit]:
+        """The deepest cause; None where none is known but masks."""
+        return next((hit for hit in self.diagnoses if not hit.known.masks), None)
+
+    def plain(self) -> Dict[str, Any]:
+        """The document of `explain --json`."""
+        return {
+            "schema": 1,
+            "decisive": self.told.decisive,
+            "phase": self.phase,
+            "diagnoses": [_entry(hit) for hit in self.diagnoses],
+            "findings": [{"check": check, "level": level, "text": text} for check, level, text in self.findings],
+        }
+
+
+def _entry(hit: Hit) -> Dict[str, Any]:
+    """A known cause as all documents hold it."""
+    plain = hit.known.plain
+    return {
+        "signature": hit.known.id,
+        "cause": plain["cause"],
+        "remedy": plain.get("remedy", {}),
+        "proven": False,
+        "masks": hit.known.masks,
+        "references": list(plain.get("references", ())),
+        "generic": hit.known.generic,
+        "phase": hit.phase,
+        "seen": hit.seen,
+        "proof": None,
+    }
+
+
+def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) -> Explained:
+    """Explain a text, its terminal's signs still in it."""
+    told = telling.told(text, surely=here.failed or here.signal is not None)
+    said = hints(told.text)
+    killed = here.signal or told.signal
+    sure, could = _candidates(known, here, said)
+    hits = _hits(sure, told, killed)
+    findings: List[Tuple[str, str, str]] = []
+    if not any(not hit.known.masks for hit in hits):
+        possible = [hit for hit in _hits(could, told, killed) if _where(hit, told) is not LOG]
+        named = [hit for hit in possible if _named(hit.known, told.text)]
+        if len(named) == 1:
+            hits = (*named, *hits)
+            findings.append(("packages", NOTE, _if_there(named[0].known)))
+        else:
+            findings += [("possible", NOTE, _possible(hit)) for hit in named[:SHOWN]]
+    if not told.failed and hits:
+        told = told._replace(failed=True, decisive=hits[0].seen)
+    findings += _others(told, hits)
+    findings += _measured(told, hits, here.measured)
+    return Explained(told, said, hits, tuple(findings))
+
+
+# --- which known failures can be meant -------------------------------------------------------------------------
+
+
+def _candidates(
+    known: Iterable[matching.Known], here: Here, said: Hints
+) -> Tuple[List[matching.Known], List[matching.Known]]:
+    """Those that nothing speaks against, and for broad ones all; and the broad ones for which it cannot be told."""
+    around = Around(
+        installed=here.installed,
+        requirements=tuple("{}=={}".format(*pair) for pair in said.packages.items()),
+        python=here.python,
+    )
+    sure: List[matching.Known] = []
+    could: List[matching.Known] = []
+    loud = [one for one in known if not one.silent and _of_python(one, here.python or said.python)]
+    for one, fits in zip(loud, matching.standing(loud, around)):
+        broad = one.generic or one.pattern is None
+        if fits or (fits is None and not broad):
+            sure.append(one)
+        elif fits is None:
+            could.append(one)
+    return sure, could
+
+
+def _of_python(one: matching.Known, python: Optional[str]) -> bool:
+    """Whether a failure is one of this Python, of which the text may tell no more than "3.10"."""
+    if not one.python or python is None:
+        return True
+    if python.count(".") > 1:
+        return specifiers(one.python).admits(python)
+    return not unsatisfiable([specifiers(one.python), specifiers("=={}.*".format(python))])
+
+
+def _named(one: matching.Known, text: str) -> bool:
+    """Whether a text speaks of each package that takes part."""
+    return all(any(_speaks(requirement(each).name, text) for each in part.requirements) for part in one.packages)
+
+
+def _speaks(name: str, text: str) -> bool:
+    pattern = "[-_.]".join(map(re.escape, name.split("-")))
+    return re.search("(?<![A-Za-z0-9])" + pattern + "(?![A-Za-z0-9])", text, re.IGNORECASE) is not None
+
+
+def _if_there(one: matching.Known) -> str:
+    parts = [" or ".join("`{}`".format(each) for each in part.requirements) for part in one.packages]
+    return "the text does not tell versions: this is the cause if {} {} installed".format(
+        " and ".join(parts), "is" if len(parts) == 1 else "are"
+    )
+
+
+def _possible(hit: Hit) -> str:
+    return "could be {}: {} {}".format(hit.known.id, hit.known.plain["cause"], _if_there(hit.known))
+
+
+# --- where they are told ---------------------------------------------------------------------------------------
+
+
+def _hits(known: Sequence[matching.Known], told: Told, killed: Optional[str]) -> Tuple[Hit, ...]:
+    """The known failures that the text tells, the deepest cause first."""
+    if not told.failed:
+        known = [one for one in known if one.pattern is not None and not one.generic]
+    seen = Seen(phase=None, told=told.lines, logs=(told.text,), signal=killed)
+    found = matching.matches(known, seen)
+    return tuple(sorted(found, key=lambda hit: _rank(hit, told)))
+
+
+def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
+    """What explains the decisive line goes before what was said elsewhere."""
+    one = hit.known
+    return one.masks, not one.phases, _where(hit, told), one.generic
+
+
+def _where(hit: Hit, told: Told) -> int:
+    if hit.known.pattern is None or _in(hit.seen, told.decisive):
+        return DECISIVE
+    return ELSEWHERE if any(_in(hit.seen, line) for line in told.lines) else LOG
+
+
+def _in(seen: str, line: Optional[str]) -> bool:
+    if not line:
+        return False
+    first = seen.rstrip("…")
+    return first in line or line.rstrip("…") in first
+
+
+# --- besides ---------------------------------------------------------------------------------------------------
+
+
+def _others(told: Told, hits: Sequence[Hit]) -> List[Tuple[str, str, str]]:
+    """What the cause that is known does not tell of."""
+    cause = next((hit for hit in hits if not hit.known.masks), None)
+    if cause is None or not told.decisive or _where(cause, told) is DECISIVE or _mask_tells(told.decisive, hits):
+        return []
+    text = "the last that failed is another line, a consequence or a failure of its own: {}".format(told.decisive)
+    return [("also", NOTE, text)]
+
+
+def _mask_tells(line: str, hits: Sequence[Hit]) -> bool:
+    return any(hit.known.masks and _in(hit.seen, line) for hit in hits)
+
+
+def _measured(told: Told, hits: Sequence[Hit], measured: Optional[Mapping[str, Any]]) -> List[Tuple[str, str, str]]:
+    """Where the same was measured: by the cause, else by the line that says why."""
+    cells = (measured or {}).get("cells", ())
+    cause = next((hit for hit in hits if not hit.known.masks), None)
+    if cause is not None:
+        same = [cell for cell in cells if cause.known.id in cell.get("causes", ())]
+    else:
+        shape = _shape(told.decisive)
+        same = [cell for cell in cells if shape and _shape(cell.get("decisive")) == shape]
+    if not same:
+        return []
+    named = ["{} ({})".format(cell["id"], " ".join(cell.get("requirements", ())[:4])) for cell in same[:SHOWN]]
+    more = " and {} more".format(len(same) - SHOWN) if len(same) > SHOWN else ""
+    return [("measured", NOTE, bounded("measured here, too: " + "; ".join(named) + more))]
+
+
+def _shape(line: Optional[str]) -> str:
+    return CHANGING.sub("…", line or "")

@@ -1,0 +1,82 @@
+"""What a text says in passing of the environment that it is of: Python, and versions of packages. Hints, no more."""
+
+from __future__ import annotations
+
+import re
+from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
+
+from .versions import canonical, is_version
+
+IN_PATH = re.compile(r"[/\\](?:lib[/\\])?[Pp]ython-?(3)\.?(\d{1,2})(?:[/\\]|\.exe)")
+IN_WORDS = re.compile(r"\b(?:C?Python|python=+)\s*(?:version:? )?v?(3)\.(\d{1,2})(?:\.\d+)?\b")
+IN_TAG = re.compile(r"\b(?:cp|cpython-)(3)(\d{1,2})\b")
+NAME = r"([A-Za-z0-9][A-Za-z0-9._-]*)"
+VERSION = r"(\d[A-Za-z0-9.!+]*)"
+INSTALLED = re.compile(r"^\s*Successfully installed (.+)$", re.MULTILINE)
+ADDED = re.compile(r"^\s*[+~] {}==({}?)\s*$".format(NAME, r"\d\S*"), re.MULTILINE)
+THERE = re.compile(r"Requirement already satisfied: {}[^\n]* \({}\)".format(NAME, VERSION))
+FROZEN = re.compile(r"^\s*{}==({})\s*(?:[#;].*)?$".format(NAME, r"\d\S*?"), re.MULTILINE)
+LISTED = re.compile(r"^{}\s{{2,}}{}(?:\s{{2,}}\S+)*\s*$".format(NAME, VERSION), re.MULTILINE)
+NAMED = re.compile(
+    r"(?<![\w./-]){}==({})(?=[\s,;:)`'\"]|\.?$|\.\s)".format(NAME, r"\d[A-Za-z0-9.!+]*[A-Za-z0-9]|\d"), re.MULTILINE
+)
+HAVE = re.compile(r"but you(?:'ll)? have {} {} which".format(NAME, VERSION))
+IN_FILE = re.compile(
+    r"\b([A-Za-z0-9_.]+)-(\d[A-Za-z0-9.!+]*)(?:-(?:cp|py)\d\S*\.whl|\.tar\.gz|\.dist-info|-py3\.\d+\.egg)"
+)
+KEYS = "gym|gymnasium|numpy|mujoco|torch|jax|jaxlib|scipy|pybullet|robosuite|dm[_-]control"
+SAID = re.compile(r"\b({})(?:'s)? version:? v?{}".format(KEYS, VERSION), re.IGNORECASE)
+
+
+class Hints(NamedTuple):
+    """Python as "3.N", and exact versions of packages; what a text says twice and differently is left out."""
+
+    python: Optional[str]
+    packages: Dict[str, str]
+
+
+def hints(text: str) -> Hints:
+    """All that a text says in passing."""
+    return Hints(_python(text), _packages(text))
+
+
+def _python(text: str) -> Optional[str]:
+    """The Python of the paths in it, else the one that is spoken of, else that of files' names, if it is but one."""
+    for pattern in (IN_PATH, IN_WORDS, IN_TAG):
+        found = {"{}.{}".format(*match) for match in pattern.findall(text)}
+        if found:
+            return found.pop() if len(found) == 1 else None
+    return None
+
+
+def _packages(text: str) -> Dict[str, str]:
+    """What was installed in the end goes before what was there, and that before what is only named."""
+    made: Dict[str, str] = {}
+    for source in (_installed, _there, _mentioned):
+        told: Dict[str, List[str]] = {}
+        for name, version in source(text):
+            if is_version(version):
+                told.setdefault(canonical(name), []).append(version)
+        for name, versions in told.items():
+            if name not in made and (len(set(versions)) == 1 or source is _installed):
+                made[name] = versions[-1]
+            made.setdefault(name, "")
+    return {name: version for name, version in made.items() if version and name != "python"}
+
+
+def _installed(text: str) -> Iterator[Tuple[str, str]]:
+    for line in INSTALLED.findall(text):
+        for one in line.split():
+            name, _, version = one.rpartition("-")
+            yield name, version
+    yield from ADDED.findall(text)
+
+
+def _there(text: str) -> Iterator[Tuple[str, str]]:
+    for pattern in (THERE, HAVE, FROZEN, LISTED):
+        yield from pattern.findall(text)
+
+
+def _mentioned(text: str) -> Iterator[Tuple[str, str]]:
+    for pattern in (NAMED, IN_FILE, SAID):
+        yield from pattern.findall(text)

@@ -1,0 +1,113 @@
+"""What is kept of a log, however long: its beginning, its end, and every traceback and error in between."""
+
+from __future__ import annotations
+
+import re
+from typing import Callable, Iterable, List, NamedTuple, Optional
+
+HEAD, TAIL = 256000, 1024000
+"""Bytes of the beginning and of the end."""
+
+MIDDLE = 1024000
+"""Bytes of what is kept between them."""
+
+BEFORE, AFTER = 3, 250
+"""Lines that belong to a marked one: those before it, and at most so many after it."""
+
+CHUNK = 1 << 20
+MARKS = (
+    b"Traceback (most recent call last)", b"No solution found", b"Fatal Python error", b"CMake Error", b": error: ",
+    b"fatal error: ", b"terminate called", b"what():", b"egmentation fault", b"ResolutionImpossible", b"ERROR: ",
+    b"Assertion", b"exitcode: -", b"died with <Signals", b"[Error] [",
+)  # fmt: skip
+"""Of a line that may say why."""
+
+NUMBERS = re.compile(rb"0x[0-9a-fA-F]+|\d+")
+
+
+class Kept(NamedTuple):
+    """A text, how many bytes the whole had, and how many of them it lacks."""
+
+    text: str
+    size: int
+    missing: int
+
+
+class Keeper:
+    """Takes a log piece by piece. What was told before in the same words, but for numbers, is kept once."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self._head = bytearray()
+        self._tail = bytearray()
+        self._middle: List[bytes] = []
+        self._kept = 0
+        self._known: set[bytes] = set()
+        self._open: Optional[List[bytes]] = None
+
+    def take(self, piece: bytes) -> None:
+        """Take the next piece."""
+        self.size += len(piece)
+        room = HEAD - len(self._head)
+        if room > 0:
+            self._head += piece[:room]
+            piece = piece[room:]
+        self._tail += piece
+        if len(self._tail) > TAIL + CHUNK:
+            end = self._tail.rfind(b"\n", 0, len(self._tail) - TAIL) + 1 or len(self._tail) - TAIL
+            self._pass(bytes(self._tail[:end]))
+            del self._tail[:end]
+
+    def _pass(self, piece: bytes) -> None:
+        """Look through what is neither beginning nor end."""
+        if self._open is None and not any(mark in piece for mark in MARKS):
+            return
+        lines = piece.splitlines(keepends=True)
+        marked = {place for place, line in enumerate(lines) if any(mark in line for mark in MARKS)}
+        for place, line in enumerate(lines):
+            if self._open is not None:
+                self._open.append(line)
+                blank = not line.strip() and place + 1 not in marked
+                if (blank and not _goes_on(lines[place + 1 : place + 2])) or len(self._open) > BEFORE + AFTER:
+                    self._close()
+            elif place in marked:
+                self._open = lines[max(0, place - BEFORE) : place + 1]
+
+    def _close(self) -> None:
+        block = b"".join(self._open or ())
+        self._open = None
+        shape = NUMBERS.sub(b"0", block)
+        if shape not in self._known and self._kept + len(block) <= MIDDLE:
+            self._known.add(shape)
+            self._middle.append(block)
+            self._kept += len(block)
+
+    def kept(self) -> Kept:
+        """All that is kept, as text. Nothing may be taken any more."""
+        self._close()
+        gap = b"\n\n" if self._middle or self.size > len(self._head) + len(self._tail) else b""
+        whole = bytes(self._head) + gap + b"\n\n".join([*self._middle, b""]) + bytes(self._tail)
+        missing = self.size - len(self._head) - len(self._tail) - self._kept
+        return Kept(decoded(whole), self.size, max(0, missing))
+
+
+def _goes_on(following: Iterable[bytes]) -> bool:
+    """Whether a blank line stands inside of a chain of tracebacks."""
+    return any(line.startswith((b"The above exception", b"During handling", b"Traceback")) for line in following)
+
+
+def kept(read: Callable[[int], bytes]) -> Kept:
+    """What is kept of a stream."""
+    keeper = Keeper()
+    while True:
+        piece = read(CHUNK)
+        if not piece:
+            return keeper.kept()
+        keeper.take(piece)
+
+
+def decoded(content: bytes) -> str:
+    """Bytes as text, be they UTF-8, what PowerShell writes into a file, or hurt."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return content.decode("utf-16", "replace").replace("\x00", "")
+    return content.decode("utf-8-sig", "replace").replace("\x00", "")

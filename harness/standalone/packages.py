@@ -1,0 +1,204 @@
+"""The packages of an interpreter, read from its folders; nothing of it is run."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence
+
+from .versions import canonical
+
+PYTHON = re.compile(r"^(?:python|pypy)[\d.]*(?:\.exe)?$", re.IGNORECASE)
+FOLDER = re.compile(r"^(?:python|pypy)(\d+\.\d+)$")
+SHEBANG = re.compile(rb"^#!\s*(\S+)(?:[ \t]+([^\r\n]*))?|^'''exec' \"?([^\"]+?)\"? \"\$0\"", re.MULTILINE)
+RELEASE = re.compile(r"^version(?:_info)?\s*=\s*(\d+\.\d+(?:\.\d+)?)", re.MULTILINE)
+READ = 4096
+
+
+class Packages(NamedTuple):
+    """What an interpreter has: its own path, its version as far as it can be told, versions by name."""
+
+    python: str
+    version: Optional[str]
+    installed: Dict[str, str]
+
+
+def of_command(argv: Sequence[str], variables: Mapping[str, str], folder: str) -> Optional[Packages]:
+    """Those of the interpreter that a command runs; None where it is none that can be told."""
+    for word in argv:
+        python = _interpreter(word, variables, folder)
+        if python:
+            return of_interpreter(python, variables, folder)
+    return None
+
+
+def of_interpreter(python: str, variables: Mapping[str, str], folder: str = ".") -> Optional[Packages]:
+    """Those of an interpreter, or of the folder of an environment; None where none lies there."""
+    path = os.path.join(folder, os.path.expanduser(python))
+    if os.path.isdir(path):
+        names = (("bin", "python"), ("bin", "python3"), ("Scripts", "python.exe"), ("python.exe",))
+        path = next((one for one in (os.path.join(path, *name) for name in names) if os.path.isfile(one)), path)
+    path = _behind_shim(path, variables, folder)
+    if not os.path.isfile(path):
+        return None
+    version, entries = _entries(path, variables)
+    installed: Dict[str, str] = {}
+    for entry in entries:
+        for name, one in _distributions(entry):
+            installed.setdefault(name, one)
+    return Packages(path, version, installed)
+
+
+def _interpreter(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
+    """The interpreter that a word of a command line is, or that its first line names."""
+    path = _found(word, variables, folder)
+    if path is None or PYTHON.match(os.path.basename(path)):
+        return path
+    try:
+        with open(path, "rb") as file:
+            head = file.read(READ)
+    except OSError:
+        return None
+    for shebang, rest, executed in SHEBANG.findall(head) if head.startswith(b"#!") else ():
+        words = [os.fsdecode(one) for one in (executed, shebang, *rest.split()) if one]
+        for one in words:
+            if PYTHON.match(os.path.basename(one)):
+                return _found(one, variables, folder)
+    return None
+
+
+def _found(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
+    """The file that a shell runs for a word."""
+    if os.sep in word:
+        path = os.path.join(folder, os.path.expanduser(word))
+        return path if os.path.isfile(path) else None
+    places = variables.get("PATH", os.defpath).split(os.pathsep)
+    paths = (os.path.join(folder, place, word) for place in places if place)
+    return next((path for path in paths if os.path.isfile(path) and os.access(path, os.X_OK)), None)
+
+
+def _behind_shim(path: str, variables: Mapping[str, str], folder: str) -> str:
+    """What one of pyenv's shims starts here."""
+    place, name = os.path.split(path)
+    root = os.path.dirname(place)
+    if os.path.basename(place) != "shims" or not os.path.isdir(os.path.join(root, "versions")):
+        return path
+    chosen = variables.get("PYENV_VERSION") or _near(folder) or _text(os.path.join(root, "version"))
+    for version in re.split(r"[:\s]+", chosen.strip()):
+        found = os.path.join(root, "versions", version, "bin", name)
+        if version and os.path.isfile(found):
+            return found
+    return path
+
+
+def _near(folder: str) -> str:
+    here = os.path.abspath(folder)
+    while True:
+        said = _text(os.path.join(here, ".python-version"))
+        if said or os.path.dirname(here) == here:
+            return said
+        here = os.path.dirname(here)
+
+
+# --- where packages lie ----------------------------------------------------------------------------------------
+
+
+def _entries(path: str, variables: Mapping[str, str]) -> "tuple[Optional[str], List[str]]":
+    """The version of an interpreter, and the folders that it imports from, the first one first."""
+    extra = [one for one in variables.get("PYTHONPATH", "").split(os.pathsep) if one]
+    root = os.path.dirname(os.path.dirname(os.path.abspath(path)))
+    settings = _text(os.path.join(root, "pyvenv.cfg")) or _text(os.path.join(os.path.dirname(path), "pyvenv.cfg"))
+    told = RELEASE.search(settings)
+    if settings:
+        own = list(_folders(root, told.group(1) if told else None))
+        shared = re.search(r"^include-system-site-packages\s*=\s*true", settings, re.MULTILINE | re.IGNORECASE)
+        base = list(_base(os.path.realpath(path), variables)) if shared else []
+        return told.group(1) if told else _version(own), [*extra, *own, *base]
+    own = list(_base(os.path.realpath(path), variables))
+    return _release(os.path.realpath(path)) or _version(own), [*extra, *own]
+
+
+def _base(path: str, variables: Mapping[str, str]) -> Iterator[str]:
+    """Those of an interpreter that is no environment's: the user's own, then its own, then Debian's."""
+    root = os.path.dirname(os.path.dirname(path))
+    named = re.search(r"(\d+\.\d+)(?:\.exe)?$", os.path.basename(path))
+    own = list(_folders(root, named.group(1) if named else None))
+    minor = named.group(1) if named else _version(own)
+    home = variables.get("HOME", os.path.expanduser("~"))
+    if minor and not variables.get("PYTHONNOUSERSITE"):
+        yield from _folders(os.path.join(home, ".local"), minor)
+    if root == "/usr":
+        yield from _folders("/usr/local", minor)
+    yield from own
+    yield from (one for one in [os.path.join(root, "lib", "python3", "dist-packages")] if os.path.isdir(one))
+
+
+def _folders(root: str, version: Optional[str]) -> Iterator[str]:
+    """The folders of packages below a prefix; of this Python, where that is known."""
+    minor = ".".join(version.split(".")[:2]) if version else None
+    for library in ("lib", "lib64", "Lib"):
+        place = os.path.join(root, library)
+        inner = [os.path.join(place, name) for name in _names(place) if _fits(name, minor)]
+        for folder in [place, *inner] if library == "Lib" else inner:
+            for kind in ("site-packages", "dist-packages"):
+                found = os.path.join(folder, kind)
+                if os.path.isdir(found) and not os.path.islink(place):
+                    yield found
+
+
+def _fits(name: str, minor: Optional[str]) -> bool:
+    found = FOLDER.match(name)
+    return bool(found) and (minor is None or found.group(1) == minor) if found else False
+
+
+def _version(entries: Sequence[str]) -> Optional[str]:
+    """The version that the folders of an interpreter are called by, if it is but one."""
+    found = {
+        match.group(1)
+        for entry in entries
+        for match in [FOLDER.match(os.path.basename(os.path.dirname(entry)))]
+        if match
+    }
+    return found.pop() if len(found) == 1 else None
+
+
+def _release(path: str) -> Optional[str]:
+    """The whole version, where a folder is called by it (pyenv, uv) or conda has noted it."""
+    root = os.path.dirname(os.path.dirname(path))
+    named = re.match(r"(?:c?python-)?(\d+\.\d+\.\d+)(?:-|$)", os.path.basename(root))
+    notes = (re.match(r"python-(\d+\.\d+\.\d+)-", name) for name in _names(os.path.join(root, "conda-meta")))
+    found = named or next((match for match in notes if match), None)
+    return found.group(1) if found else None
+
+
+# --- what lies there -------------------------------------------------------------------------------------------
+
+
+def _distributions(entry: str) -> "Iterator[tuple[str, str]]":
+    """Name and version of everything installed in a folder."""
+    for name in sorted(_names(entry)):
+        stem, dot, kind = name.rpartition(".")
+        if kind not in {"dist-info", "egg-info"} or not dot:
+            continue
+        path = os.path.join(entry, name)
+        file = path if os.path.isfile(path) else os.path.join(path, "METADATA" if kind == "dist-info" else "PKG-INFO")
+        said = dict(re.findall(r"^(Name|Version):[ \t]*(\S+)", _text(file).partition("\n\n")[0], re.MULTILINE))
+        parts = stem.split("-")
+        title, version = said.get("Name", parts[0]), said.get("Version", parts[1] if len(parts) > 1 else "")
+        if version:
+            yield canonical(title), version
+
+
+def _names(folder: str) -> List[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
+
+
+def _text(path: str) -> str:
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return file.read(200000)
+    except OSError:
+        return ""

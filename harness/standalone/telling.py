@@ -1,0 +1,269 @@
+"""What a text of unknown origin says of a failure: the lines that tell why, where it failed, and what was killed.
+
+Tracebacks of notebooks, of workers whose lines carry a prefix, and of pytest are read as Python's own.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
+
+from . import lines as said
+from .lines import FRAME, MASKS, bounded, strip_ansi
+
+START = "Traceback (most recent call last):"
+PREFIXED = re.compile(r"^(\s*\S.{0,150}?)Traceback \(most recent call last\):\s*$")
+NOTEBOOK = re.compile(r"^([A-Za-z_][\w.]*)\s{2,}Traceback \(most recent call last\)\s*$")
+PYTEST = re.compile(r"^E {2,}(?=[A-Za-z_][\w.]*(?:Error|Exception|Interrupt|Exit|Warning)\b)", re.MULTILINE)
+RULE = re.compile(r"^-{20,}$")
+NO_PREFIX = re.compile(r"Exception|^\s*raise|['\"]$")
+PREFIXES = 20
+"""Different ones that are looked at."""
+
+
+class Told(NamedTuple):
+    """A failure as its text tells it: `lines` say why, the decisive one first; `phase` is where it may have failed.
+
+    `failed` is whether there is a failure at all. `text` is all of it, its tracebacks in one form.
+    """
+
+    decisive: Optional[str]
+    lines: Tuple[str, ...]
+    phase: Optional[str]
+    signal: Optional[str]
+    failed: bool
+    text: str
+
+
+def told(text: str, *, surely: bool = False) -> Told:
+    """Read a text; `surely` it is of something that failed, by whatever was known apart from it."""
+    text = uniform(strip_ansi(text))
+    lines = text.splitlines()
+    picked = list(_tracebacks(lines))
+    installer = _installer(lines)
+    killed = _signal(text)
+    decisive = _decisive(text, lines, installer, picked)
+    failed = bool(picked or installer or killed or _marked(text) or surely)
+    first = decisive if failed else None
+    every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
+    return Told(first, tuple(dict.fromkeys(every)), _phase(text, installer), killed, failed, text)
+
+
+# --- one form of tracebacks ------------------------------------------------------------------------------------
+
+
+def uniform(text: str) -> str:
+    """The text with its tracebacks as Python itself prints them."""
+    lines = _without_prefixes(text.splitlines())
+    lines = _notebooks(lines) if any(NOTEBOOK.match(line) for line in lines) else lines
+    return PYTEST.sub("", "\n".join(lines))
+
+
+def _without_prefixes(lines: Sequence[str]) -> List[str]:
+    """Lines without what a launcher of workers, a service or a log puts before each: `[rank0]: `, `(pid=12) `."""
+    found = (PREFIXED.match(line) for line in lines if START in line)
+    shapes = dict.fromkeys(_shape(match.group(1)) for match in found if match and not NO_PREFIX.search(match.group(1)))
+    if not shapes:
+        return list(lines)
+    prefix = re.compile("|".join("(?:{})".format(shape) for shape in list(shapes)[:PREFIXES]))
+    return [prefix.sub("", line, count=1) if prefix.match(line) else line for line in lines]
+
+
+def _shape(prefix: str) -> str:
+    """A prefix whatever its numbers are; at an empty line without the blank at its end."""
+    bare = prefix.rstrip()
+    shape = re.sub(r"\d+", r"\\d+", re.escape(bare))
+    return shape + ("(?: |$)" if bare != prefix else "")
+
+
+def _notebooks(lines: Sequence[str]) -> List[str]:
+    """The frames of a notebook's traceback, indented below a header as elsewhere."""
+    made: List[str] = []
+    kind: Optional[str] = None
+    for line in lines:
+        header = NOTEBOOK.match(line)
+        if header:
+            kind = header.group(1)
+            made.append(START)
+        elif kind is None:
+            made += [] if RULE.match(line) else [line]
+        elif line.startswith((kind + ":", kind.rpartition(".")[2] + ":")) or line.strip() == kind:
+            kind = None
+            made.append(line)
+        elif line.strip():
+            made.append("  " + line)
+    return made
+
+
+# --- the lines that say why ------------------------------------------------------------------------------------
+
+
+def _tracebacks(lines: Sequence[str]) -> Iterator[str]:
+    """The original exception of every chain, the echoes of another process's death last, so that they come first."""
+    picks = [said.root(chain) for chain in said.chains(lines)]
+    yield from (bounded(block.text) for block in picks if block.kind in MASKS)
+    yield from (bounded(block.text) for block in picks if block.kind not in MASKS)
+
+
+MARKED = re.compile(
+    r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: "
+    r"|^\s*what\(\):\s|: Assertion .* failed|^Fatal Python error: |^CMake Error|: (?:fatal )?error: "
+    r"|: command not found$|^\[(?:Error|Fatal)\] \[|^E +\w+.*(?:Error|Exception)|is incompatible\.$|failed with exit code [1-9]"
+    r"|^(?:FAILED|ERROR) \S+::|exit(?:ed with)? code:? [1-9]",
+    re.MULTILINE | re.IGNORECASE,
+)
+
+
+def _marked(text: str) -> bool:
+    return MARKED.search(text) is not None
+
+
+def _complaints(lines: Sequence[str]) -> Iterator[str]:
+    """Lines that call themselves errors; the last ones first."""
+    found = [line for line in lines if said.ERROR.match(line) or re.match(r"^\[(?:Error|Fatal)\] \[", line)]
+    yield from (bounded(line) for line in reversed(found[-40:]))
+
+
+def _decisive(text: str, lines: Sequence[str], installer: Optional[str], picked: Sequence[str]) -> Optional[str]:
+    """What a person would quote."""
+    if installer and not picked:
+        return installer
+    return said.decisive_line(text)
+
+
+# --- installers ------------------------------------------------------------------------------------------------
+
+CONFLICT = re.compile(r"^ERROR: Cannot install (.+) because these package versions have conflicting dependencies")
+NOT_FOUND = re.compile(r"^ERROR: Could not find a version that satisfies the requirement (.+)$")
+NOT_FITTING = re.compile(r"^(?:ERROR: )?(\S+ \S+ (?:requires|depends on) .+, but you(?:'ll)? have .+)$")
+CONDA = re.compile(
+    r"^\s*(?:Lib[Mm]amba)?(?:UnsatisfiableError|PackagesNotFoundError|ResolvePackageNotFound|SolverError)\b"
+    r"|^error\s+libmamba Could not solve"
+)
+POETRY = re.compile(r"version solving failed")
+
+
+def _installer(lines: Sequence[str]) -> Optional[str]:
+    """What a resolver or installer says why it gave up; pip's and conda's words in one line."""
+    rules = (_pip_conflict, _conda, _poetry, _pip_not_found, _uv, _not_fitting)
+    found = (rule(lines) for rule in rules)
+    return next((bounded(line) for line in found if line), None)
+
+
+def _pip_conflict(lines: Sequence[str]) -> Optional[str]:
+    """The packages that cannot be together, and what each of them asks for."""
+    place = next((n for n, line in enumerate(lines) if CONFLICT.match(line)), None)
+    if place is None:
+        return None
+    cause = next((n for n in range(place, len(lines)) if lines[n].startswith("The conflict is caused by:")), None)
+    told = [] if cause is None else _paragraph(lines[cause + 1 :])
+    return "{} conflict: {}".format(_found(CONFLICT, lines[place]), "; ".join(told)) if told else lines[place]
+
+
+def _found(pattern: re.Pattern[str], line: str) -> str:
+    match = pattern.match(line)
+    return match.group(1) if match else line
+
+
+def _pip_not_found(lines: Sequence[str]) -> Optional[str]:
+    return next((line for line in lines if NOT_FOUND.match(line)), None)
+
+
+def _not_fitting(lines: Sequence[str]) -> Optional[str]:
+    return next((_found(NOT_FITTING, line) for line in lines if NOT_FITTING.match(line)), None)
+
+
+def _conda(lines: Sequence[str]) -> Optional[str]:
+    place = next((n for n, line in enumerate(lines) if CONDA.match(line)), None)
+    if place is None:
+        return None
+    rest = [line for line in lines[place + 1 :] if not line.startswith(("Could not solve", "The following packages"))]
+    start = next((n for n, line in enumerate(rest) if line.strip()), len(rest))
+    told = _paragraph(rest[start:])
+    return "{} {}".format(lines[place].strip(), "; ".join(one.lstrip("- ") for one in told)).strip()
+
+
+def _poetry(lines: Sequence[str]) -> Optional[str]:
+    place = next((n for n, line in enumerate(lines) if POETRY.search(line)), None)
+    if place is None:
+        return None
+    start = next((n for n in range(place, -1, -1) if lines[n].lstrip().startswith("Because")), place)
+    return " ".join(line.strip() for line in lines[start : place + 1])
+
+
+def _uv(lines: Sequence[str]) -> Optional[str]:
+    if not any("No solution found" in line for line in lines):
+        return None
+    return said.decisive_line("\n".join(lines))
+
+
+def _paragraph(lines: Sequence[str]) -> List[str]:
+    end = next((n for n, line in enumerate(lines) if not line.strip()), len(lines))
+    return [line.strip() for line in lines[:end]][:12]
+
+
+# --- where it failed -------------------------------------------------------------------------------------------
+
+BUILD = re.compile(
+    r"Failed(?: to)?(?: download and)? build(?:ing)?\b|Failed building wheel|build backend returned an error"
+    r"|subprocess-exited-with-error|Could not build wheels|error in [\w.-]+ setup command|Getting requirements to build"
+    r"|metadata-generation-failed|CMake Error|has invalid metadata|fatal error: |(?:setup\.py|egg_info) \S+ did not run"
+    r"|CompileError|command .* failed with exit"
+)
+IMPORTING = re.compile(r"^(?:ModuleNotFoundError|ImportError|AttributeError: partially initialized module)\b")
+VECTOR = re.compile(r"vector_env|async_vector|subproc_vec_env|AsyncVectorEnv|SubprocVecEnv|vec_env|ParallelEnv")
+RENDER = re.compile(
+    r"in render\b|mujoco_rendering|rendering\.py|glfw|EGL|OSMesa|OpenGL|pyglet|GLError|libGL|X11|DISPLAY"
+)
+
+
+def _phase(text: str, installer: Optional[str]) -> Optional[str]:
+    """Where it may have failed, by what the text is of; None where nothing tells."""
+    if BUILD.search(text):
+        return "install"
+    if installer:
+        return "resolve"
+    blocks = [said.root(chain) for chain in said.chains(text.splitlines())]
+    telling = [block for block in blocks if block.kind not in MASKS] or blocks
+    if not telling:
+        return None
+    if IMPORTING.match(telling[-1].text) or _while_importing(text):
+        return "import"
+    frames = "\n".join(line for line in text.splitlines() if FRAME.search(line))
+    if RENDER.search(telling[-1].text) or re.search(r"in render\b|mujoco_rendering|rendering\.py", frames):
+        return "render"
+    return "vector" if VECTOR.search(frames) or any(block.kind in MASKS for block in blocks) else "single"
+
+
+def _while_importing(text: str) -> bool:
+    """Whether the innermost frames of the last traceback are of modules that are being loaded."""
+    frames = FRAME.findall(text)
+    return bool(frames) and frames[-1][2].strip() == "<module>" and len(frames) > 1
+
+
+# --- what was killed -------------------------------------------------------------------------------------------
+
+KILLED = (
+    (re.compile(r"\bkilled by (SIG[A-Z]+)|<Signals\.(SIG[A-Z]+)|\((SIG[A-Z]+)\)"), ""),
+    (
+        re.compile(r"^Fatal Python error: Segmentation fault|\b[Ss]egmentation fault(?: \(core dumped\)|$)", re.M),
+        "SIGSEGV",
+    ),
+    (re.compile(r"^Fatal Python error: Aborted|\bAborted(?: \(core dumped\)|$)|^terminate called", re.M), "SIGABRT"),
+    (
+        re.compile(r"^Fatal Python error: Illegal instruction|\bIllegal instruction(?: \(core dumped\)|$)", re.M),
+        "SIGILL",
+    ),
+    (re.compile(r"^Fatal Python error: Floating point|\bFloating point exception", re.M), "SIGFPE"),
+    (re.compile(r"^Fatal Python error: Bus error|\bBus error(?: \(core dumped\)|$)", re.M), "SIGBUS"),
+    (re.compile(r"^(?:.*: line \d+:\s+\d+ )?Killed\b|exit(?:code|ed with code)?[: ]+(?:137|-9)\b", re.M), "SIGKILL"),
+)
+
+
+def _signal(text: str) -> Optional[str]:
+    """What killed a process, where the text says so."""
+    for pattern, name in KILLED:
+        found = pattern.search(text)
+        if found:
+            return name or next(one for one in found.groups() if one)
+    return None

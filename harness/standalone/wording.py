@@ -1,0 +1,174 @@
+"""What is said to people: causes, remedies, references, and what to type next."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
+
+from .explaining import Explained
+from .matching import Hit
+
+VERBS = (
+    ("install", "requirements"),
+    ("keep to", "constraints"),
+    ("override", "overrides"),
+    ("build with", "build_constraints"),
+    ("set for builds", "build_variables"),
+    ("wheels only of", "only_binary"),
+    ("repair", "overlay"),
+    ("remove", "uninstall"),
+)
+"""The keys of a remedy that a machine can apply, in words."""
+
+LIKE_IT = 2
+"""Further causes and references that are shown."""
+
+
+class Place(NamedTuple):
+    """Where a failure is explained: how we are called, the interpreter that failed, the command, and what was kept."""
+
+    program: str = "simmatrix"
+    alone: bool = False
+    python: Optional[str] = None
+    command: Sequence[str] = ()
+    kept: Optional[str] = None
+
+
+def in_words(remedy: Mapping[str, Any]) -> str:
+    """A remedy: what a machine can do, then what none can."""
+    return ". ".join(filter(None, ("; ".join(does(remedy)), str(remedy.get("text", "")))))
+
+
+def does(remedy: Mapping[str, Any]) -> Iterator[str]:
+    """What a machine can do of it, in a few words each."""
+    for verb, key in VERBS:
+        said = remedy.get(key) or ()
+        if said:
+            yield "{} {}".format(verb, ", ".join("`{}`".format(each) for each in _each(said)))
+    variables = remedy.get("environment") or {}
+    for verb, names in (
+        ("set", [one for one in _each(variables) if not one.endswith("=")]),
+        ("unset", [name for name, value in variables.items() if not value]),
+    ):
+        if names:
+            yield "{} {}".format(verb, ", ".join("`{}`".format(each) for each in names))
+    if remedy.get("python"):
+        yield "Python {}".format(remedy["python"])
+    if remedy.get("as_of"):
+        yield "resolved as of {}".format(remedy["as_of"])
+
+
+def _each(said: Any) -> List[str]:
+    if isinstance(said, Mapping):
+        return ["{}={}".format(name, value) for name, value in said.items()]
+    return [str(each) for each in said]
+
+
+# --- an explanation --------------------------------------------------------------------------------------------
+
+
+def lines(made: Explained, place: Place) -> Iterator[str]:
+    """An explanation, for people."""
+    if not made.told.failed and not made.diagnoses:
+        yield "no failure: nothing in this text says that anything failed"
+        if made.told.lines:
+            yield "  last line: {}".format(made.told.lines[0])
+    elif made.cause is None:
+        yield from _unknown(made)
+    else:
+        yield from _cause(made.cause)
+        for other in [hit for hit in made.diagnoses if not hit.known.masks][1 : 1 + LIKE_IT]:
+            yield "also:      {} ({})".format(other.known.plain["cause"], other.seen)
+    for hit in made.diagnoses if made.cause is not None else ():
+        if hit.known.masks:
+            yield "hidden by: {}".format(hit.seen)
+    for _, level, text in made.findings:
+        yield "{}      {}".format(level + ":", text) if level == "note" else "{}   {}".format(level + ":", text)
+    steps = list(following(made, place))
+    for number, step in enumerate(steps):
+        yield "{}      {}".format("next:" if number == 0 else "     ", step)
+    if place.kept:
+        yield "output:    {}".format(place.kept)
+
+
+def _cause(hit: Hit) -> Iterator[str]:
+    plain = hit.known.plain
+    yield "failed:    {}".format(hit.seen)
+    yield "cause:     {}".format(plain["cause"])
+    yield "remedy:    {}".format(in_words(plain.get("remedy", {})))
+    for number, link in enumerate(list(plain.get("references", ()))[:LIKE_IT]):
+        yield "{} {}".format("reference:" if number == 0 else "          ", link)
+    yield "known as:  {}".format(hit.known.id)
+
+
+def _unknown(made: Explained) -> Iterator[str]:
+    yield "failed:    {}{}".format(made.told.decisive or "without a word", _where(made))
+    for hit in made.diagnoses:
+        yield "hidden:    {}".format(hit.known.plain["cause"])
+        yield "remedy:    {}".format(in_words(hit.known.plain.get("remedy", {})))
+    yield "cause:     unknown: no known failure fits"
+
+
+def _where(made: Explained) -> str:
+    return " (in {})".format(made.phase) if made.phase else ""
+
+
+# --- what to type next -----------------------------------------------------------------------------------------
+
+
+def following(made: Explained, place: Place) -> Iterator[str]:
+    """The commands that help from here, the likeliest first."""
+    if not made.told.failed:
+        yield "{} explain -- COMMAND, which keeps all that a command writes".format(place.program)
+        return
+    if made.cause is not None:
+        yield from _applied(made.cause.known.plain.get("remedy", {}), place)
+    elif made.diagnoses and not place.command:
+        yield "{} explain -- COMMAND, so that what the workers wrote is kept, too".format(place.program)
+    yield "{} doctor --python {}{}".format(
+        place.program, shlex.quote(place.python or "PATH"), " --prove" if made.cause is not None else ""
+    )
+    yield from _tried(made, place)
+    if made.cause is None:
+        terms = search_terms(made)
+        if terms:
+            yield "search for: {}".format(terms)
+
+
+def _applied(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
+    """The remedy as it is typed."""
+    asked = [*remedy.get("requirements", ()), *remedy.get("constraints", ())]
+    python = shlex.quote(place.python) if place.python else "python"
+    if asked:
+        yield "{} -m pip install {}".format(python, " ".join(map(shlex.quote, asked)))
+    gone = remedy.get("uninstall", ())
+    if gone:
+        yield "{} -m pip uninstall {}".format(python, " ".join(map(shlex.quote, gone)))
+    for name, value in (remedy.get("environment") or {}).items():
+        yield "export {}={}".format(name, shlex.quote(value)) if value else "unset {}".format(name)
+    for name, value in (remedy.get("build_variables") or {}).items():
+        yield "export {}={}".format(name, shlex.quote(value))
+
+
+def _tried(made: Explained, place: Place) -> Iterator[str]:
+    """The same combination, measured apart from this environment."""
+    keys = [name for name in made.hints.packages if name in SUBJECTS]
+    if not keys or place.alone:
+        return
+    asked = ["{}=={}".format(name, made.hints.packages[name]) for name in keys]
+    python = " --python {}".format(made.hints.python) if made.hints.python else ""
+    yield "{} repair {}{}".format(place.program, " ".join(asked), python)
+
+
+SUBJECTS = frozenset(
+    "gym gymnasium mujoco mujoco-py dm-control robosuite pybullet gymnasium-robotics metaworld pettingzoo torchrl"
+    " stable-baselines3 shimmy ale-py isaacgym isaaclab numpy".split()
+)
+
+
+def search_terms(made: Explained) -> str:
+    """The decisive line without what differs between machines, and the packages that the text names."""
+    line = re.sub(r"(?:[A-Za-z]:)?(?:[/\\][\w.+-]+){2,}|\b0x[0-9a-f]+\b|\bline \d+", " ", made.told.decisive or "")
+    named = [name for name in made.hints.packages if name in SUBJECTS and name not in line][:3]
+    return " ".join([" ".join(re.sub(r"[\"`…]", " ", line).split())[:160], *named]).strip()
