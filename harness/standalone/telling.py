@@ -107,8 +107,8 @@ def _tracebacks(lines: Sequence[str]) -> Iterator[str]:
 
 MARKED = re.compile(
     r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: "
-    r"|^\s*what\(\):\s|: Assertion .* failed|^Fatal Python error: |^CMake Error|: (?:fatal )?error: "
-    r"|: command not found$|^\[(?:Error|Fatal)\] \[|^E +\w+.*(?:Error|Exception)|is incompatible\.$|failed with exit code [1-9]"
+    r"|^\s*what\(\):\s|: Assertion .* failed|^Fatal Python error: |^CMake Error"
+    r"|: (?:fatal )?error: |: command not found$|^\[(?:Error|Fatal)\] \[|^E +\w+.*(?:Error|Exception)|is incompatible\.$|failed with exit code [1-9]"
     r"|^(?:FAILED|ERROR) \S+::|exit(?:ed with)? code:? [1-9]",
     re.MULTILINE | re.IGNORECASE,
 )

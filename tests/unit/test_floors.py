@@ -14,7 +14,7 @@ FLOORS = {
     0: {"model", "errors", "standalone"},
     1: {
         "accepting", "advising", "cameras", "changes", "distilling", "document", "drafts", "evidence", "expansion",
-        "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending",
+        "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending", "moves",
         "merging", "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving",
         "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "search", "shards",
         "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
@@ -22,8 +22,8 @@ FLOORS = {
     2: {
         "alone", "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing",
         "environments", "fetched", "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs",
-        "interpreters", "knowledge", "launch", "machine", "measured", "memory", "overlays", "process", "sdists", "store",
-        "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
+        "interpreters", "knowledge", "launch", "machine", "measured", "memory", "overlays", "process", "sdists",
+        "store", "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "rootcause", "scheduler", "suites"},
     4: {"commands"},
