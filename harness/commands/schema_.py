@@ -97,6 +97,12 @@ def _explained() -> type:
     return Explained
 
 
+def _repair() -> type:
+    from harness.rootcause.proofs import RepairDocument  # noqa: PLC0415
+
+    return RepairDocument
+
+
 DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", _matrix),
     "expansion": ("what the ranges and the strategy of a matrix came to, `NAME.expanded.json`", _expansion),
@@ -111,6 +117,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "doctor": ("`doctor --json`", _doctored),
     "explain": ("`explain --json`", _explained),
     "recommend": ("`recommend --json`", _recommended),
+    "repair": ("`repair.json`, and `repair --json`", _repair),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }
 

@@ -14,9 +14,9 @@ FLOORS = {
     0: {"model", "errors", "standalone"},
     1: {
         "accepting", "advising", "cameras", "changes", "distilling", "document", "drafts", "evidence", "expansion",
-        "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending", "moves",
-        "merging", "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present", "proving",
-        "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "search", "shards",
+        "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending",
+        "merging", "moves", "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present",
+        "proving", "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "search", "shards",
         "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {

@@ -1,0 +1,130 @@
+"""`simmatrix repair CELL | REQUIREMENT...`: the smallest change that turns a red cell green, proven by a rerun."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import msgspec
+
+from harness import catalog, scheduler, store
+from harness.commands import cells, combination, progress, reporting
+from harness.errors import BadInput
+from harness.model import Cell
+from harness.rootcause import proofs
+from harness.rootcause.bench import Bounds
+from harness.rootcause.lab import Lab
+from harness.rootcause.proofs import RepairDocument
+from harness.rootcause.repairing import Repaired, Search, Status
+from harness.scheduler import Beside
+from harness.store import Store
+
+HELP = (
+    "Find the smallest change that turns a red cell green, and prove it by a rerun. The cell is one of a matrix"
+    " (MATRIX/LABEL), or what `try` would try. Exits with 0 where a remedy was found (or none is needed), 1 where none"
+    " was, 3 where it cannot be told here."
+)
+CODES = {Status.FOUND: 0, Status.GREEN: 0, Status.NOT_FOUND: 1, Status.STOPPED: 1, Status.UNTOLD: 3}
+RUNS, MINUTES = 40, 15.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `repair`."""
+    combination.add_arguments(parser)
+    add_bounds(parser)
+    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where lock and proof go [.harness/repairs/CELL]")
+    parser.add_argument("--json", action="store_true", help="print the proof as JSON, and nothing else, on stdout")
+
+
+def add_bounds(parser: argparse.ArgumentParser) -> None:
+    """How long to look."""
+    runs, minutes = "cells to measure at most [%(default)s]", "minutes to take at most [%(default)g]"
+    parser.add_argument("--runs", type=_positive, default=RUNS, metavar="N", help=runs)
+    parser.add_argument("--minutes", type=float, default=MINUTES, metavar="M", help=minutes)
+
+
+def _positive(text: str) -> int:
+    if not text.isdigit() or not int(text):
+        message = f"{text!r} is no number of runs, such as 40"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Look for a remedy; the exit code is that of the contract."""
+    if not (args.requirements or args.files or args.subject):
+        message = "repair: name a cell, such as 'quickstart/py3.11-*', or requirements, such as 'gym==0.26.2'"
+        raise BadInput(message)
+    named = _names_cell(args)
+    given = None if named else combination.read(args)
+    if args.out:
+        store.writable(args.out)
+    opened = store.open_store()
+    settings = scheduler.Settings(offline=args.offline)
+    bounds = Bounds(runs=args.runs, minutes=args.minutes)
+    with progress.Progress(0, 1, reporting.headline) as board:
+        if given is None:
+            base = cells.named("repair", args.requirements[0], opened, offline=args.offline)[1]
+        else:
+            runner = scheduler.Runner(opened, settings, board)
+            (base,) = combination.planned(args, given, opened, runner).cells
+        made, repaired = repair(base, opened, settings, bounds, board, command=_typed(base))
+    folder = args.out or opened.folder / "repairs" / re.sub(r"[^A-Za-z0-9._+-]+", "-", base.id)
+    made = write(made, repaired, opened, folder)
+    if args.json:
+        sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(made)) + b"\n")
+    else:
+        print("\n".join(proofs.lines(made)))
+    return CODES[made.status]
+
+
+def _names_cell(args: argparse.Namespace) -> bool:
+    """Whether the one word on the command line is a cell, not a requirement."""
+    one = args.requirements[0] if len(args.requirements) == 1 and not (args.files or args.subject) else ""
+    return "/" in one and " @ " not in one
+
+
+def _typed(base: Cell) -> str:
+    """The command line that was typed."""
+    words = sys.argv[1:]
+    return shlex.join(["simmatrix", *(words if words[:1] == ["repair"] else ["repair", base.id])])
+
+
+def repair(
+    base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds, board: scheduler.Observer, *, command: str
+) -> tuple[RepairDocument, Repaired]:
+    """Look for a remedy of one cell; its records and those of the remedy are kept."""
+    lab = Lab(
+        base=base,
+        store=opened,
+        settings=settings,
+        observer=Beside(board),
+        bounds=bounds,
+        recipes=catalog.recipes(Path("matrices")) | catalog.recipes(Path()),
+    )
+    with lab:
+        repaired = Search(lab).run()
+        lab.keep(repaired.before)
+        if repaired.proof:
+            lab.keep(repaired.proof)
+        return proofs.document(lab, repaired, command), repaired
+
+
+def write(made: RepairDocument, repaired: Repaired, opened: Store, folder: Path) -> RepairDocument:
+    """Write lock and proof into a folder; gives the document with their places."""
+    if made.status in {Status.GREEN, Status.UNTOLD}:
+        return made
+    files = [folder / "repair.json", folder / "repair.md"]
+    if repaired.proof and repaired.proof.record.lock:
+        store.write_atomic(folder / "lock.txt", (opened.folder / repaired.proof.record.lock).read_bytes())
+        files.append(folder / "lock.txt")
+        made = msgspec.structs.replace(made, lock="lock.txt")
+    kept = msgspec.structs.replace(made, files=tuple(path.name for path in files))
+    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(kept)) + b"\n")
+    store.write_atomic(files[1], proofs.page(kept).encode())
+    return msgspec.structs.replace(made, files=tuple(os.path.relpath(path) for path in files))

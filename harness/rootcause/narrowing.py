@@ -1,0 +1,171 @@
+"""From a whole lock that works to the fewest packages that have to be bounded, and each bound to where it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from packaging.version import Version
+
+from harness import locks, moves, search
+from harness.model import Change, Interpreter, Phase
+from harness.moves import together
+from harness.rootcause import times
+from harness.rootcause.bench import Trial
+from harness.rootcause.lab import Lab, weaker
+from harness.search import Answer
+
+SINGLES = 3
+"""Packages that the failure names itself, which are tried alone before any search."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Suspect:
+    """A package in which two locks differ; `build` where builds use it."""
+
+    name: str
+    good: str
+    bad: str | None
+    build: bool = False
+
+    def at(self, bound: str) -> Change:
+        """The package held to a bound."""
+        line = f"{self.name}{bound}"
+        return Change(build_constraints=(line,)) if self.build else Change(constraints=(line,))
+
+
+@dataclass
+class Narrowing:
+    """One search in a lab. `rest` is the part of the remedy that stays as it is, `failing` what is cured.
+
+    `bound` is how many tests a binary search for single culprits needs at most.
+    """
+
+    lab: Lab
+    rest: Change
+    failing: Trial
+    interpreter: Interpreter | None
+    bound: int = 0
+    told: list[str] = field(default_factory=list)
+
+    # --- which packages --------------------------------------------------------------------------------------------
+
+    def fewest(self, suspects: Sequence[Suspect]) -> tuple[Suspect, ...] | None:
+        """The fewest of them that cure where they are held to their good versions; None where all do not."""
+        evidence = self.lab.evidence(self.failing)
+        order = moves.suspects([one.name for one in suspects], evidence)
+        ranked = sorted(suspects, key=lambda one: (not one.build, order.index(one.name)))
+        self.bound += search.bound(len(ranked) + 1)
+        named = [one for one in ranked if moves.named(one.name, evidence)]
+        for one in named[:SINGLES]:
+            if self._held([one]) is Answer.GOOD:
+                return (one,)
+        if self._held(ranked) is not Answer.GOOD:
+            return None
+        found = search.minimise(ranked, self._held).items
+        if found is None:
+            return None
+        self.told.append(f"of {len(ranked)} packages that differ, {len(found)} decide")
+        return tuple(found)
+
+    def _held(self, chosen: Sequence[Suspect]) -> Answer:
+        names = ", ".join(f"{one.name} {one.good}" for one in chosen[:4])
+        more = f" and {len(chosen) - 4} more" if len(chosen) > 4 else ""
+        return self._answer(held(chosen), f"with {names or 'nothing'}{more} as in the lock that works")
+
+    def _answer(self, change: Change, why: str) -> Answer:
+        trial = self.lab.measure(together(self.rest, change), why)
+        if trial.works and weaker(self.failing, trial) is None:
+            return Answer.GOOD
+        failed = trial.failure
+        if failed is None or (failed.phase in {Phase.RESOLVE, Phase.INSTALL} and not self._early):
+            return Answer.UNTESTABLE
+        return Answer.BAD
+
+    @property
+    def _early(self) -> bool:
+        """Whether what is cured is that nothing could be resolved or installed."""
+        failed = self.failing.failure
+        return failed is not None and failed.phase in {Phase.RESOLVE, Phase.INSTALL}
+
+    # --- from where on ---------------------------------------------------------------------------------------------
+
+    def bounded(self, chosen: Sequence[Suspect]) -> Change:
+        """Each package held to the good side of its boundary, the others of them held there meanwhile."""
+        held: dict[str, Change] = {one.name: one.at(f"=={one.good}") for one in chosen}
+        for one in chosen:
+            others = moves.of_parts(change for name, change in held.items() if name != one.name)
+            held[one.name] = self._boundary(one, others)
+        return moves.of_parts(held.values())
+
+    def _boundary(self, one: Suspect, others: Change) -> Change:
+        line = self._line(one)
+        if len(line) < 2:
+            return one.at(f"=={one.good}")
+        self.bound += search.bound(len(line))
+
+        def test(version: Version) -> Answer:
+            return self._answer(together(others, one.at(f"=={version}")), f"with {one.name} {version}")
+
+        def ahead(progress: search.Progress[Version]) -> None:
+            wanted = [together(others, one.at(f"=={version}")) for version in progress.upcoming[:1]]
+            self.lab.prepare(*(together(self.rest, each) for each in wanted))
+
+        known = {0: [Answer.GOOD]}
+        for place in _likely(line):
+            known[place] = [test(line[place])]
+            if known[place] != [Answer.BAD]:
+                break
+        found = search.boundary(line, test, known=known, watch=ahead)
+        if found.good is None or found.bad is None:
+            return one.at(f"=={one.good}")
+        beyond = found.between[0] if found.between else found.bad
+        self.told.append(f"{one.name} {found.good} works, {found.bad} does not")
+        return one.at(self._said(one, moves.bound(str(found.good), str(beyond))))
+
+    def _said(self, one: Suspect, bound: str) -> str:
+        """The bound beside those that the cell has on the package already."""
+        if one.build:
+            return bound
+        return moves.constraint(self.lab.base, one.name, bound).removeprefix(one.name)
+
+    def _line(self, one: Suspect) -> list[Version]:
+        """The releases from the good one to the bad one, both among them."""
+        offline = self.lab.settings.offline
+        known = times.usable(self.lab.base, one.name, self.interpreter, wheels=not one.build, offline=offline)
+        known = known or times.usable(self.lab.base, one.name, self.interpreter, wheels=False, offline=offline)
+        good = Version(one.good)
+        bad = Version(one.bad) if one.bad else max(known, default=good)
+        low, high = min(good, bad), max(good, bad)
+        found = sorted({good, bad, *(each for each in known if low < each < high)})
+        return found if good <= bad else found[::-1]
+
+
+def _likely(line: Sequence[Version]) -> list[int]:
+    """The first place after the last change of the major number, and the one before: most boundaries are there."""
+    turns = [place for place in range(1, len(line)) if line[place].major != line[place - 1].major]
+    return [place for place in ([turns[-1], turns[-1] - 1] if turns else []) if 0 < place < len(line) - 1]
+
+
+def held(chosen: Iterable[Suspect]) -> Change:
+    """Packages held to their good versions."""
+    return moves.of_parts(one.at(f"=={one.good}") for one in chosen)
+
+
+def versions(lab: Lab, trial: Trial) -> dict[str, str]:
+    """What a cell's lock holds; empty where it did not resolve."""
+    if trial.record.lock is None:
+        return {}
+    text = (lab.store.folder / trial.record.lock).read_text(encoding="utf-8")
+    return {name: version for name, (version, _) in locks.pinned(text).items()}
+
+
+def differing(lab: Lab, good: Trial, bad: Trial) -> tuple[Suspect, ...]:
+    """The packages that two locks hold in different versions, or all of the good one where the bad one is none."""
+    old, new = versions(lab, bad), versions(lab, good)
+    pinned = moves.pins(lab.base)
+    return tuple(
+        Suspect(name=name, good=version, bad=old.get(name))
+        for name, version in sorted(new.items())
+        if old.get(name) != version and name not in pinned and (name in old or not old)
+    )

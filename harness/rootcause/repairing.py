@@ -1,0 +1,261 @@
+"""`repair`: the smallest change that turns a red cell green, found by experiment and proven by a rerun.
+
+The least costly change that was not tried is tried next, also on top of one behind which another failure showed. What
+cures is made smaller, each part of it is left out once, and the whole is measured in every phase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from heapq import heappop, heappush
+from itertools import count
+
+from harness import interpreters, moves
+from harness.model import Change, Phase
+from harness.moves import Move, Way, together
+from harness.rootcause import narrowing, stages
+from harness.rootcause.bench import Spent, Trial
+from harness.rootcause.lab import Lab, further, weaker
+from harness.rootcause.narrowing import Narrowing
+from harness.rootcause.stages import STAGES, Place
+
+DEEPEST = 4
+"""Changes on top of each other, each for a failure that showed behind the one before."""
+
+
+class Status(StrEnum):
+    """How a repair ended."""
+
+    FOUND = "found"
+    NOT_FOUND = "not found"
+    STOPPED = "stopped short"
+    GREEN = "green already"
+    UNTOLD = "could not tell"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Part:
+    """A part of a remedy, and the cell without it: it has to fail. None where that could not be shown."""
+
+    change: Change
+    without: Trial | None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repaired:
+    """What came of it. `change` is the remedy, `proof` the cell with it; `moved` are packages the user had bounded.
+
+    `stopped` says why the search ended before its time, `left` what was not tried, `bound` how many tests binary
+    searches of what was searched need at most, `told` what was learned on the way.
+    """
+
+    status: Status
+    before: Trial
+    change: Change | None = None
+    way: Way | None = None
+    why: str = ""
+    parts: tuple[Part, ...] = ()
+    proof: Trial | None = None
+    moved: tuple[str, ...] = ()
+    stopped: str | None = None
+    left: tuple[str, ...] = ()
+    bound: int = 0
+    told: tuple[str, ...] = ()
+
+
+@dataclass(order=True)
+class _Entry:
+    """A stage to be gone through at a place."""
+
+    cost: float
+    number: int
+    place: Place = field(compare=False)
+    way: Way = field(compare=False)
+    depth: int = field(compare=False)
+
+
+@dataclass
+class _Found:
+    """A change that cures, on its way to being the smallest; `until` is the phase that failed."""
+
+    change: Change
+    move: Move
+    trial: Trial
+    proven: bool = False
+    parts: tuple[Part, ...] = ()
+
+
+class Search:
+    """One repair in a lab."""
+
+    def __init__(self, lab: Lab) -> None:
+        self.lab = lab
+        self.queue: list[_Entry] = []
+        self.numbers = count()
+        self.now: _Entry | None = None
+        self.found: _Found | None = None
+        self.told: list[str] = []
+        self.bound = 0
+
+    def run(self) -> Repaired:
+        """Measure the cell, and look for what cures it. Never raises Spent."""
+        before = self.lab.measure(Change(), "as it is asked for")
+        self.before = before
+        if before.works:
+            return Repaired(status=Status.GREEN, before=before)
+        if before.failure is None:
+            return Repaired(status=Status.UNTOLD, before=before)
+        stopped = None
+        try:
+            self._open(Change(), before, 0.0, 0)
+            self._look()
+            if self.found:
+                self._settle(self.found)
+        except Spent as spent:
+            stopped = str(spent)
+        return self._answer(stopped)
+
+    # --- looking ---------------------------------------------------------------------------------------------------
+
+    def _open(self, change: Change, trial: Trial, cost: float, depth: int) -> None:
+        """Put all stages of a place on the list of what is to be tried."""
+        phase = trial.failure.phase if trial.failure else None
+        place = Place(lab=self.lab, change=change, trial=trial, phase=phase or Phase.SUITE)
+        for way in STAGES:
+            entry = _Entry(cost + moves.COSTS[way], next(self.numbers), place, way, depth)
+            heappush(self.queue, entry)
+
+    def _look(self) -> None:
+        while self.queue and self.found is None:
+            self.now = heappop(self.queue)
+            for move in STAGES[self.now.way](self.now.place):
+                if self._cures(self.now, move):
+                    return
+        self.now = None
+
+    def _cures(self, entry: _Entry, move: Move) -> bool:
+        """Try one change; what shows behind it is looked into in its turn."""
+        place = entry.place
+        change = together(place.change, stages.guarded(place, move))
+        try:
+            if self.lab.same(change, place.change):
+                return False
+            trial = self.lab.measure(change, move.why)
+        except ValueError:
+            return False
+        if trial.works:
+            less = weaker(self.before, trial)
+            if less:
+                self.told.append(f"{move.why}: {less}, which is a weaker test")
+                return False
+            self.found = _Found(change=change, move=move, trial=trial)
+            return True
+        if entry.depth + 1 < DEEPEST and further(place.trial, trial):
+            self._open(change, trial, entry.cost, entry.depth + 1)
+        return False
+
+    # --- making it smaller -----------------------------------------------------------------------------------------
+
+    def _settle(self, found: _Found) -> None:
+        """Bounded packages rather than a date or a lock; without what only guarded the search; no part too many."""
+        found.change = self._narrowed(found) or found.change
+        self._unguarded(found)
+        self._least(found)
+        if self.lab.shown(found.trial) is None:
+            found.trial = self.lab.measure(found.change, "the whole remedy once more", again=True)
+        found.proven = found.trial.works and weaker(self.before, found.trial) is None
+
+    def _take(self, found: _Found, change: Change, why: str) -> bool:
+        """Whether a smaller change cures in every phase, too; then it is the one."""
+        trial = self.lab.measure(change, why)
+        if not trial.works or weaker(self.before, trial):
+            return False
+        found.change, found.trial = change, trial
+        return True
+
+    def _unguarded(self, found: _Found) -> None:
+        """Let big packages be built again, where the remedy itself does not forbid it."""
+        own = set(found.move.change.only_binary)
+        rest = [one for one in moves.parts(found.change) if not set(one.only_binary) & {*stages.HEAVY} - own]
+        whole = moves.of_parts(rest)
+        if whole != found.change:
+            self._take(found, whole, "without the guard against long builds")
+
+    def _narrowed(self, found: _Found) -> Change | None:
+        """The fewest packages, each with its bound, in the place of a date, a lock or all build requirements.
+
+        None where there are none that do what it does.
+        """
+        made = found.move.change
+        if found.move.way not in {Way.DATE, Way.LOCK, Way.BUILDS}:
+            made = Change(as_of=found.change.as_of)
+        rest = moves.without(found.change, made)
+        failing = None if moves.empty(made) else self.lab.measure(rest, "without it")
+        if failing is None or failing.failure is None:
+            return None
+        search = Narrowing(self.lab, rest, failing, interpreters.find(failing.cell.python))
+        suspects = (*self._of_builds(found.change, failing), *narrowing.differing(self.lab, found.trial, failing))
+        try:
+            chosen = search.fewest(suspects)
+            if chosen is None:
+                self.told.append("no bounds on packages do what it does")
+                return None
+            bounds = together(rest, search.bounded(chosen))
+            exact = together(rest, narrowing.held(chosen))
+            whole = self._take(found, self._plain(bounds), "bounded, in every phase")
+            return found.change if whole or self._take(found, exact, "pinned, in every phase") else None
+        finally:
+            self.bound += search.bound
+            self.told += search.told
+
+    def _plain(self, change: Change) -> Change:
+        """Without what guards the search."""
+        parts = moves.parts(change)
+        return moves.of_parts(one for one in parts if not set(one.only_binary) & {*stages.HEAVY})
+
+    def _of_builds(self, whole: Change, failing: Trial) -> Iterator[narrowing.Suspect]:
+        """What builds used then, where a build failed."""
+        if failing.failure is None or failing.failure.phase is not Phase.INSTALL:
+            return
+        yield from stages.tools(failing.cell, whole, offline=self.lab.settings.offline)
+
+    def _least(self, found: _Found) -> None:
+        """Leave out each part in turn: without one that is needed the cell fails."""
+        for part in reversed(moves.parts(found.change)):
+            rest = moves.without(found.change, part)
+            trial = self._without(rest, part)
+            if trial.works and not weaker(self.before, trial):
+                found.change, found.trial = rest, trial
+                self.told.append("a part of it was not needed")
+        tried = [(part, self._without(moves.without(found.change, part), part)) for part in moves.parts(found.change)]
+        found.parts = tuple(Part(change=part, without=trial if trial.failure else None) for part, trial in tried)
+
+    def _without(self, rest: Change, part: Change) -> Trial:
+        return self.lab.measure(rest, f"without {moves.in_words(part)}")
+
+    # --- the answer ------------------------------------------------------------------------------------------------
+
+    def _answer(self, stopped: str | None) -> Repaired:
+        found = self.found
+        waiting = [*([self.now] if self.now else []), *sorted(self.queue)]
+        left = tuple(dict.fromkeys(str(entry.way) for entry in waiting)) if stopped and not found else ()
+        if found is None or (not found.proven and not stopped):
+            status = Status.STOPPED if stopped else Status.NOT_FOUND
+            told = tuple(self.told)
+            return Repaired(status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, told=told)
+        parts = found.parts or tuple(Part(change=one, without=None) for one in moves.parts(found.change))
+        return Repaired(
+            status=Status.FOUND,
+            before=self.before,
+            change=found.change,
+            way=found.move.way,
+            why=found.move.why,
+            parts=parts,
+            proof=found.trial,
+            moved=moves.moved(self.lab.base, found.trial.cell),
+            stopped=stopped,
+            bound=self.bound,
+            told=tuple(self.told),
+        )

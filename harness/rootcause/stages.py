@@ -1,0 +1,241 @@
+"""What is tried on a red cell, the least intrusive first: each stage gives its changes one by one, when asked for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+from packaging.version import Version
+
+from harness import environments, failure, interpreters, machine, moves, verdict
+from harness.model import Case, Cell, Change, Interpreter, Phase
+from harness.moves import Move, Way
+from harness.reporttypes import UNTOLD
+from harness.rootcause import times
+from harness.rootcause.bench import Trial
+from harness.rootcause.lab import Lab
+from harness.rootcause.narrowing import Suspect, versions
+from harness.store import cache_folder
+from harness.vocabulary import parsed_requirement, required_name
+
+TOOLS = ("setuptools", "wheel", "cython", "numpy", "packaging", "setuptools-scm", "pybind11", "cmake",
+         "scikit-build", "scikit-build-core", "meson-python", "poetry-core", "hatchling", "flit-core")  # fmt: skip
+"""What sdists are built with."""
+
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pillow", "opencv-python", "opencv-python-headless", "h5py", "torch",
+         "torchvision", "pygame", "mujoco", "pybullet", "shapely", "scikit-learn", "scikit-image", "numba", "llvmlite",
+         "pyarrow", "grpcio", "lxml", "jaxlib", "tensorflow", "labmaze", "dm-tree", "contourpy", "kiwisolver",
+         "cryptography", "cffi", "psutil", "ray", "open3d", "usd-core", "vtk", "pyzmq", "protobuf")  # fmt: skip
+"""What is never built here for the sake of a search: it takes long, and users have the wheels."""
+
+BOTH = (Phase.RESOLVE, Phase.INSTALL)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Place:
+    """Where a search stands: the change made so far, what came of it, and where it failed."""
+
+    lab: Lab
+    change: Change
+    trial: Trial
+    phase: Phase
+
+    @property
+    def python(self) -> Interpreter | None:
+        """The interpreter of the cell."""
+        return interpreters.find(self.trial.cell.python)
+
+
+Stage = Callable[[Place], Iterator[Move]]
+
+
+def guarded(place: Place, move: Move) -> Change:
+    """The change with big packages kept from being built."""
+    asked = {*moves.asked_for(place.lab.base)}
+    if not move.guard:
+        return move.change
+    return moves.together(move.change, Change(only_binary=tuple(name for name in HEAVY if name not in asked)))
+
+
+def known(place: Place) -> Iterator[Move]:
+    """Remedies of the known failures, where they leave what the user asked for."""
+    yield from (one for one in moves.known(place.trial.cell, place.trial.found) if one.way is Way.KNOWN)
+
+
+def missing(place: Place) -> Iterator[Move]:
+    """Packages whose modules were not found, and extras that an error names."""
+    if place.phase in BOTH:
+        return
+    cell, evidence = place.trial.cell, place.lab.evidence(place.trial)
+    for change in moves.told_to_install(cell, evidence):
+        yield Move(change=change, way=Way.MISSING, why="what the error says to install")
+    installed = place.trial.record.installed or {}
+    for module in moves.missing_modules(evidence):
+        for requirement in moves.providers(module, _declared(place, module)):
+            change = moves.brought(cell, requirement)
+            if not (requirement in installed and change.requirements):
+                yield Move(change=change, way=Way.MISSING, why=f"{module} is imported, and nothing requires it")
+
+
+def _declared(place: Place, module: str) -> tuple[str, ...]:
+    """The name of a module where some package declares a package of that name, if only in an extra."""
+    name = module.replace("_", "-").lower()
+    folder = cache_folder() / "environments" / (place.trial.record.key or "none")
+    return (name,) if folder.is_dir() and environments.requiring(folder, name) else ()
+
+
+def overlay(place: Place) -> Iterator[Move]:
+    """Repaired releases of what does not resolve or install."""
+    if place.phase not in BOTH:
+        return
+    asked = {*moves.asked_for(place.lab.base), *versions(place.lab, place.trial)}
+    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in (*one.told, *one.logs))
+    for name in place.lab.recipes:
+        if name in asked or re.search(rf"\b{re.escape(name)}\b", text):
+            yield Move(
+                change=Change(overlay=(name,)), way=Way.OVERLAY, why=f"a release of {name} as it is repaired here"
+            )
+
+
+def builds(place: Place) -> Iterator[Move]:
+    """Build requirements as they were when the newest pinned release was uploaded."""
+    if place.phase is not Phase.INSTALL:
+        return
+    offline = place.lab.settings.offline
+    for instant in _instants(place)[-1:]:
+        found = ((tool, times.newest(place.trial.cell, tool, instant, offline=offline)) for tool in TOOLS)
+        lines = tuple(f"{tool}<={version}" for tool, version in found if version)
+        if lines:
+            why = f"built with what there was on {instant[:10]}"
+            yield Move(change=Change(build_constraints=lines), way=Way.BUILDS, why=why, guard=True)
+
+
+def tools(cell: Cell, change: Change, *, offline: bool) -> Iterator[Suspect]:
+    """What builds used with a change that names a time or bounds, and use now."""
+    bounds = {required_name(line): parsed_requirement(line).specifier for line in change.build_constraints}
+    for tool in TOOLS:
+        now = times.newest(cell, tool, cell.question.snapshot, offline=offline)
+        then = (
+            times.newest(cell, tool, change.as_of, offline=offline, within=bounds.get(tool))
+            if change.as_of or tool in bounds
+            else None
+        )
+        if now and then and now != then:
+            yield Suspect(name=tool, good=then, bad=now, build=True)
+
+
+def date(place: Place) -> Iterator[Move]:
+    """The whole index as it stood when the newest pinned release was uploaded, and a little later."""
+    if place.change.as_of:
+        return
+    for instant in _instants(place):
+        change = Change(as_of=instant)
+        yield Move(change=change, way=Way.DATE, why=f"resolved as of {instant[:10]}", guard=True)
+        met = next((one.trial for one in reversed(place.lab.runs) if one.change.as_of == instant), None)
+        told, before = met.failure if met else None, place.trial.failure
+        if told and before and told.same(before):
+            return  # it is not what came later
+
+
+def _instants(place: Place) -> tuple[str, ...]:
+    minor = place.python.minor if place.python else place.trial.cell.python
+    had = versions(place.lab, place.trial)
+    return times.instants(place.trial.cell, had, minor, offline=place.lab.settings.offline)
+
+
+def lock(place: Place) -> Iterator[Move]:
+    """What works here of the same cases, on the same Python, with the same pins: its versions."""
+    minor, pinned = place.python.minor if place.python else "", moves.pins(place.trial.cell)
+    bad = versions(place.lab, place.trial)
+    cases = {(case.env, case.api) for case in place.trial.cell.cases}
+    found: dict[str, Change] = {}
+    for record in place.lab.store.cells():
+        near = record.machine == machine.facts().id and (record.python or "").startswith(f"{minor}.")
+        if not (near and record.installed and record.lock_sha256 and cases <= _cases(record.cell.cases)):
+            continue
+        had = record.installed
+        if record.cell.id == place.lab.base.id or any(had.get(name) != version for name, version in pinned.items()):
+            continue
+        if verdict.judge(record).verdict in UNTOLD or failure.of(verdict.judge(record), ()) is not None:
+            continue
+        lines = tuple(f"{name}=={version}" for name, version in had.items() if bad.get(name, version) != version)
+        if lines:
+            found.setdefault(record.lock_sha256, Change(constraints=lines))
+    for change in sorted(found.values(), key=lambda one: len(one.constraints))[:2]:
+        yield Move(change=change, way=Way.LOCK, why="the versions of a cell that works", guard=True)
+
+
+def _cases(cases: Iterable[Case]) -> set[tuple[str | None, str]]:
+    return {(case.env, case.api) for case in cases}
+
+
+def wheels(place: Place) -> Iterator[Move]:
+    """Nothing built from source: another release has wheels, or none."""
+    if place.phase is not Phase.INSTALL:
+        return
+    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in one.told)
+    names = [name for name in versions(place.lab, place.trial) if re.search(rf"\b{re.escape(name)}\b", text)]
+    for name in names:
+        yield Move(change=Change(only_binary=(name,)), way=Way.WHEELS, why=f"no build of {name}")
+    yield Move(change=Change(only_binary=(":all:",)), way=Way.WHEELS, why="no build at all")
+
+
+def variables(place: Place) -> Iterator[Move]:
+    """Ways of drawing, and a display."""
+    here = frozenset(machine.facts().capabilities)
+    yield from moves.variables(place.trial.cell, place.phase, place.lab.evidence(place.trial), here=here)
+
+
+def python(place: Place) -> Iterator[Move]:
+    """The other Pythons of this machine, the nearest first."""
+    now = place.python
+    if place.change.python or (place.trial.cell.python == "host" and now is None):
+        return
+    here = _minor(now.minor if now else place.trial.cell.python)
+    found = {one.minor: one for one in interpreters.available() if one.implementation == "cpython"}
+    others = [minor for minor in found if _minor(minor) != here]
+    for minor in sorted(others, key=lambda each: (abs(_minor(each) - here), _minor(each) > here)):
+        yield Move(change=Change(python=minor), way=Way.PYTHON, why=f"on Python {minor}", guard=True)
+
+
+def _minor(text: str) -> int:
+    parts = text.split(".")
+    return int(parts[1]) if len(parts) > 1 and parts[1].isdigit() else 0
+
+
+def pins(place: Place) -> Iterator[Move]:
+    """Other releases of what the user pins: those that a remedy names, else the nearest, farther and farther away."""
+    yield from (one for one in moves.known(place.trial.cell, place.trial.found) if one.way is Way.PINS)
+    pinned = moves.pins(place.lab.base)
+    for name in moves.suspects(pinned, place.lab.evidence(place.trial)):
+        for version in _around(place, name, Version(pinned[name])):
+            change = moves.released(place.lab.base, name, f"=={version}")
+            yield Move(change=change, way=Way.PINS, why=f"with {name} {version}", guard=True)
+
+
+def _around(place: Place, name: str, now: Version) -> Iterator[Version]:
+    """Releases at doubling distance, newer and older in turn."""
+    offline = place.lab.settings.offline
+    found = times.usable(place.trial.cell, name, place.python, wheels=name in HEAVY, offline=offline)
+    newer = [each for each in found if each > now]
+    older = [each for each in reversed(found) if each < now]
+    step = 1
+    while step <= max(len(newer), len(older)):
+        yield from (line[step - 1] for line in (newer, older) if step <= len(line))
+        step *= 2
+    yield from (line[-1] for line in (newer, older) if line)
+
+
+STAGES: dict[Way, Stage] = {
+    Way.KNOWN: known,
+    Way.MISSING: missing,
+    Way.OVERLAY: overlay,
+    Way.BUILDS: builds,
+    Way.DATE: date,
+    Way.LOCK: lock,
+    Way.WHEELS: wheels,
+    Way.VARIABLE: variables,
+    Way.PYTHON: python,
+    Way.PINS: pins,
+}

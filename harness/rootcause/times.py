@@ -1,0 +1,100 @@
+"""Releases as they stood at a time: when what a cell pins was uploaded, and what could be installed since."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from functools import cache
+
+from packaging.specifiers import SpecifierSet
+from packaging.utils import InvalidWheelFilename, parse_wheel_filename
+from packaging.version import Version
+
+from harness import index, locks, moves
+from harness.errors import HarnessError
+from harness.index import Release
+from harness.model import Cell, IndexSettings, Interpreter
+
+AFTER_DAYS = (0, 7, 30)
+"""A release often needs another that was uploaded some days later."""
+
+PYTHONS = {
+    "3.7": "2018-06-27", "3.8": "2019-10-14", "3.9": "2020-10-05", "3.10": "2021-10-04", "3.11": "2022-10-24",
+    "3.12": "2023-10-02", "3.13": "2024-10-07", "3.14": "2025-10-07",
+}  # fmt: skip
+"""When each Python came out (peps.python.org, the release schedules)."""
+
+WHEELS_DAYS = 90
+"""By then most packages have wheels for a new Python."""
+
+
+@cache
+def releases(name: str, settings: IndexSettings, cutoff: str | None, *, offline: bool) -> tuple[Release, ...]:
+    """The releases of a package, oldest first; none where that cannot be told."""
+    try:
+        return index.releases(name, settings, cutoff=cutoff, offline=offline)
+    except HarnessError:
+        return ()
+
+
+def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool) -> tuple[str, ...]:
+    """The times worth a try: when the newest release that the cell pins was uploaded, and a little later.
+
+    Where it pins nothing, the releases count that it came to of what it asks for. Never a time before there were wheels
+    for this Python, nor one that the cell asks for already.
+    """
+    pinned = moves.pins(cell) or {name: installed[name] for name in moves.asked_for(cell) if name in installed}
+    uploads = [at for name, version in pinned.items() if (at := _uploaded(cell, name, version, offline=offline))]
+    if not uploads:
+        return ()
+    newest = datetime.fromisoformat(max(uploads))
+    found = [newest.replace(hour=23, minute=59, second=59) + timedelta(days=days) for days in AFTER_DAYS]
+    if minor in PYTHONS:
+        wheels = datetime.fromisoformat(f"{PYTHONS[minor]}T23:59:59+00:00") + timedelta(days=WHEELS_DAYS)
+        found = [max(one, wheels) for one in found]
+    texts = dict.fromkeys(one.strftime("%Y-%m-%dT%H:%M:%SZ") for one in found)
+    return tuple(text for text in texts if cell.question.snapshot is None or text < cell.question.snapshot)
+
+
+def _uploaded(cell: Cell, name: str, version: str, *, offline: bool) -> str | None:
+    """When a release was uploaded."""
+    for one in releases(name, cell.question.index, None, offline=offline):
+        if Version(one.version) == Version(version):
+            return one.uploaded
+    return None
+
+
+def usable(
+    cell: Cell, name: str, interpreter: Interpreter | None, *, wheels: bool, offline: bool
+) -> tuple[Version, ...]:
+    """The releases of a package that a cell may come to: neither yanked nor pre-releases, with a file for its Python.
+
+    `wheels` leaves out what would have to be built.
+    """
+    found = releases(name, cell.question.index, cell.question.snapshot, offline=offline)
+    versions = [(Version(one.version), one) for one in found if not one.yanked]
+    return tuple(
+        version
+        for version, one in versions
+        if not version.is_prerelease and ((one.sdist and not wheels) or _has_wheel(one.wheels, interpreter))
+    )
+
+
+def _has_wheel(files: Iterable[str], interpreter: Interpreter | None) -> bool:
+    for file in files:
+        try:
+            tags = parse_wheel_filename(file)[3]
+        except InvalidWheelFilename:
+            continue
+        if interpreter is None or any(tag in locks.tags(interpreter) for tag in tags):
+            return True
+    return False
+
+
+def newest(
+    cell: Cell, name: str, instant: str | None, *, offline: bool, within: SpecifierSet | None = None
+) -> str | None:
+    """The newest release of a package at a time, within bounds."""
+    found = releases(name, cell.question.index, instant, offline=offline)
+    versions = [Version(one.version) for one in found if not one.yanked and (within is None or one.version in within)]
+    return str(max((each for each in versions if not each.is_prerelease), default="")) or None
