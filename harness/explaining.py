@@ -13,8 +13,8 @@ from harness.reporttypes import Attempt, Cause, CellEntry, DiagnosisEntry, Effec
 NOTHING = "-"
 
 
-def explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
-    """One per reason, for every cell that needs one."""
+def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[CellEntry]]]:
+    """One per reason, with the results that have it, for every cell that needs one."""
     groups: dict[tuple[Any, ...], list[CellEntry]] = {}
     results: Counter[str] = Counter()
     locks: dict[str, str] = {}
@@ -26,8 +26,8 @@ def explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
             ids = tuple(one.signature for one in counting(cell))
             why = failed_in(cell), cell.decisive or "", hidden_by(cell), expectation(cell), link, ids
             groups.setdefault((cell.verdict, *why), []).append(cell)
-    return tuple(
-        Explanation(
+    for (verdict, phase, decisive, hidden, expected, link, _), found in groups.items():
+        made = Explanation(
             verdict=verdict,
             phase=phase,
             decisive=decisive,
@@ -37,8 +37,7 @@ def explanations(cells: Iterable[CellEntry]) -> tuple[Explanation, ...]:
             cells=_labels(found, results),
             causes=tuple(_causes(found, locks)),
         )
-        for (verdict, phase, decisive, hidden, expected, link, _), found in groups.items()
-    )
+        yield made, found
 
 
 def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
@@ -69,7 +68,7 @@ def told(cell: CellEntry) -> dict[str, Any]:
         return {}
     proof = f" (proven by {label(deepest.proof)})" if deepest.proof else ""
     remedy = changes.in_words(deepest.remedy) + proof
-    return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven}
+    return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven, "known": deepest.signature}
 
 
 def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import advising, cameras, changes, present, rendering, tables
+from harness import advising, cameras, changes, grouping, present, rendering
 from harness.errors import BadInput
 from harness.reporttypes import CaseEntry, CellEntry, Document, Report
 
@@ -24,7 +24,7 @@ def render(template: str, document: Document, report: Report) -> str:
     environment = SandboxedEnvironment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs, "in_order": tables.in_order}
+    environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs, "in_order": grouping.in_order}
     found = _Cells(document.cells)
     known: dict[str, Any] = {"rendering": rendering, "advising": advising}
     known |= {"cell": found.labelled, "cells": found.having, "case": _case, "effect": found.effect}

@@ -17,9 +17,9 @@ import msgspec
 
 from harness import schema
 from harness.errors import BadInput
+from harness.grouping import in_order
 from harness.model import Plan
 from harness.reporttypes import number
-from harness.tables import in_order
 
 ACTIONS = "actions.toml"
 

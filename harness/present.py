@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from harness.reporttypes import (
     Row,
     Sheet,
     Square,
+    Trouble,
     number,
     word,
 )
@@ -50,14 +52,21 @@ def markdown(report: Report, template: str) -> str:
 def filters() -> dict[str, Callable[..., Any]]:
     """What templates may do with the values of a report."""
     return {
+        "became": _became,
         "by_cell": by_cell,
+        "cause": _cause,
+        "cause_in_short": _cause_in_short,
         "cell": _table_cell,
         "codes": _codes,
         "counts": _counts,
+        "first_sentence": _first_sentence,
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
         "number": number,
+        "proven": _proven,
+        "reference": _reference,
         "rule": lambda columns, mark: " | ".join(mark for _ in columns),
         "table": small_table,
+        "unknown": _unknown,
         "results": _results,
         "seen_in": lambda labels, cells: _codes(labels) if len(labels) < cells else f"all {number(cells, 'cell')}",
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
@@ -84,6 +93,54 @@ def _counts(sheet: Sheet) -> str:
     """`✔ 6 works, ✘ 2 broken; 3 combinations left out.`"""
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
     return counts + (f"; {number(sheet.left_out, 'combination')} left out." if sheet.left_out else ".")
+
+
+def _became(one: Trouble) -> str:
+    """`◐ 2 partial, ✘ broken in single`: what became of the cells of a cause."""
+    several = len(one.verdicts) > 1
+    verdicts = ", ".join(
+        f"{SYMBOLS[each]} {f'{count} ' if several else ''}{word(each)}" for each, count in one.verdicts
+    )
+    return verdicts + (f" in {', '.join(one.phases)}" if one.phases else "")
+
+
+def _cause(row: Row) -> str:
+    """The known cause of a cell, linked to where more is said, and whether its remedy is proven there."""
+    return f"[`{row.known}`](#{row.known}){', remedy proven' if row.proven else ''}" if row.known else ""
+
+
+def _cause_in_short(one: Trouble) -> str:
+    """The known failure with its first sentence, else what the matrix says, else the line."""
+    if one.known:
+        return f"[`{one.known}`](#{one.known}): {_first_sentence(one.cause)}"
+    lead = _unknown(one)
+    return f"{lead}; the matrix says: {one.cause}" if one.cause else f"{lead}: {one.line}" if one.line else lead
+
+
+def _unknown(one: Trouble) -> str:
+    """What stands for a cause where no known failure fits."""
+    verdict = one.verdicts[0][0]
+    return "it works" if verdict is Verdict.WORKS else word(verdict) if verdict in UNTOLD else "not known"
+
+
+def _first_sentence(text: str) -> str:
+    """Up to the first full stop that ends one; with a lead of its own line by line."""
+    found = re.match(r".*?[^.][.](?= [A-Z`(]|$)", text)
+    return (found[0] if found else text).removesuffix(".")
+
+
+def _proven(one: Trouble) -> str:
+    """By which cell the remedy is proven, or that it is not."""
+    if one.proofs:
+        return f"by `{one.proofs[0][0]}`"
+    return "no" if one.applicable else "-"
+
+
+def _reference(link: str) -> str:
+    """A link as short as it can be: `owner/name#12`, else its host."""
+    found = re.match(r"https?://(?:www\.)?([^/]+)(?:/([^/]+/[^/]+)/(?:issues|pull|discussions)/(\d+))?", link)
+    text = (f"{found[2]}#{found[3]}" if found[3] else found[1]) if found else link
+    return f"[{text}]({link})"
 
 
 def _codes(labels: Iterable[str]) -> str:
@@ -142,6 +199,8 @@ def _sheet(sheet: Sheet) -> Iterable[RenderableType]:
         yield ""
     yield _list(sheet)
     yield ""
+    if any(one.known or one.cells > 1 for one in sheet.troubles):
+        yield from _troubles(sheet.troubles)
     if sheet.attempts:
         yield from _attempts(sheet.attempts)
     if sheet.repairs:
@@ -223,11 +282,31 @@ def _details(sheet: Sheet, row: Row) -> Text:
     if row.why:
         parts.append((f"\n{row.why}", "" if row.verdict is Verdict.WORKS else _colour(row.verdict)))
     parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]
-    parts += [(f"\ncause: {row.cause}", "")] if row.cause else []
-    parts += [(f"\nremedy: {row.remedy}", GREEN if row.proven else "")] if row.remedy else []
+    parts += [(f"\nknown as {row.known}", ""), _told(row)] if row.known else []
     if row.expected:
         parts.append((f"\n{row.expected}", "bold" if row.as_expected is False else GREY))
     return _styled(*parts)
+
+
+def _told(row: Row) -> tuple[str, str]:
+    return f"\nremedy: {_first_sentence(row.remedy)}", GREEN if row.proven else ""
+
+
+def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
+    """One line per cause, and what is known of it."""
+    from rich.padding import Padding  # noqa: PLC0415 - start-up
+
+    yield _styled(("by cause", "bold"))
+    for one in troubles:
+        head = (f"{_became(one)}: {one.where.replace('`', '')}", _colour(one.verdicts[0][0]))
+        known = f"{one.known}: {one.cause}" if one.known else _cause_in_short(one)
+        parts = [head, (f"\n{known}", "")]
+        if one.remedy:
+            proof = f" (proven by {one.proofs[0][0]})" if one.proofs else " (not proven here)" if one.applicable else ""
+            parts.append((f"\nremedy: {one.remedy}{proof}", GREEN if one.proofs else ""))
+        parts += [(f"\n{link}", GREY) for link in one.references]
+        yield Padding(_styled(*parts), (0, 0, 0, INDENT))
+    yield ""
 
 
 def _measured(row: Row) -> Text:

@@ -266,7 +266,7 @@ class Row:
 
     `versions` stand in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working
     cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one;
-    `repaired` the releases that nobody gets as they are here.
+    `repaired` the releases that nobody gets as they are here; `known` is the signature of the cause, where one is.
     """
 
     id: str
@@ -285,6 +285,7 @@ class Row:
     cause: str = ""
     remedy: str = ""
     proven: bool = False
+    known: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -369,6 +370,29 @@ class Explanation:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Trouble:
+    """One cause and all the cells that have it; `known` is its signature, empty where none fits.
+
+    `where` says which `cells` these are, as values of axes. The `cause` of an unknown one is what the matrix says of
+    it, if anything. `also` are known failures that fit some of the cells, too, after the deepest one.
+    """
+
+    known: str
+    cause: str
+    verdicts: tuple[tuple[Verdict, int], ...]
+    phases: tuple[str, ...]
+    cells: int
+    where: str
+    line: str
+    remedy: str
+    applicable: bool
+    proofs: tuple[tuple[str, str], ...]
+    references: tuple[str, ...]
+    explanations: tuple[Explanation, ...]
+    also: tuple[Cause, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Remark:
     """The same text about one or more cells: a finding, or the reason why combinations were left out."""
 
@@ -389,7 +413,7 @@ class Sheet:
     pivot: Pivot | None
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
-    explanations: tuple[Explanation, ...]
+    troubles: tuple[Trouble, ...]
     findings: tuple[Remark, ...]
     dropped: tuple[Remark, ...]
     locks: tuple[Remark, ...]

@@ -7,9 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from packaging.version import InvalidVersion, Version
-
-from harness import explaining
+from harness import explaining, grouping
 from harness.errors import BadInput
 from harness.model import Verdict
 from harness.reporttypes import (
@@ -79,7 +77,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         pivot=_pivot([cell for cell in cells if cell.base is None], chosen, machines) if chosen else None,
         columns=columns,
         rows=_rows(cells, columns, machines),
-        explanations=explaining.explanations(cells),
+        troubles=grouping.troubles(cells, matrix.axes),
         findings=_grouped(found),
         dropped=_grouped(dropped),
         left_out=sum(gone.count for gone in document.dropped if gone.id.partition("/")[0] == name),
@@ -205,25 +203,12 @@ def _default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str,
 
 def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[str]) -> Pivot:
     down, across = axes
-    rows, columns = (in_order(cell.axes.get(axis, NOTHING) for cell in cells) for axis in axes)
+    rows, columns = (grouping.in_order(cell.axes.get(axis, NOTHING) for cell in cells) for axis in axes)
     met: dict[tuple[str, str], list[CellEntry]] = {}
     for cell in cells:
         met.setdefault((cell.axes.get(down, NOTHING), cell.axes.get(across, NOTHING)), []).append(cell)
     squares = tuple(tuple(_square(met.get((row, column), ()), machines) for column in columns) for row in rows)
     return Pivot(down=down, across=across, rows=rows, columns=columns, squares=squares)
-
-
-def in_order(values: Iterable[str]) -> tuple[str, ...]:
-    """Versions by age, after what is none (`absent`) in the order it comes."""
-    distinct = dict.fromkeys(values)
-    return tuple(sorted(distinct, key=lambda value: (_parsed(value) is not None, _parsed(value) or Version("0"))))
-
-
-def _parsed(text: str) -> Version | None:
-    try:
-        return Version(text)
-    except InvalidVersion:
-        return None
 
 
 def _square(cells: Sequence[CellEntry], machines: Sequence[str]) -> tuple[Square, ...]:

@@ -14,6 +14,7 @@ from harness import (
     document,
     evidence,
     explaining,
+    grouping,
     knowledge,
     pages,
     present,
@@ -75,7 +76,7 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
     """Another version of what makes reports makes another report."""
-    made_by = (advising, changes, document, evidence, explaining, pages, present, rendering)
+    made_by = (advising, changes, document, evidence, explaining, grouping, pages, present, rendering)
     modules = (*made_by, reporttypes, signatures, tables, trust, verdict)
     files = [*(Path(str(module.__file__)) for module in modules), template(), *knowledge.files()]
     return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)

@@ -435,8 +435,8 @@ def test_the_page_shows_before_after_and_proof() -> None:
     other = record(SOLVED, of=OTHER)
     whole = made(RED, replace(GREEN, lock="locks/1.txt"), other)
     sheet = tables.report(whole).sheets[0]
-    (why,) = sheet.explanations
-    assert [(one.signature, one.remedy, one.proofs) for one in why.causes] == [
+    (trouble,) = sheet.troubles
+    assert [(one.signature, one.remedy, one.proofs) for one in trouble.explanations[0].causes] == [
         ("solver", "install `mujoco<3`", (("py3.11-gymnasium1.2.3-with-cure", "locks/1.txt"),)),
         ("words", "nobody can do this", ()),
     ]
@@ -445,11 +445,18 @@ def test_the_page_shows_before_after_and_proof() -> None:
     assert f"\n### `py3.11-gymnasium1.2.3`\n\n    {line}\n\n| what it does |" in page
     assert "| **cures** | cure: install `mujoco<3` | why | works |" in page
     assert f"| **no difference** | other: install `mujoco<2` | why | {line} |" in page
+    cells = "`py3.11-gymnasium1.2.3`, `py3.11-gymnasium1.2.3-with-other`"
     assert (
-        "- Known as `solver`: because\n- Remedy: install `mujoco<3`\n"
+        f"### `solver`\n\n{cells}: ◐ partial in render. because\n\n- Remedy: install `mujoco<3`\n"
         "- Proven: `py3.11-gymnasium1.2.3-with-cure` works, with the lock [locks/1.txt](locks/1.txt)\n"
+        "- Fits some of them, too: `words`: "
     ) in page
-    assert "- Remedy: nobody can do this\n" in page
+    assert "Remedy: nobody can do this\n" in page
+    (line,) = [line for line in page.splitlines() if line.startswith("| 2 |")]
+    assert line == (
+        f"| 2 | {cells} | ◐ partial in render | [`solver`](#solver): because | install `mujoco&lt;3` |"
+        " by `py3.11-gymnasium1.2.3-with-cure` | - |"
+    )
 
 
 def test_changed_cells_are_not_in_the_small_table() -> None:
@@ -470,9 +477,9 @@ def test_an_expected_change_needs_no_explanation() -> None:
     """It has its row among the changes; one that is not as expected is explained."""
     red = record(SOLVED, of=OTHER)
     sheet = tables.report(made(RED, red)).sheets[0]
-    assert [why.cells for why in sheet.explanations] == [
+    assert [why.cells for one in sheet.troubles for why in one.explanations] == [
         ("py3.11-gymnasium1.2.3", "py3.11-gymnasium1.2.3-with-other"),
     ]  # fmt: skip
     foreseen = replace(OTHER, expect=Expectation(verdict=Verdict.PARTIAL, reason="known"))
     sheet = tables.report(made(RED, record(SOLVED, of=foreseen))).sheets[0]
-    assert [why.cells for why in sheet.explanations] == [("py3.11-gymnasium1.2.3",)]
+    assert [why.cells for one in sheet.troubles for why in one.explanations] == [("py3.11-gymnasium1.2.3",)]

@@ -237,6 +237,9 @@ class TestSchema:
             "gc",
             "init",
             "doctor",
+            "explain",
+            "recommend",
+            "repair",
             "manifest",
         ]
 

@@ -216,7 +216,7 @@ class TestRow:
 
         (sheet,) = tables.report(msgspec.structs.replace(made, cells=(better,))).sheets
 
-        assert sheet.explanations[0].expected == (
+        assert sheet.troubles[0].explanations[0].expected == (
             "not as expected, which was partial in render with a line like 'solver_iter':"
             " gymnasium 0.29 reads a field that mujoco 3.0 renamed"
         )

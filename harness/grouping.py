@@ -1,0 +1,143 @@
+"""Cells that are not green, by cause: one broken release reads as one line, with the cells that it broke in words."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+from packaging.version import InvalidVersion, Version
+
+from harness import explaining
+from harness.failure import CHANGING
+from harness.reporttypes import SEVERITY, Cause, CellEntry, Explanation, Trouble, number
+
+NAMED = 2
+"""Cells that are named; more are told by the values of their axes."""
+
+RANGE = 3
+"""Values one after the other, of which the first and the last are told."""
+
+SAID, LINE = "said", "line"
+
+Reason = tuple[Explanation, list[CellEntry]]
+Held = Mapping[str, set[str | None]]
+
+
+def troubles(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Trouble, ...]:
+    """One per cause, those of most cells first: a known failure, else what the matrix says of it, else the line."""
+    groups: dict[tuple[str, ...], list[Reason]] = {}
+    for why, found in explaining.reasons(cells):
+        groups.setdefault(_cause(why, found[0]), []).append((why, found))
+    for key in [key for key in groups if key[0] == LINE]:
+        told = [
+            other for other, held in groups.items() if other[0] == SAID and any(_line(why) == key for why, _ in held)
+        ]
+        if len(told) == 1:  # the matrix speaks of this line elsewhere, and of one cause
+            groups[told[0]] += groups.pop(key)
+    return tuple(sorted((_trouble(held, cells, axes) for held in groups.values()), key=lambda one: -one.cells))
+
+
+def _cause(why: Explanation, cell: CellEntry) -> tuple[str, ...]:
+    """Equal for two reasons of one cause."""
+    if why.causes:
+        return "known", why.causes[0].signature
+    if cell.expectation and cell.as_expected:
+        return SAID, cell.expectation.reason
+    return _line(why) if why.decisive else ("verdict", why.verdict, why.phase)
+
+
+def _line(why: Explanation) -> tuple[str, ...]:
+    return LINE, why.phase, CHANGING.sub("…", why.decisive)
+
+
+def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequence[str]) -> Trouble:
+    explanations = tuple(why for why, _ in reasons)
+    found = [cell for _, results in reasons for cell in results]
+    known = next((why.causes[0] for why in explanations if why.causes), None)
+    expected = next((cell.expectation for cell in found if cell.as_expected and cell.expectation), None)
+    verdicts = Counter(cell.verdict for cell in found)
+    links = (why.link for why in explanations if why.link)
+    return Trouble(
+        known=known.signature if known else "",
+        cause=known.cause if known else expected.reason if expected else "",
+        verdicts=tuple((verdict, verdicts[verdict]) for verdict in SEVERITY if verdicts[verdict]),
+        phases=tuple(dict.fromkeys(why.phase for why in explanations if why.phase)),
+        cells=len({cell.id for cell in found}),
+        where=_named([label for why in explanations for label in why.cells]) or where(found, cells, axes),
+        line=explanations[0].decisive,
+        remedy=known.remedy if known else "",
+        applicable=known.applicable if known else False,
+        proofs=tuple(dict.fromkeys(proof for why in explanations for one in why.causes[:1] for proof in one.proofs)),
+        references=tuple(dict.fromkeys((*(known.references if known else ()), *links))),
+        explanations=explanations,
+        also=tuple(_also(explanations)),
+    )
+
+
+def _also(explanations: Iterable[Explanation]) -> Iterable[Cause]:
+    """What fits some of the cells after the deepest cause, once each."""
+    found: dict[str, Cause] = {}
+    for one in (one for why in explanations for one in why.causes[1:]):
+        before = found.get(one.signature)
+        found[one.signature] = one if before is None or (one.proofs and not before.proofs) else before
+    return found.values()
+
+
+# --- which cells -----------------------------------------------------------------------------------------------
+
+
+def _named(labels: Sequence[str]) -> str:
+    """A few cells by their names, with the machine where not all agree on it."""
+    return ", ".join("`" + label.replace(" on ", "` on `") + "`" for label in labels) if len(labels) <= NAMED else ""
+
+
+def where(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
+    """Which cells of a matrix these are: `all 12 cells with mujoco 4.0.0`; of changed ones the first names."""
+    labels = tuple(dict.fromkeys(explaining.label(cell.id) for cell in found))
+    if any(cell.base for cell in found):
+        return f"{_named(labels[:NAMED])} and {number(len(labels) - NAMED, 'more cell')}"
+    planned = [*{cell.id: cell.axes for cell in cells if cell.base is None}.values()]
+    held = {axis: {cell.axes.get(axis) for cell in found} for axis in axes}
+    every = {axis: in_order(value for one in planned if (value := one.get(axis))) for axis in axes}
+    told = _telling([axis for axis in axes if held[axis] < {*every[axis]}], held, planned)
+    words = [f"{axis} {_values([value for value in every[axis] if value in held[axis]], every[axis])}" for axis in told]
+    inside = len(_inside(told, held, planned))
+    count = f"all {number(inside, 'cell')}" if inside == len(labels) else f"{len(labels)} of {number(inside, 'cell')}"
+    return count + (f" with {', '.join(words)}" if words else "")
+
+
+def _telling(axes: Sequence[str], held: Held, planned: Sequence[Mapping[str, str]]) -> list[str]:
+    """Axes without those that say nothing more, tried from the one of most values on."""
+    told = list(axes)
+    for axis in sorted(axes, key=lambda axis: -len(held[axis])):
+        fewer = [one for one in told if one != axis]
+        if len(_inside(fewer, held, planned)) == len(_inside(told, held, planned)):
+            told = fewer
+    return told
+
+
+def _inside(axes: Iterable[str], held: Held, planned: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
+    return [one for one in planned if all(one.get(axis) in held[axis] for axis in axes)]
+
+
+def _values(held: Sequence[str], every: Sequence[str]) -> str:
+    """`1.0, 1.2`, or `1.0 to 1.4` for versions one after the other; of many values that are none, the first."""
+    start = every.index(held[0])
+    versions = all(map(_parsed, held))
+    if versions and len(held) >= RANGE and tuple(every[start : start + len(held)]) == tuple(held):
+        return f"{held[0]} to {held[-1]}"
+    shown = held if versions else held[:RANGE]
+    return " or ".join(shown) + (f" or {len(held) - len(shown)} more" if len(held) > len(shown) else "")
+
+
+def in_order(values: Iterable[str]) -> tuple[str, ...]:
+    """Versions by age, after what is none (`absent`) in the order it comes."""
+    distinct = dict.fromkeys(values)
+    return tuple(sorted(distinct, key=lambda value: (_parsed(value) is not None, _parsed(value) or Version("0"))))
+
+
+def _parsed(text: str) -> Version | None:
+    try:
+        return Version(text)
+    except InvalidVersion:
+        return None

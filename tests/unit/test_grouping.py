@@ -1,0 +1,150 @@
+"""Cells that are not green by cause, and which they are in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import msgspec
+import pytest
+from specimens import quick_document
+
+from harness import grouping
+from harness.model import Verdict
+from harness.reporttypes import CellEntry, DiagnosisEntry, ExpectationEntry, Trouble
+
+AXES = ("python", "mujoco")
+PYTHONS, MUJOCOS = ("3.9", "3.10", "3.11"), ("2.3.7", "3.1.6", "3.3.7", "4.0.0")
+
+
+def cell(python: str, mujoco: str, line: str | None = None, **more: object) -> CellEntry:
+    """A cell of a matrix of Pythons and MuJoCos; with a line it is red."""
+    basis = quick_document().cells[2]
+    told = {"verdict": Verdict.PARTIAL, "decisive": line} if line else {"verdict": Verdict.WORKS, "decisive": None}
+    return msgspec.structs.replace(
+        basis,
+        id=f"quick/py{python}-mujoco{mujoco}",
+        axes={"python": python, "mujoco": mujoco},
+        **{"as_expected": True, "expectation": None, **told, **more},
+    )
+
+
+def matrix(red: dict[tuple[str, str], CellEntry]) -> list[CellEntry]:
+    """The whole product, green but for these."""
+    return [red.get((python, mujoco)) or cell(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS]
+
+
+def broken(found: Iterable[tuple[str, str]], line: str = "no such field", **more: object) -> list[CellEntry]:
+    """The product with the same failure in some cells."""
+    return matrix({place: cell(*place, line, **more) for place in found})
+
+
+def known(signature: str, **more: object) -> DiagnosisEntry:
+    """A known failure."""
+    values = {"remedy": {"requirements": ["mujoco<4"]}, "references": ("https://e.org",), "proven": False, **more}
+    return DiagnosisEntry(signature=signature, cause=f"cause of {signature}", masks=False, **values)
+
+
+def only(cells: list[CellEntry]) -> Trouble:
+    """The one cause."""
+    (one,) = grouping.troubles(cells, AXES)
+    return one
+
+
+# --- which cells -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        ([(python, "4.0.0") for python in PYTHONS], "all 3 cells with mujoco 4.0.0"),
+        ([("3.9", mujoco) for mujoco in MUJOCOS], "all 4 cells with python 3.9"),
+        ([(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS[1:]], "all 9 cells with mujoco 3.1.6 to 4.0.0"),
+        (
+            [(python, mujoco) for python in PYTHONS for mujoco in ("2.3.7", "4.0.0")],
+            "all 6 cells with mujoco 2.3.7 or 4.0.0",
+        ),
+        ([(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS], "all 12 cells"),
+        (
+            [("3.9", "4.0.0"), ("3.10", "4.0.0"), ("3.10", "3.3.7")],
+            "3 of 4 cells with python 3.9 or 3.10, mujoco 3.3.7 or 4.0.0",
+        ),
+        ([("3.9", "4.0.0"), ("3.10", "4.0.0")], "`py3.9-mujoco4.0.0`, `py3.10-mujoco4.0.0`"),
+    ],
+)
+def test_which_cells_in_words(found: list[tuple[str, str]], words: str) -> None:
+    """By the axes that tell them from the rest: all of these, or how many of them; a few by name."""
+    assert only(broken(found)).where == words
+
+
+def test_an_axis_that_says_nothing_more_is_left_out() -> None:
+    """Where one release was tried on one Python alone, the release says it all."""
+    cells = [one for one in broken([(python, "4.0.0") for python in PYTHONS]) if one.axes["mujoco"] != "3.3.7"]
+    cells = [one for one in cells if one.axes["mujoco"] == "4.0.0" or one.axes["python"] == "3.11"]
+
+    assert only(cells).where == "all 3 cells with mujoco 4.0.0"
+
+
+# --- one cause -------------------------------------------------------------------------------------------------
+
+
+def test_one_broken_release_is_one_line() -> None:
+    """Cells of one known failure are one, whatever their lines and verdicts; its proof is that of any of them."""
+    places = [(python, "4.0.0") for python in PYTHONS]
+    red = {place: cell(*place, f"line {place[0]}", diagnoses=(known("gone"),)) for place in places}
+    proof = known("gone", proof="quick/py3.9-mujoco4.0.0-with-cure", proven=True)
+    red[places[0]] = cell(*places[0], "line", verdict=Verdict.BROKEN, diagnoses=(proof,))
+
+    one = only(matrix(red))
+
+    assert (one.known, one.cells, one.where) == ("gone", 3, "all 3 cells with mujoco 4.0.0")
+    assert one.verdicts == ((Verdict.BROKEN, 1), (Verdict.PARTIAL, 2))
+    assert (one.cause, one.remedy, one.applicable) == ("cause of gone", "install `mujoco<4`", True)
+    assert [name for name, _ in one.proofs] == ["py3.9-mujoco4.0.0-with-cure"]
+    assert one.references == ("https://e.org",)
+    assert len(one.explanations) == 3
+
+
+def test_the_deepest_cause_counts() -> None:
+    """What fits some cells after the deepest cause stands beside it, once."""
+    first = cell("3.9", "4.0.0", "a", diagnoses=(known("deep"), known("other")))
+    second = cell("3.10", "4.0.0", "b", diagnoses=(known("deep"), known("other", proof="quick/x", proven=True)))
+
+    one = only([first, second])
+
+    assert (one.known, [(also.signature, bool(also.proofs)) for also in one.also]) == ("deep", [("other", True)])
+
+
+def test_unknown_ones_by_their_line() -> None:
+    """Versions and lines of files may differ; another phase is another failure."""
+    one, two, three = (
+        cell("3.9", mujoco, f"TypeError: in mujoco {mujoco}, line {mujoco[0]}") for mujoco in MUJOCOS[:3]
+    )
+
+    found = grouping.troubles([one, two, msgspec.structs.replace(three, phase="vector")], AXES)
+
+    assert [(each.known, each.cells, each.phases) for each in found] == [("", 2, ("render",)), ("", 1, ("vector",))]
+
+
+def test_unknown_ones_by_what_the_matrix_says() -> None:
+    """One reason of the matrix is one cause, with what has the same line and was not expected; two are two."""
+    said = [ExpectationEntry(verdict=Verdict.PARTIAL, reason=reason, link=f"https://e.org/{reason}") for reason in "ab"]
+    cells = [
+        cell("3.9", "2.3.7", "AssertionError", expectation=said[0]),
+        cell("3.9", "3.1.6", "KeyError: 1", expectation=said[0]),
+        cell("3.9", "3.3.7", "KeyError: 1", as_expected=False),
+        cell("3.9", "4.0.0", "AssertionError", expectation=said[1]),
+    ]
+
+    found = grouping.troubles(cells, AXES)
+
+    assert [(one.cause, one.cells, one.references) for one in found] == [
+        ("a", 3, ("https://e.org/a",)), ("b", 1, ("https://e.org/b",)),
+    ]  # fmt: skip
+
+
+def test_those_of_most_cells_first() -> None:
+    """The release that broke most stands at the top."""
+    red = {("3.9", "2.3.7"): cell("3.9", "2.3.7", "rare")}
+    red |= {(python, "4.0.0"): cell(python, "4.0.0", "often") for python in PYTHONS}
+
+    assert [one.line for one in grouping.troubles(matrix(red), AXES)] == ["often", "rare"]
