@@ -16,8 +16,8 @@ FLOORS = {
         "accepting", "advising", "cameras", "changes", "distilling", "document", "drafts", "evidence", "expansion",
         "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending",
         "merging", "moves", "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present",
-        "proving", "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "search", "shards",
-        "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "proving", "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "search",
+        "shards", "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "alone", "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing",
