@@ -31,7 +31,7 @@ VERBS = {
     "init": ("harness.commands.init", "start in somebody's project: matrix, nox session, workflow"),
     "fetch": ("harness.commands.fetch", "bring all that a matrix needs into a folder, for machines without network"),
     "explain": ("harness.commands.explain", "why something failed, from what it wrote, or around a command"),
-    "doctor": ("harness.commands.doctor", "what draws on this machine, and what the settings select"),
+    "doctor": ("harness.commands.doctor", "what is wrong with an environment, and the nearest known-good"),
     "recommend": ("harness.commands.recommend", "which versions work together, as measured"),
     "repair": ("harness.commands.repair", "the smallest change that turns a red cell green, proven by a rerun"),
     "gc": ("harness.commands.gc", "remove what is old or too much from cache and state"),

@@ -1,219 +1,163 @@
-"""`simmatrix doctor --rendering`: what draws on this machine, what each setting selects, and which one to take."""
+"""`simmatrix doctor`: what is wrong with an environment that exists, and the nearest that is known to work."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from harness import advising, document, drawing, knowledge, signatures
-from harness.advising import LIBRARIES, Advice, Drawn, Here
-from harness.drawing import Answer, Ways
+from harness import changes, knowledge, measured
+from harness.commands import drawn, inplace, proved
+from harness.commands.drawn import Rendering
+from harness.commands.inplace import Tried
+from harness.commands.proved import Proof
 from harness.errors import BadInput
-from harness.model import Level
-from harness.rendering import OLD_EGL_ID
 from harness.reporttypes import DiagnosisEntry, FindingEntry
+from harness.standalone import doctor, matching
+from harness.standalone.choosing import NoEnvironment
 
 HELP = (
-    "What draws on this machine: EGL's devices, OSMesa, the display; what the settings of this shell, and every other"
-    " value that they could have, select in each library; and one recommended setting. Exits with 1 where a library"
-    " would fail."
+    "What is wrong with an environment: the one that is named, else the active one, else ./.venv, else PATH's Python."
+    " Nothing in it is changed. Exits with 1 where something was found, notes alone being nothing, and with 3 where it"
+    " cannot be looked at."
 )
 
 
-class Selected(msgspec.Struct, frozen=True, kw_only=True):
-    """What one library draws with: `way` is egl, osmesa, glfw or none, `device` a place in EGL's list."""
+class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """Another version of a package; `now` is None where it is not there."""
 
-    library: str
-    way: str
-    device: int | None
+    name: str
+    now: str | None
+    then: str
+
+
+class Nearest(msgspec.Struct, frozen=True, kw_only=True):
+    """The nearest combination that was measured to work: `changes` lead to it, `also` differ and seldom matter."""
+
+    cell: str
+    python: str
+    machine: str
+    measured: str
+    lock: str
+    distance: int
+    changes: tuple[ChangeEntry, ...]
+    also: tuple[ChangeEntry, ...]
+    command: str | None
+    remarks: tuple[str, ...]
+
+
+class DifferenceEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """Something that is otherwise without the caller's settings; `by` are those that make it, as far as known."""
+
+    kind: str
+    module: str
+    as_it_is: str
+    scrubbed: str
+    by: tuple[str, ...]
+
+
+class Imported(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of importing a module."""
+
     error: str | None
+    file: str | None
+    version: str | None
 
 
-class Possible(msgspec.Struct, frozen=True, kw_only=True):
-    """What a value would select, set alone, with MUJOCO_GL=egl."""
+class Environment(msgspec.Struct, frozen=True, kw_only=True):
+    """What was looked at, and why; `scrubbed` are the variables that the second look was without."""
 
-    setting: str
-    selected: tuple[Selected, ...]
-
-
-class Recommended(msgspec.Struct, frozen=True, kw_only=True):
-    """The setting to take: variables to set and to unset."""
-
-    variables: dict[str, str]
-    unset: tuple[str, ...]
-    reason: str
-
-
-class Rendering(msgspec.Struct, frozen=True, kw_only=True):
-    """What draws here. `settings` are the caller's, None where a variable is not set."""
-
-    devices: tuple[Answer, ...]
-    egl_missing: str | None
-    osmesa: Answer
-    display: Answer
-    settings: dict[str, str | None]
-    selected: tuple[Selected, ...]
-    possible: tuple[Possible, ...]
-    recommended: Recommended | None
+    python: str
+    why: str
+    remarks: tuple[str, ...]
+    version: str | None
+    implementation: str | None = None
+    prefix: str | None = None
+    base_prefix: str | None = None
+    executable: str | None = None
+    conda: bool = False
+    platform: str | None = None
+    libc: str | None = None
+    packages: dict[str, str] = {}
+    scrubbed: tuple[str, ...] = ()
 
 
 class Doctored(msgspec.Struct, frozen=True, kw_only=True):
-    """The document of `doctor --json`: `decisive` is the first finding, None where all is well."""
+    """The document of `doctor --json`: `decisive` is the first warning, None where there is none.
+
+    `diagnoses` are known failures that were seen, `lurking` those that these versions have.
+    """
 
     schema: int = 1
     decisive: str | None
     diagnoses: tuple[DiagnosisEntry, ...]
     findings: tuple[FindingEntry, ...]
-    rendering: Rendering
+    environment: Environment
+    imports: dict[str, Imported]
+    differences: tuple[DifferenceEntry, ...]
+    lurking: tuple[DiagnosisEntry, ...]
+    nearest: Nearest | None
+    tried: Tried | None = None
+    proof: Proof | None = None
+    rendering: Rendering | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `doctor`."""
+    parser.add_argument("--python", metavar="PATH", help="an interpreter, or the folder of an environment")
+    parser.add_argument("--env", metavar="ID", help="make and step this environment in it, too")
     parser.add_argument("--rendering", action="store_true", help="look at what draws, and on which device")
+    parser.add_argument(
+        "--prove", action="store_true", help="try the nearest known-good versions in a throw-away copy of it"
+    )
+    parser.add_argument("--offline", action="store_true", help="--prove: use what is in the caches, never the network")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
 def main(args: argparse.Namespace) -> int:
     """Look, and say what was found."""
-    if not args.rendering:
-        message = "doctor: says today what draws on this machine, and nothing else: type `simmatrix doctor --rendering`"
-        raise BadInput(message)
-    made = _look(drawing.ways(), {name: os.environ[name] for name in os.environ if name in ASKED})
+    known = doctor.Knowledge(signatures(), measured.load)
+    asked = doctor.Asked(args.python, args.env, dict(os.environ), str(Path.cwd()))
+    looks = inplace.Looks(env=args.env, rendering=args.rendering)
+    try:
+        plain = doctor.document(asked, inplace.run, known, looks.more)
+    except NoEnvironment as error:
+        message = f"doctor: {error}"
+        raise BadInput(message) from None
+    if args.prove:
+        plain["proof"] = proved.proof(plain, env=args.env, offline=args.offline)
+    made = msgspec.convert({**plain, "tried": looks.tried}, Doctored)
+    if looks.drawn:
+        made = msgspec.structs.replace(
+            made, rendering=looks.drawn.rendering, diagnoses=(*made.diagnoses, *looks.drawn.diagnoses)
+        )
     if args.json:
         sys.stdout.buffer.write(msgspec.json.encode(made) + b"\n")
     else:
-        print("\n".join(_lines(made)))
-    return 1 if any(one.level is Level.WARNING for one in made.findings) else 0
+        print("\n".join(_lines(plain, made)))
+    return doctor.code(plain)
 
 
-ASKED = (*advising.VARIABLES, OLD_EGL_ID)
-"""The variables that have a say."""
+def signatures() -> list[Any]:
+    """The known failures as what stands alone reads them."""
+    knowledge.known()  # whatever is wrong with them is said before
+    texts = (path.read_text(encoding="utf-8") for path in knowledge.files())
+    return [matching.read(one) for text in texts for one in tomllib.loads(text)["signature"]]
 
 
-def _look(ways: Ways, variables: advising.Variables) -> Doctored:
-    """All that is to be said."""
-    here = Here(devices=ways.as_devices(), osmesa="missing" not in ways.osmesa, display="missing" not in ways.display)
-    troubles = advising.troubles(variables, here)
-    found = [
-        FindingEntry(check="rendering", level=Level.WARNING, text=advising.told(error, failing, variables))
-        for error, failing in troubles.items()
-    ]
-    different = advising.apart(variables, here)
-    if different:
-        found.append(FindingEntry(check="rendering", level=Level.NOTE, text=different))
-    advice = advising.recommended(variables, here)
-    return Doctored(
-        decisive=found[0].text if found else None,
-        diagnoses=tuple(_diagnoses(troubles)),
-        findings=tuple(found),
-        rendering=Rendering(
-            devices=ways.devices,
-            egl_missing=ways.egl_missing,
-            osmesa=ways.osmesa,
-            display=ways.display,
-            settings={name: variables.get(name) for name in ASKED},
-            selected=_selected(advising.outcomes(variables, here)),
-            possible=tuple(
-                Possible(setting=typed, selected=_selected(advising.outcomes(those, here, argument)))
-                for typed, those, argument in advising.possible(here)
-            ),
-            recommended=_recommended(advice),
-        ),
-    )
-
-
-def _recommended(advice: Advice | None) -> Recommended | None:
-    if advice is None:
-        return None
-    return Recommended(variables=dict(advice.variables), unset=advice.unset, reason=advice.reason)
-
-
-def _selected(results: Sequence[Drawn]) -> tuple[Selected, ...]:
-    return tuple(
-        Selected(library=who.name, way=one.way, device=one.device, error=one.error)
-        for who, one in zip(LIBRARIES, results, strict=True)
-    )
-
-
-def _diagnoses(troubles: Mapping[str, Sequence[advising.Library]]) -> Iterable[DiagnosisEntry]:
-    """The known failures that the foretold errors are, each once."""
-    known: dict[str, DiagnosisEntry] = {}
-    for error, failing in troubles.items():
-        evidence = [signatures.Evidence(phase=None, told=(error,))]
-        for who in failing:
-            installed = {who.library.replace("_", "-"): who.release, "mujoco": who.mujoco}
-            for one in signatures.diagnose(knowledge.known(), evidence, signatures.Around(installed=installed)):
-                known.setdefault(str(one.signature.id), document.diagnosis_entry(one))
-    return known.values()
-
-
-# --- what is said ----------------------------------------------------------------------------------------------
-
-
-def _lines(made: Doctored) -> Iterable[str]:
-    told = made.rendering
-    yield "EGL's devices, in EGL's order:"
-    yield from (f"  {place}  {_answer(one)}" for place, one in enumerate(told.devices))
-    if told.egl_missing:
-        yield f"  none: {told.egl_missing}"
-    yield f"OSMesa:  {_answer(told.osmesa)}"
-    yield f"display: {_answer(told.display)}"
-    yield ""
-    yield "set here: " + (_typed({k: v for k, v in told.settings.items() if v is not None}) or "none of the variables")
-    alike: dict[str, list[str]] = {}
-    for one in told.selected:
-        alike.setdefault(_outcome(one), []).append(one.library)
-    yield from (f"  {', '.join(libraries)}: {outcome}" for outcome, libraries in alike.items())
-    yield ""
-    yield "what each value would select alone, with MUJOCO_GL=egl:"
-    yield from _table(told.possible)
-    yield ""
-    for finding in made.findings:
-        yield f"{finding.level}: {finding.text}"
-    for diagnosis in made.diagnoses:
-        yield f"known: {diagnosis.cause}"
-    yield f"recommended: {_advice(told.recommended)}"
-
-
-def _answer(one: Answer) -> str:
-    kind = [f"CUDA device {one['cuda']}"] if "cuda" in one else []
-    kind += [one["file"]] if "file" in one else []
-    kind += ["software"] if "software" in one else []
-    said = [one[name] for name in ("vendor", "renderer") if name in one]
-    return ", ".join([*said, *kind, *([f"none: {one['missing']}"] if "missing" in one else [])])
-
-
-def _typed(variables: dict[str, Any]) -> str:
-    return " ".join(
-        f"{name}={value if value and ' ' not in value else repr(value)}" for name, value in variables.items()
-    )
-
-
-def _outcome(one: Selected) -> str:
-    if one.error:
-        return f"fails: {one.error}"
-    return f"EGL device {one.device}" if one.way == "egl" else f"no device: drawn by {one.way}"
-
-
-def _table(rows: Sequence[Possible]) -> Iterable[str]:
-    head = ["", *(who.name for who in LIBRARIES)]
-    body = [[row.setting, *(_short(one) for one in row.selected)] for row in rows]
-    widths = [max(len(line[column]) for line in [head, *body]) for column in range(len(head))]
-    for line in [head, *body]:
-        yield ("  " + "  ".join(f"{text:<{width}}" for text, width in zip(line, widths, strict=True))).rstrip()
-
-
-def _short(one: Selected) -> str:
-    return (one.error.partition(":")[0]) if one.error else str(one.device)
-
-
-def _advice(advice: Recommended | None) -> str:
-    if advice is None:
-        return "nothing can draw here: install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver"
-    unset = f"unset {' '.join(advice.unset)}; " if advice.unset else ""
-    return f"{unset}export {_typed(advice.variables)}\n  {advice.reason}"
+def _lines(plain: Mapping[str, Any], made: Doctored) -> list[str]:
+    lines = list(doctor.lines(plain, changes.in_words))
+    if made.tried and made.tried.decisive is None:
+        lines += ["", made.tried.said]
+    if made.proof:
+        lines += ["", *proved.lines(made.proof)]
+    if made.rendering:
+        lines += ["", *drawn.lines(made.rendering)]
+        lines += [f"known: {one.cause}" for one in made.diagnoses if one.phase is None]
+    return lines

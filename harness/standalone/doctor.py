@@ -20,11 +20,13 @@ SHOWN = 8
 OLDEST = (3, 7)
 
 ORDER = (
-    "python.start python.version import env import.shadowed metadata.duplicate metadata.broken modules.claimed known"
-    " measured requirements.conflict requirements.missing probe.difference import.library_twice requires_python"
-    " conda.overwritten metadata.files silent gym.mixed rendering"
+    "python.start python.version import env.import env.single import.shadowed metadata.duplicate metadata.broken"
+    " modules.claimed known measured env.render rendering requirements.conflict requirements.missing probe.difference"
+    " import.library_twice requires_python conda.overwritten metadata.files silent gym.mixed"
 ).split()
 """Findings that decide come first."""
+OF_VERSIONS = ("import", "env.single", "env.import", "known", "measured", "requirements", "requires_python", "silent")
+"""How the findings begin that other versions may mend."""
 
 
 class Knowledge(NamedTuple):
@@ -73,7 +75,7 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
     measured = known.measured()
     found += [*told, *map(_lurking, lurks), *nearest.failed(looked, measured)]
     found.sort(key=_rank)
-    near = nearest.found(looked, measured, asked.env)
+    near = nearest.found(looked, measured, asked.env, reading.versions_asked([*(hit.known for hit in causes), *lurks]))
     return {
         "schema": 1,
         "decisive": next((one.text for one in found if one.level == WARNING), None),
@@ -128,6 +130,7 @@ def _environment(choice: Choice, looked: Told) -> Dict[str, Any]:
         "remarks": list(choice.remarks),
         "version": python["version"],
         "implementation": python["implementation"],
+        "executable": python["executable"],
         "prefix": python["prefix"],
         "base_prefix": python["base_prefix"],
         "conda": bool(looked["conda"]),
@@ -231,7 +234,7 @@ def _nearest(made: Told) -> Iterable[str]:
     where = "{}, {}, {}".format(near["cell"], near["machine"], near["measured"][:10])
     if not near["command"]:
         yield "these versions were measured together, and work ({})".format(where)
-    elif made["decisive"] is None:
+    elif not any(one["level"] == WARNING and one["check"].startswith(OF_VERSIONS) for one in made["findings"]):
         changes = ", ".join("{} {}, here {}".format(one["name"], one["then"], one["now"]) for one in near["changes"])
         yield "these versions were not measured together; the nearest that work ({}) have {}".format(where, changes)
     else:

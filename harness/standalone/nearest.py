@@ -11,12 +11,17 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Seq
 from .declared import NOTE, WARNING, Finding, unmet
 from .differences import versions
 from .keys import SIMULATORS, weight
+from .requirements import Requirement, requirement
 from .versions import is_version, version
 
 Told = Mapping[str, Any]
-PYTHON = 4
-"""What it weighs that a cell was measured on the next minor version of Python."""
+PYTHON, UNCOVERED, FARTHEST = 8, 12, 2
+"""What it weighs that a cell was measured on the next minor version of Python, and that it says nothing of a package
+that is here; and from how many minor versions away nothing is taken."""
 MOST = 40
+FAILED = frozenset(("failed", "crashed", "timed_out"))
+BRINGS = {"dm_control": "dm-control", "mjx": "mujoco-mjx", "mujoco_warp": "mujoco-warp"}
+"""The package that brings an API, where it is called otherwise."""
 
 
 class Change(NamedTuple):
@@ -46,8 +51,8 @@ class Near(NamedTuple):
 
     @property
     def distance(self) -> int:
-        """What the changes weigh together."""
-        return sum(max(weight(one.name), 1) for one in self.changes)
+        """What the changes weigh together, another patch release least."""
+        return sum(max(weight(one.name), 1) * _gap(one) for one in self.changes)
 
 
 def minor(text: Optional[str]) -> str:
@@ -60,12 +65,18 @@ def subjects(facts: Told) -> List[str]:
     return sorted(set(versions(facts)) & SIMULATORS)
 
 
-def found(facts: Told, measured: Told, env: Optional[str] = None) -> Optional[Near]:
-    """The nearest, one that hurts nothing which stays before others. None where nothing known is installed."""
+def found(facts: Told, measured: Told, env: Optional[str] = None, remedies: Sequence[str] = ()) -> Optional[Near]:
+    """The nearest, one that hurts nothing which stays before others. None where nothing known is installed.
+
+    One that does what remedies ask for is nearer.
+    """
     wanted = subjects(facts)
     near = [_near(facts, cell, lock, wanted, env) for cell, lock in _green(measured, env)]
+    python = facts["python"]["version"]
+    near = [one for one in near if _away(one.cell["python"], python) <= FARTHEST]
     fitting = [one for one in near if len(one.uncovered) < max(len(wanted), 1)] if wanted or env else []
-    ordered = sorted(fitting, key=lambda one: _order(one, facts))[:MOST]
+    asked = [requirement(text) for text in remedies]
+    ordered = sorted(fitting, key=lambda one: (_against(one, asked), _order(one, facts)))[:MOST]
     made = [_with_needs(facts, one) for one in ordered]
     return next((one for one in made if not hurt(facts, one)), made[0] if made else None)
 
@@ -126,15 +137,30 @@ def _order(one: Near, facts: Told) -> Tuple[Any, ...]:
     newest = tuple(-part for part in version(numpy).release) if is_version(numpy) else ()
     settings = len(one.cell.get("environment", {}))
     return (
-        len(one.uncovered), one.distance + PYTHON * away, len(one.foreign), away, settings, len(one.also), newest,
-        one.cell["id"],
+        one.distance + PYTHON * away + UNCOVERED * len(one.uncovered), len(one.foreign), away, settings,
+        len(one.also), newest, one.cell["id"],
     )  # fmt: skip
+
+
+def _against(one: Near, asked: Sequence[Requirement]) -> int:
+    """How many remedies it does not heed."""
+    return sum(each.name in one.lock and not each.specifiers.admits(one.lock[each.name]) for each in asked)
 
 
 def _away(one: Optional[str], other: str) -> int:
     """How many minor versions two Pythons are apart."""
     numbers = [int(part) for each in (one, other) for part in minor(each).split(".")[1:]]
     return abs(numbers[0] - numbers[1]) if len(numbers) > 1 else 99
+
+
+def _gap(one: Change) -> int:
+    """How far two versions are apart: 1 within a minor version, 2 within a major one, else 3; 0.1 and 0.2 are two."""
+    if one.now is None or not (is_version(one.now) and is_version(one.then)):
+        return 3
+    now, then = version(one.now).release, version(one.then).release
+    if now[0] != then[0] or (now[0] == 0 and now[:2] != then[:2]):
+        return 3
+    return 1 if now[:2] == then[:2] else 2
 
 
 def _with_needs(facts: Told, one: Near) -> Near:
@@ -179,19 +205,25 @@ def failed(facts: Told, measured: Told) -> List[Finding]:
         if not lock or not wanted or minor(cell["python"]) != python or cell.get("environment"):
             continue
         one = _near(facts, cell, dict(lock), wanted, None)
-        if not one.changes and not one.uncovered and not one.foreign:
+        if not (one.changes or one.uncovered or one.foreign):
             (green if cell["verdict"] == "works" else red).append(cell)
-    telling = [cell for cell in red if cell["verdict"] in {"broken", "import_fails", "partial"} and cell["decisive"]]
-    return [] if green else [_red(cell) for cell in telling[:1]]
+    telling = [(cell, envs) for cell in red for envs in [_failing(cell, wanted)] if envs and cell["decisive"]]
+    return [] if green else [_red(cell, envs) for cell, envs in telling[:1]]
 
 
-def _red(cell: Told) -> Finding:
-    envs = ", ".join(
-        case["env"] for case in cell["cases"] if case["env"] and set(case["phases"].values()) & {"failed", "crashed"}
-    )
-    phases = ", ".join(name for name, how in cell["phases"].items() if how in {"failed", "crashed", "timed_out"})
-    text = "measured with these versions, {} fails{} ({}): {}".format(
-        cell["id"], " of " + envs if envs else "", phases, cell["decisive"]
+def _failing(cell: Told, wanted: Sequence[str]) -> List[str]:
+    """The environments that failed, of those that speak an API of what is there."""
+    return [
+        case["env"]
+        for case in cell["cases"]
+        if case["env"] and BRINGS.get(case["api"], case["api"]) in wanted and FAILED & set(case["phases"].values())
+    ]
+
+
+def _red(cell: Told, envs: Sequence[str]) -> Finding:
+    phases = ", ".join(name for name, how in cell["phases"].items() if how in FAILED)
+    text = "measured with these versions ({}), {} fails in {}: {}".format(
+        cell["id"], ", ".join(envs), phases, cell["decisive"]
     )
     return Finding("measured", NOTE if cell["verdict"] == "partial" else WARNING, text)
 

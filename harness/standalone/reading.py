@@ -85,11 +85,17 @@ def foreseen(known: Iterable[Any], facts: Told) -> List[Any]:
     """The known failures of exactly these versions: all take part, and the remedy asks for others.
 
     Two packages at least are named with versions, or one with Pythons: what fails with any version is not foreseen.
+    Of several with one remedy that which shows in the fewest phases stands for all.
     """
     there = versions(facts)
     plain = [one for one in known if not one.masks and one.phases and not {"resolve", "install"} & {*one.phases}]
     sure = [one._replace(silent=True) for one in plain if not one.silent and _bounded(one)]
-    return [one for one in lurking(sure, around(facts)) if _mended(one, there)]
+    found: Dict[Any, Any] = {}
+    for one in lurking(sure, around(facts)):
+        remedy = tuple(sorted(versions_asked([one])))
+        if _mended(one, there) and (remedy not in found or len(one.phases) < len(found[remedy].phases)):
+            found[remedy] = one
+    return list(found.values())
 
 
 def _bounded(one: Any) -> bool:
@@ -97,11 +103,15 @@ def _bounded(one: Any) -> bool:
     return len(with_versions) + bool(one.python) > 1
 
 
+def versions_asked(known: Iterable[Any]) -> List[str]:
+    """The requirements of remedies."""
+    remedies = [one.plain.get("remedy", {}) for one in known]
+    return [text for one in remedies for key in ("requirements", "constraints") for text in one.get(key, ())]
+
+
 def _mended(one: Any, there: Mapping[str, str]) -> bool:
     """Whether the remedy asks for other versions than those that are there."""
-    remedy = one.plain.get("remedy", {})
-    texts = [text for key in ("requirements", "constraints") for text in remedy.get(key, ())]
-    asked = [requirement(text) for text in texts]
+    asked = [requirement(text) for text in versions_asked([one])]
     return any(each.name in there and not each.specifiers.admits(there[each.name]) for each in asked)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from harness import advising
 from harness.advising import CROSSED, LIBRARIES, Here
-from harness.commands import doctor
+from harness.commands import drawn
 from harness.drawing import Ways
 from harness.rendering import Device
 
@@ -128,12 +128,12 @@ def test_without_a_device_of_egl(here: Here, variables: dict[str, str] | None) -
 
 
 def test_the_document() -> None:
-    """The first finding is the decisive one, and every value that could be set stands there, one out of range too."""
+    """Every value that could be set stands there, one out of range too."""
     ways = Ways(devices=({"software": "yes"},), egl_missing=None, osmesa={}, display={"missing": "none"})
 
-    made = doctor._look(ways, {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"})
+    made = drawn.look(ways, {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"})
 
-    assert made.decisive == made.findings[0].text
+    assert "robosuite 1.4, 1.5 cannot draw here" in made.findings[0].text
     assert [one.setting for one in made.rendering.possible] == [
         "nothing",
         "MUJOCO_EGL_DEVICE_ID=0",
@@ -145,7 +145,7 @@ def test_the_document() -> None:
         "MUJOCO_EGL_DEVICE_ID=0 CUDA_VISIBLE_DEVICES=1",
     ]
     assert [one.device for one in made.rendering.selected] == [None, 0, 0, 0, 0]
-    assert "\n  robosuite 1.4, 1.5: fails: RuntimeError: The MUJOCO_EGL" in "\n".join(doctor._lines(made))
+    assert "\n  robosuite 1.4, 1.5: fails: RuntimeError: The MUJOCO_EGL" in "\n".join(drawn.lines(made.rendering))
     assert "\n  MuJoCo before 4, MuJoCo 4, gymnasium (MuJoCo 4), dm_control: EGL device 0\n" in "\n".join(
-        doctor._lines(made)
+        drawn.lines(made.rendering)
     )

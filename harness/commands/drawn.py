@@ -1,0 +1,189 @@
+"""What draws on this machine, what each setting selects, and which one to take: `doctor --rendering`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from harness import advising, document, drawing, knowledge, signatures
+from harness.advising import LIBRARIES, Advice, Drawn, Here
+from harness.drawing import Answer, Ways
+from harness.model import Level
+from harness.rendering import OLD_EGL_ID
+from harness.reporttypes import DiagnosisEntry, FindingEntry
+
+
+class Selected(msgspec.Struct, frozen=True, kw_only=True):
+    """What one library draws with: `way` is egl, osmesa, glfw or none, `device` a place in EGL's list."""
+
+    library: str
+    way: str
+    device: int | None
+    error: str | None
+
+
+class Possible(msgspec.Struct, frozen=True, kw_only=True):
+    """What a value would select, set alone, with MUJOCO_GL=egl."""
+
+    setting: str
+    selected: tuple[Selected, ...]
+
+
+class Recommended(msgspec.Struct, frozen=True, kw_only=True):
+    """The setting to take: variables to set and to unset."""
+
+    variables: dict[str, str]
+    unset: tuple[str, ...]
+    reason: str
+
+
+class Rendering(msgspec.Struct, frozen=True, kw_only=True):
+    """What draws here. `settings` are the caller's, None where a variable is not set."""
+
+    devices: tuple[Answer, ...]
+    egl_missing: str | None
+    osmesa: Answer
+    display: Answer
+    settings: dict[str, str | None]
+    selected: tuple[Selected, ...]
+    possible: tuple[Possible, ...]
+    recommended: Recommended | None
+
+
+class Looked(msgspec.Struct, frozen=True, kw_only=True):
+    """What draws here, with what is wrong in it and the known failures that it leads to."""
+
+    findings: tuple[FindingEntry, ...]
+    diagnoses: tuple[DiagnosisEntry, ...]
+    rendering: Rendering
+
+
+ASKED = (*advising.VARIABLES, OLD_EGL_ID)
+"""The variables that have a say."""
+
+
+def here() -> Looked:
+    """What draws on this machine, with the settings of this shell."""
+    return look(drawing.ways(), {name: os.environ[name] for name in os.environ if name in ASKED})
+
+
+def look(ways: Ways, variables: advising.Variables) -> Looked:
+    """All that is to be said."""
+    there = Here(devices=ways.as_devices(), osmesa="missing" not in ways.osmesa, display="missing" not in ways.display)
+    troubles = advising.troubles(variables, there)
+    found = [
+        FindingEntry(check="rendering", level=Level.WARNING, text=advising.told(error, failing, variables))
+        for error, failing in troubles.items()
+    ]
+    different = advising.apart(variables, there)
+    if different:
+        found.append(FindingEntry(check="rendering", level=Level.NOTE, text=different))
+    advice = advising.recommended(variables, there)
+    return Looked(
+        diagnoses=tuple(_diagnoses(troubles)),
+        findings=tuple(found),
+        rendering=Rendering(
+            devices=ways.devices,
+            egl_missing=ways.egl_missing,
+            osmesa=ways.osmesa,
+            display=ways.display,
+            settings={name: variables.get(name) for name in ASKED},
+            selected=_selected(advising.outcomes(variables, there)),
+            possible=tuple(
+                Possible(setting=typed, selected=_selected(advising.outcomes(those, there, argument)))
+                for typed, those, argument in advising.possible(there)
+            ),
+            recommended=_recommended(advice),
+        ),
+    )
+
+
+def _recommended(advice: Advice | None) -> Recommended | None:
+    if advice is None:
+        return None
+    return Recommended(variables=dict(advice.variables), unset=advice.unset, reason=advice.reason)
+
+
+def _selected(results: Sequence[Drawn]) -> tuple[Selected, ...]:
+    return tuple(
+        Selected(library=who.name, way=one.way, device=one.device, error=one.error)
+        for who, one in zip(LIBRARIES, results, strict=True)
+    )
+
+
+def _diagnoses(troubles: Mapping[str, Sequence[advising.Library]]) -> Iterable[DiagnosisEntry]:
+    """The known failures that the foretold errors are, each once."""
+    known: dict[str, DiagnosisEntry] = {}
+    for error, failing in troubles.items():
+        evidence = [signatures.Evidence(phase=None, told=(error,))]
+        for who in failing:
+            installed = {who.library.replace("_", "-"): who.release, "mujoco": who.mujoco}
+            for one in signatures.diagnose(knowledge.known(), evidence, signatures.Around(installed=installed)):
+                known.setdefault(str(one.signature.id), document.diagnosis_entry(one))
+    return known.values()
+
+
+# --- what is said ----------------------------------------------------------------------------------------------
+
+
+def lines(told: Rendering) -> Iterable[str]:
+    """The table for people."""
+    yield "EGL's devices, in EGL's order:"
+    yield from (f"  {place}  {_answer(one)}" for place, one in enumerate(told.devices))
+    if told.egl_missing:
+        yield f"  none: {told.egl_missing}"
+    yield f"OSMesa:  {_answer(told.osmesa)}"
+    yield f"display: {_answer(told.display)}"
+    yield ""
+    yield "set here: " + (_typed({k: v for k, v in told.settings.items() if v is not None}) or "none of the variables")
+    alike: dict[str, list[str]] = {}
+    for one in told.selected:
+        alike.setdefault(_outcome(one), []).append(one.library)
+    yield from (f"  {', '.join(libraries)}: {outcome}" for outcome, libraries in alike.items())
+    yield ""
+    yield "what each value would select alone, with MUJOCO_GL=egl:"
+    yield from _table(told.possible)
+    yield ""
+    yield f"recommended: {_advice(told.recommended)}"
+
+
+def _answer(one: Answer) -> str:
+    kind = [f"CUDA device {one['cuda']}"] if "cuda" in one else []
+    kind += [one["file"]] if "file" in one else []
+    kind += ["software"] if "software" in one else []
+    said = [one[name] for name in ("vendor", "renderer") if name in one]
+    return ", ".join([*said, *kind, *([f"none: {one['missing']}"] if "missing" in one else [])])
+
+
+def _typed(variables: dict[str, Any]) -> str:
+    return " ".join(
+        f"{name}={value if value and ' ' not in value else repr(value)}" for name, value in variables.items()
+    )
+
+
+def _outcome(one: Selected) -> str:
+    if one.error:
+        return f"fails: {one.error}"
+    return f"EGL device {one.device}" if one.way == "egl" else f"no device: drawn by {one.way}"
+
+
+def _table(rows: Sequence[Possible]) -> Iterable[str]:
+    head = ["", *(who.name for who in LIBRARIES)]
+    body = [[row.setting, *(_short(one) for one in row.selected)] for row in rows]
+    widths = [max(len(line[column]) for line in [head, *body]) for column in range(len(head))]
+    for line in [head, *body]:
+        yield ("  " + "  ".join(f"{text:<{width}}" for text, width in zip(line, widths, strict=True))).rstrip()
+
+
+def _short(one: Selected) -> str:
+    return (one.error.partition(":")[0]) if one.error else str(one.device)
+
+
+def _advice(advice: Recommended | None) -> str:
+    if advice is None:
+        return "nothing can draw here: install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver"
+    unset = f"unset {' '.join(advice.unset)}; " if advice.unset else ""
+    return f"{unset}export {_typed(advice.variables)}\n  {advice.reason}"

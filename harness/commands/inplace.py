@@ -1,0 +1,169 @@
+"""Looks into an environment from the host: starts its Python, and makes and steps an environment in it as it is."""
+
+from __future__ import annotations
+
+import os
+import signal
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from harness import cellrun, launch, machine, plan, process
+from harness.commands import drawn
+from harness.commands.drawn import Looked
+from harness.errors import BadInput
+from harness.evidence import KILLED
+from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
+from harness.standalone.choosing import Choice
+from harness.standalone.declared import NOTE, WARNING, Finding
+from harness.standalone.differences import versions
+from harness.standalone.keys import SIMULATORS
+from harness.standalone.matching import Seen
+from harness.standalone.nearest import BRINGS
+from harness.standalone.running import Ran
+from harness.store import Store
+
+MEMORY_MB = 64_000
+OUTPUT_KB = 1024
+LOOKED_AT = {"gymnasium": "gymnasium", "mujoco": "MuJoCo", "robosuite": "robosuite", "dm-control": "dm_control"}
+"""Installed packages, and how the libraries are called that are held against this machine's devices."""
+
+
+def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> Ran:
+    """Run a command in the caller's world, under the supervisor."""
+    with tempfile.TemporaryDirectory(prefix="simmatrix-") as scratch:
+        log = Path(scratch, "log")
+        done = process.run(
+            process.Command(
+                argv=tuple(argv),
+                cwd=Path(folder),
+                env=variables,
+                limits=process.Limits(seconds=seconds, memory_mb=MEMORY_MB, output_kb=OUTPUT_KB),
+                log=log,
+                profile=process.Profile.HOST,
+            )
+        )
+        output = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
+    name = signal.Signals(done.signal).name if done.signal else None
+    trouble = "" if done.killed is None else f"\n{done.killed}"
+    return Ran(done.exit_code, name, done.timed_out, output + trouble)
+
+
+class Tried(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of an environment made and stepped in place, by phase; `said` is that in a sentence."""
+
+    env: str
+    api: str
+    phases: dict[str, str]
+    decisive: str | None
+    said: str
+
+
+@dataclass(kw_only=True, slots=True)
+class Looks:
+    """What only the host looks at; `tried` and `drawn` are there once `more` was called."""
+
+    env: str | None
+    rendering: bool
+    tried: Tried | None = None
+    drawn: Looked | None = None
+    seen: list[Seen] = field(default_factory=list)
+
+    def more(self, choice: Choice, facts: Mapping[str, Any]) -> tuple[list[Finding], list[Seen]]:
+        """Findings, and evidence to be held against known failures."""
+        found: list[Finding] = []
+        if self.rendering:
+            self.drawn = drawn.here()
+            found += _rendering(self.drawn, versions(facts))
+        if self.env is not None:
+            found += self._stepped(self.env, facts)
+        return found, self.seen
+
+    def _stepped(self, env: str, facts: Mapping[str, Any]) -> list[Finding]:
+        case = _case(env, versions(facts))
+        with tempfile.TemporaryDirectory(prefix="simmatrix-") as scratch:
+            store = Store(Path(scratch))
+            until = Phase.RENDER if self.rendering else Phase.SINGLE
+            record = cellrun.run_case(_context(store, facts, Path(scratch), until), case)
+            self.tried = _tried(env, case, record)
+            failed = [phase for phase in record.phases if phase.outcome in FAILING]
+            self.seen += [_seen(phase, store) for phase in failed]
+        where = next((one.phase for one in record.phases if one.outcome not in PASSING), None)
+        return [Finding(f"env.{where}", WARNING, self.tried.said)] if where else []
+
+
+def _rendering(looked: Looked, installed: Mapping[str, str]) -> list[Finding]:
+    """What was found, only noted where it is of libraries that this environment has not."""
+    names = [name for package, name in LOOKED_AT.items() if package in installed]
+    return [
+        Finding(one.check, NOTE if names and not any(name in one.text for name in names) else str(one.level), one.text)
+        for one in looked.findings
+    ]
+
+
+# --- an environment in place -----------------------------------------------------------------------------------
+
+
+def _case(env: str, installed: Mapping[str, str]) -> Case:
+    """The case that tries an environment, by what is installed."""
+    pins = tuple(f"{name}=={version}" for name, version in installed.items() if name in SIMULATORS)
+    if not pins:
+        message = f"--env {env}: nothing that is installed there has environments that are known here"
+        raise BadInput(message)
+    brought = next((name for name in ("gymnasium", "gym") if name in installed), None)
+    (case,) = plan.cases_for(plan.Asked(requirements=pins, python="host", envs=(env,), brought=brought))
+    package = BRINGS.get(case.api, case.api)
+    if package not in installed and case.api in {"gym", "gymnasium"}:
+        message = f"--env {env}: {package} is not installed there"
+        raise BadInput(message)
+    return case
+
+
+def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase) -> cellrun.Context:
+    python = facts["python"]
+    prefix = Path(python["prefix"])
+    executable = Path(python["executable"])
+    if not executable.is_relative_to(prefix):
+        executable = prefix / "bin" / executable.name
+    site = launch.Site(
+        folder=prefix, python=executable, pycache=scratch / "pycache", variables=dict(os.environ), files={}
+    )
+    return cellrun.Context(
+        store=store,
+        python=python["version"],
+        site=lambda: site,
+        identity=("doctor", str(prefix)),
+        undrawable=machine.undrawable(os.environ),
+        conditions=None,
+        places={},
+        until=until,
+        fresh=True,
+    )
+
+
+def _tried(env: str, case: Case, record: CaseRecord) -> Tried:
+    phases = {str(one.phase): str(one.outcome) for one in record.phases if one.phase in SHOWN}
+    failed = next((one for one in record.phases if one.outcome not in PASSING), None)
+    if failed is None:
+        said = f"{env} was made and stepped in this environment ({', '.join(phases)} passed)"
+    else:
+        said = f"{env}: {failed.phase} {failed.outcome}: {failed.decisive or 'no line says why'}"
+    return Tried(env=env, api=case.api, phases=phases, decisive=failed.decisive if failed else None, said=said)
+
+
+SHOWN = (Phase.IMPORT, Phase.SINGLE, Phase.RENDER)
+PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
+
+
+def _seen(phase: PhaseRecord, store: Store) -> Seen:
+    """The evidence of a phase that failed, as known failures are held against it."""
+    told = tuple(filter(None, (phase.decisive, *(check.decisive for check in phase.checks))))
+    place = store.folder / phase.evidence if phase.evidence else None
+    files = sorted(place.iterdir()) if place and place.is_dir() else []
+    logs = tuple(one.read_text(encoding="utf-8", errors="replace") for one in files if one.suffix in {".txt", ".log"})
+    killed = next((found[1] for line in told if (found := KILLED.search(line))), None)
+    return Seen(phase=str(phase.phase), told=told, logs=logs, signal=killed)

@@ -1,0 +1,152 @@
+"""Tries changes of versions in a throw-away copy of an environment: `doctor --prove`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+
+from harness import interpreters, plan, store
+from harness.commands import progress, reporting
+from harness.commands.combination import REUSED_FOR_HOURS
+from harness.errors import CouldNotTell
+from harness.model import Cell, Verdict
+from harness.reporttypes import word
+from harness.rootcause.bench import Bench, Trial
+from harness.scheduler import Settings
+from harness.standalone.keys import SIMULATORS, weight
+from harness.standalone.versions import is_version
+
+
+class Copied(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of one throw-away copy."""
+
+    requirements: tuple[str, ...]
+    verdict: str
+    phases: dict[str, str]
+    decisive: str | None
+
+
+class Proof(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of the changes. `before` is the copy without them, `after` with them; None where it was not made.
+
+    `left_out` are packages that could not be copied in their version; `text` says it all in a sentence.
+    """
+
+    proven: bool
+    text: str
+    before: Copied | None = None
+    after: Copied | None = None
+    left_out: tuple[str, ...] = ()
+
+
+def proof(made: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
+    """Try the changes that the nearest known-good asks for. Raises CouldNotTell."""
+    near = made["nearest"]
+    if near is None or not near["changes"]:
+        text = "nothing is to be proven: " + ("no change is known" if near is None else "no version has to change")
+        return Proof(proven=False, text=text)
+    told = made["environment"]
+    changed = {one["name"]: one["then"] for one in near["changes"]}
+    python = _python(told)
+    opened = store.open_store()
+    as_of = opened.instant(plan.TRY_MATRIX, hours=REUSED_FOR_HOURS)
+    installed = {name: version.partition("+")[0] for name, version in told["packages"].items() if is_version(version)}
+    with (
+        progress.Progress(2, 1, reporting.headline) as board,
+        Bench(opened, Settings(offline=offline), board) as bench,
+    ):
+        copies = _Copies(bench=bench, python=python, env=env, as_of=as_of)
+        after, left_out = copies.measured({**installed, **changed}, changed)
+        if after.untold:
+            message = f"doctor --prove: it cannot be told here: {after.judged.decisive}"
+            raise CouldNotTell(message)
+        before, _ = copies.measured(installed, {})
+    return _proof(before, after, left_out)
+
+
+def _python(told: Mapping[str, Any]) -> str:
+    found = interpreters.find(told["executable"] or told["python"])
+    if found is None:
+        message = f"doctor --prove: no environment can be made with {told['python']}; a Python from 3.7 on is needed"
+        raise CouldNotTell(message)
+    return found.path
+
+
+class _Copies:
+    """Throw-away copies, made of one Python."""
+
+    def __init__(self, *, bench: Bench, python: str, env: str | None, as_of: str) -> None:
+        self.bench, self.python, self.env, self.as_of = bench, python, env, as_of
+
+    def measured(self, versions: Mapping[str, str], changed: Iterable[str]) -> tuple[Trial, tuple[str, ...]]:
+        """A copy with these versions; where they cannot be had together, only with those that matter."""
+        pins = {name: f"{name}=={version}" for name, version in versions.items() if name not in NOT_COPIED}
+        asked = [pins[name] for name in pins if name in SIMULATORS or name in changed or weight(name)]
+        trial = self.bench.measure(self._cell(asked, list(pins.values())), keep=True)
+        if trial.judged.verdict is not Verdict.UNRESOLVABLE:
+            return trial, ()
+        kept = {name for name in pins if name in SIMULATORS or name in changed}
+        again = self.bench.measure(self._cell([pins[name] for name in pins if name in kept], []), keep=True)
+        return again, tuple(sorted(set(pins) - kept))
+
+    def _cell(self, requirements: Sequence[str], constraints: Sequence[str]) -> Cell:
+        version = interpreters.find(self.python)
+        asked = plan.Asked(
+            requirements=tuple(requirements),
+            constraints=tuple(constraints),
+            python=version.version if version else "host",
+            envs=(self.env,) if self.env else (),
+            environment={name: os.environ[name] for name in PASSED if os.environ.get(name)},
+            as_of=self.as_of,
+        )
+        (cell,) = plan.single(asked).cells
+        return replace(cell, python=self.python)
+
+
+PASSED = ("MUJOCO_GL", "PYOPENGL_PLATFORM")
+"""The caller's variables that a copy has, too."""
+
+NOT_COPIED = frozenset({"pip", "setuptools", "wheel"})
+
+
+def _proof(before: Trial, after: Trial, left_out: tuple[str, ...]) -> Proof:
+    works = after.works and not before.works
+    said = f"without the changes a copy {_said(before)}; with them it {_said(after)}"
+    if after.works and before.works:
+        said = "a copy works with the changes, and without them, too: the versions are not what is wrong here"
+    beside = f" ({len(left_out)} other packages were left to the resolver)" if left_out else ""
+    return Proof(
+        proven=works,
+        text=("proven: " if works else "not proven: ") + said + beside,
+        before=_copied(before),
+        after=_copied(after),
+        left_out=left_out,
+    )
+
+
+def _said(trial: Trial) -> str:
+    if trial.works:
+        passed = [phase for phase, how in trial.judged.phases.items() if how == "passed"]
+        return f"works ({', '.join(passed)})"
+    return f"does not: {word(trial.judged.verdict)} in {trial.judged.phase}: {trial.judged.decisive}"
+
+
+def _copied(trial: Trial) -> Copied:
+    return Copied(
+        requirements=trial.cell.question.requirements,
+        verdict=str(trial.judged.verdict),
+        phases={str(phase): str(how) for phase, how in trial.judged.phases.items()},
+        decisive=trial.judged.decisive,
+    )
+
+
+def lines(made: Proof) -> Iterable[str]:
+    """For people."""
+    yield made.text
+    for name, copy in (("without", made.before), ("with", made.after)):
+        if copy:
+            yield f"  {name}: {', '.join(copy.requirements)}"
