@@ -6,6 +6,7 @@ import argparse
 import io
 import json
 import os
+import re
 import sys
 import tempfile
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
@@ -15,9 +16,11 @@ from .explaining import Explained, Here
 from .keeping import Kept
 from .matching import Known
 from .packages import Packages
+from .requirements import requirement
 from .wording import Place
 
 UNKNOWN, BAD = 1, 2
+PINNED = re.compile(r"[A-Za-z0-9][\w.\[\],-]*\s*[=<>~!]")
 HELP = (
     "Explain a failure from what was written of it: cause, remedy, reference, and what to type next. A FILE, or - for"
     " stdin; or, after --, a command, which is run as it stands, and explained where it fails. Exits with 1 where the"
@@ -66,7 +69,7 @@ def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int
     if args.json:
         print(json.dumps(made.plain()))
     else:
-        _print(made, place._replace(python=around.python if around else None), sys.stdout)
+        _print(made, _placed(place, around, ()), sys.stdout)
     return 0 if made.cause is not None else UNKNOWN
 
 
@@ -95,13 +98,37 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
         return ended.code
     with open(path, "rb") as written:
         kept = keeping.kept(written.read)
-    here = _here(around, knowledge)._replace(failed=True, signal=ended.signal)
+    asked = _asked(command)
+    here = _here(around, knowledge)._replace(failed=True, signal=ended.signal, asked=asked)
     made = _with_end(_with_missing(explaining.explained(kept.text, knowledge.known(), here), kept), ended.code)
     if args.json:
         print(json.dumps(made.plain()))
-    place = place._replace(python=around.python if around else None, command=tuple(command), kept=path)
+    place = _placed(place, around, asked)._replace(command=tuple(command), kept=path)
     _print(made, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), _end(ended)))
     return ended.code
+
+
+def _placed(place: Place, around: Optional[Packages], asked: Tuple[str, ...]) -> Place:
+    """The environment, and what leads to the same combination: what was asked for, else what is there of weight."""
+    if around is None:
+        return place._replace(asked=asked)
+    return place._replace(
+        python=around.python, version=around.version, asked=asked or tuple(wording.subjects(around.installed))
+    )
+
+
+def _asked(command: Sequence[str]) -> Tuple[str, ...]:
+    """The requirements that an installer's command line names."""
+    if "install" not in command and "compile" not in command:
+        return ()
+    return tuple(word for word in command if PINNED.match(word) and _is_requirement(word))
+
+
+def _is_requirement(word: str) -> bool:
+    try:
+        return bool(requirement(word).specifiers)
+    except ValueError:
+        return False
 
 
 def _end(ended: Any) -> str:

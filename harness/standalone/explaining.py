@@ -21,15 +21,18 @@ DECISIVE, ELSEWHERE, LOG = 0, 1, 2
 """Where a failure was told: in the decisive line, in another one that says why, or anywhere."""
 
 SHOWN = 3
+INSTALLING = ("resolve", "install")
 
 
 class Here(NamedTuple):
     """What is known apart from the text: the packages and the Python of an environment, and how a command ended.
 
-    `failed` is whether it surely failed. `measured` is the document of measured results.
+    `asked` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is the
+    document of measured results.
     """
 
     installed: Optional[Mapping[str, str]] = None
+    asked: Tuple[str, ...] = ()
     python: Optional[str] = None
     failed: bool = False
     signal: Optional[str] = None
@@ -93,17 +96,17 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
     told = telling.told(text, surely=here.failed or here.signal is not None)
     said = hints(told.text)
     killed = here.signal or told.signal
-    sure, could = _candidates(known, here, said)
-    hits = _hits(sure, told, killed)
-    findings: List[Tuple[str, str, str]] = []
+    sure, could = _candidates(known, _around(here, said, told), here.python or said.python)
+    hits, aside = _hits(sure, told, killed)
+    findings: List[Tuple[str, str, str]] = [("besides", NOTE, _besides(hit)) for hit in aside[:SHOWN]]
     if not any(not hit.known.masks for hit in hits):
-        possible = [hit for hit in _hits(could, told, killed) if _where(hit, told) is not LOG]
+        possible = _hits(could, told, killed)[0]
         named = [hit for hit in possible if _named(hit.known, told.text)]
         if len(named) == 1:
             hits = (*named, *hits)
             findings.append(("packages", NOTE, _if_there(named[0].known)))
         else:
-            findings += [("possible", NOTE, _possible(hit)) for hit in named[:SHOWN]]
+            findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
     if not told.failed and hits:
         told = told._replace(failed=True, decisive=hits[0].seen)
     findings += _others(told, hits)
@@ -114,18 +117,24 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
 # --- which known failures can be meant -------------------------------------------------------------------------
 
 
+def _around(here: Here, said: Hints, told: Told) -> Around:
+    """What the failure met. Where something is being installed, it is not what is there already that fails."""
+    hinted = dict(said.packages)
+    if here.installed is not None and told.phase not in INSTALLING:
+        return Around(installed=here.installed)
+    named = {requirement(text).name for text in here.asked}
+    there = {name: version for name, version in (here.installed or {}).items() if name not in named}
+    pins = ("{}=={}".format(*pair) for pair in {**there, **hinted}.items() if pair[0] not in named)
+    return Around(requirements=(*here.asked, *pins))
+
+
 def _candidates(
-    known: Iterable[matching.Known], here: Here, said: Hints
+    known: Iterable[matching.Known], around: Around, python: Optional[str]
 ) -> Tuple[List[matching.Known], List[matching.Known]]:
     """Those that nothing speaks against, and for broad ones all; and the broad ones for which it cannot be told."""
-    around = Around(
-        installed=here.installed,
-        requirements=tuple("{}=={}".format(*pair) for pair in said.packages.items()),
-        python=here.python,
-    )
     sure: List[matching.Known] = []
     could: List[matching.Known] = []
-    loud = [one for one in known if not one.silent and _of_python(one, here.python or said.python)]
+    loud = [one for one in known if not one.silent and _of_python(one, python)]
     for one, fits in zip(loud, matching.standing(loud, around)):
         broad = one.generic or one.pattern is None
         if fits or (fits is None and not broad):
@@ -149,7 +158,17 @@ def _named(one: matching.Known, text: str) -> bool:
     return all(any(_speaks(requirement(each).name, text) for each in part.requirements) for part in one.packages)
 
 
+TOOLS = {
+    "pip": re.compile(r"^(?:ERROR|WARNING): |^Collecting |which is incompatible\.$", re.MULTILINE),
+    "uv": re.compile(r"No solution found|we can conclude that|^ {2}cause: |╰─▶|^hint: ", re.MULTILINE),
+    "conda": re.compile(r"libmamba|^(?:Collecting package metadata|Solving environment)", re.MULTILINE),
+}
+"""Whoever prints such lines is there, without a name."""
+
+
 def _speaks(name: str, text: str) -> bool:
+    if name in TOOLS and TOOLS[name].search(text):
+        return True
     pattern = "[-_.]".join(map(re.escape, name.split("-")))
     return re.search("(?<![A-Za-z0-9])" + pattern + "(?![A-Za-z0-9])", text, re.IGNORECASE) is not None
 
@@ -161,6 +180,10 @@ def _if_there(one: matching.Known) -> str:
     )
 
 
+def _besides(hit: Hit) -> str:
+    return "the text says so, too, and nothing shows that it failed by it: {} ({})".format(hit.seen, hit.known.id)
+
+
 def _possible(hit: Hit) -> str:
     return "could be {}: {} {}".format(hit.known.id, hit.known.plain["cause"], _if_there(hit.known))
 
@@ -168,13 +191,21 @@ def _possible(hit: Hit) -> str:
 # --- where they are told ---------------------------------------------------------------------------------------
 
 
-def _hits(known: Sequence[matching.Known], told: Told, killed: Optional[str]) -> Tuple[Hit, ...]:
-    """The known failures that the text tells, the deepest cause first."""
+def _hits(
+    known: Sequence[matching.Known], told: Told, killed: Optional[str]
+) -> Tuple[Tuple[Hit, ...], Tuple[Hit, ...]]:
+    """The known failures that the text tells, the deepest cause first; and those that it mentions without failing so.
+
+    What is written somewhere in a log, and in no line that says why, is no cause of an exception.
+    """
     if not told.failed:
         known = [one for one in known if one.pattern is not None and not one.generic]
     seen = Seen(phase=None, told=told.lines, logs=(told.text,), signal=killed)
-    found = matching.matches(known, seen)
-    return tuple(sorted(found, key=lambda hit: _rank(hit, told)))
+    found = sorted(matching.matches(known, seen), key=lambda hit: _rank(hit, told))
+    best = min([_where(hit, told) for hit in found if not hit.known.masks], default=LOG)
+    most = ELSEWHERE if told.raised or best is not LOG else LOG
+    kept = tuple(hit for hit in found if hit.known.masks or _where(hit, told) <= most)
+    return kept, tuple(hit for hit in found if hit not in kept)
 
 
 def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
@@ -184,9 +215,13 @@ def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
 
 
 def _where(hit: Hit, told: Told) -> int:
-    if hit.known.pattern is None or _in(hit.seen, told.decisive):
+    if hit.known.pattern is None or _in(hit.seen, told.decisive) or (told.raised and hit.seen in _flat(told.region)):
         return DECISIVE
     return ELSEWHERE if any(_in(hit.seen, line) for line in told.lines) else LOG
+
+
+def _flat(text: str) -> str:
+    return "\n".join(map(bounded, text.splitlines()))
 
 
 def _in(seen: str, line: Optional[str]) -> bool:

@@ -24,7 +24,8 @@ PREFIXES = 20
 class Told(NamedTuple):
     """A failure as its text tells it: `lines` say why, the decisive one first; `phase` is where it may have failed.
 
-    `failed` is whether there is a failure at all. `text` is all of it, its tracebacks in one form.
+    `failed` is whether there is a failure at all, `raised` whether the decisive line is an exception, of the
+    traceback `region`. `text` is all of it, its tracebacks in one form; its last line is `last`.
     """
 
     decisive: Optional[str]
@@ -32,7 +33,10 @@ class Told(NamedTuple):
     phase: Optional[str]
     signal: Optional[str]
     failed: bool
+    raised: bool
+    region: str
     text: str
+    last: str
 
 
 def told(text: str, *, surely: bool = False) -> Told:
@@ -46,7 +50,27 @@ def told(text: str, *, surely: bool = False) -> Told:
     failed = bool(picked or installer or killed or _marked(text) or surely)
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
-    return Told(first, tuple(dict.fromkeys(every)), _phase(text, installer), killed, failed, text)
+    return Told(
+        decisive=first,
+        lines=tuple(dict.fromkeys(every)),
+        phase=_phase(text, installer),
+        signal=killed,
+        failed=failed,
+        raised=first in picked and first is not None and first.partition(":")[0].rpartition(".")[2] not in MASKS,
+        region=_region(lines, first) if first in picked else "",
+        text=text,
+        last=next((bounded(line) for line in reversed(lines) if line.strip()), ""),
+    )
+
+
+def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
+    """The traceback that ends with the decisive line."""
+    begin = (decisive or "").partition(" / ")[0][:80]
+    ends = [place for place, line in enumerate(lines) if bounded(line).startswith(begin)]
+    if not ends:
+        return ""
+    starts = [place for place in range(ends[-1]) if START in lines[place]]
+    return "\n".join(lines[starts[-1] if starts else ends[-1] : ends[-1] + 1])
 
 
 # --- one form of tracebacks ------------------------------------------------------------------------------------
@@ -108,14 +132,17 @@ def _tracebacks(lines: Sequence[str]) -> Iterator[str]:
 MARKED = re.compile(
     r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: "
     r"|^\s*what\(\):\s|: Assertion .* failed|^Fatal Python error: |^CMake Error"
-    r"|: (?:fatal )?error: |: command not found$|^\[(?:Error|Fatal)\] \[|^E +\w+.*(?:Error|Exception)|is incompatible\.$|failed with exit code [1-9]"
-    r"|^(?:FAILED|ERROR) \S+::|exit(?:ed with)? code:? [1-9]",
+    r"|: (?:fatal )?error: |: command not found$|^\[(?:Error|Fatal)\] \[|^E +\w+.*(?:Error|Exception)"
+    r"|is incompatible\.$|failed with exit code [1-9]|^(?:FAILED|ERROR) \S+::|exit(?:ed with)? code:? [1-9]",
     re.MULTILINE | re.IGNORECASE,
 )
 
 
+NAMED = re.compile(r"\b[A-Za-z]*(?:Error|Exception): \D")
+
+
 def _marked(text: str) -> bool:
-    return MARKED.search(text) is not None
+    return bool(MARKED.search(text) or NAMED.search(text))
 
 
 def _complaints(lines: Sequence[str]) -> Iterator[str]:
@@ -134,7 +161,10 @@ def _decisive(text: str, lines: Sequence[str], installer: Optional[str], picked:
 # --- installers ------------------------------------------------------------------------------------------------
 
 CONFLICT = re.compile(r"^ERROR: Cannot install (.+) because these package versions have conflicting dependencies")
-NOT_FOUND = re.compile(r"^ERROR: Could not find a version that satisfies the requirement (.+)$")
+NOT_FOUND = re.compile(
+    r"^(ERROR: Could not find a version that satisfies the requirement .+?)(?: \(from versions: .*)?$"
+)
+OTHER_PYTHON = re.compile(r"^ERROR: Package '.+' requires a different Python: ")
 NOT_FITTING = re.compile(r"^(?:ERROR: )?(\S+ \S+ (?:requires|depends on) .+, but you(?:'ll)? have .+)$")
 CONDA = re.compile(
     r"^\s*(?:Lib[Mm]amba)?(?:UnsatisfiableError|PackagesNotFoundError|ResolvePackageNotFound|SolverError)\b"
@@ -166,7 +196,8 @@ def _found(pattern: re.Pattern[str], line: str) -> str:
 
 
 def _pip_not_found(lines: Sequence[str]) -> Optional[str]:
-    return next((line for line in lines if NOT_FOUND.match(line)), None)
+    found = (_found(NOT_FOUND, line) for line in lines if NOT_FOUND.match(line))
+    return next((line for line in lines if OTHER_PYTHON.match(line)), next(found, None))
 
 
 def _not_fitting(lines: Sequence[str]) -> Optional[str]:
@@ -192,9 +223,9 @@ def _poetry(lines: Sequence[str]) -> Optional[str]:
 
 
 def _uv(lines: Sequence[str]) -> Optional[str]:
-    if not any("No solution found" in line for line in lines):
-        return None
-    return said.decisive_line("\n".join(lines))
+    if any("No solution found" in line for line in lines):
+        return said.decisive_line("\n".join(lines))
+    return next((line.strip() for line in lines if "we can conclude that your requirements are unsat" in line), None)
 
 
 def _paragraph(lines: Sequence[str]) -> List[str]:

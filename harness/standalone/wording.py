@@ -21,18 +21,24 @@ VERBS = (
 )
 """The keys of a remedy that a machine can apply, in words."""
 
+FAULTS = "PYTHONFAULTHANDLER"
 LIKE_IT = 2
 """Further causes and references that are shown."""
 
 
 class Place(NamedTuple):
-    """Where a failure is explained: how we are called, the interpreter that failed, the command, and what was kept."""
+    """Where a failure is explained: how we are called, the interpreter that failed, the command, and what was kept.
+
+    `asked` are requirements that lead to the same combination.
+    """
 
     program: str = "simmatrix"
     alone: bool = False
     python: Optional[str] = None
     command: Sequence[str] = ()
     kept: Optional[str] = None
+    asked: Sequence[str] = ()
+    version: Optional[str] = None
 
 
 def in_words(remedy: Mapping[str, Any]) -> str:
@@ -72,17 +78,15 @@ def lines(made: Explained, place: Place) -> Iterator[str]:
     """An explanation, for people."""
     if not made.told.failed and not made.diagnoses:
         yield "no failure: nothing in this text says that anything failed"
-        if made.told.lines:
-            yield "  last line: {}".format(made.told.lines[0])
+        yield "last line: {}".format(made.told.last)
     elif made.cause is None:
         yield from _unknown(made)
     else:
         yield from _cause(made.cause)
         for other in [hit for hit in made.diagnoses if not hit.known.masks][1 : 1 + LIKE_IT]:
             yield "also:      {} ({})".format(other.known.plain["cause"], other.seen)
-    for hit in made.diagnoses if made.cause is not None else ():
-        if hit.known.masks:
-            yield "hidden by: {}".format(hit.seen)
+    if made.cause is not None:
+        yield from _hidden(made)
     for _, level, text in made.findings:
         yield "{}      {}".format(level + ":", text) if level == "note" else "{}   {}".format(level + ":", text)
     steps = list(following(made, place))
@@ -104,10 +108,26 @@ def _cause(hit: Hit) -> Iterator[str]:
 
 def _unknown(made: Explained) -> Iterator[str]:
     yield "failed:    {}{}".format(made.told.decisive or "without a word", _where(made))
-    for hit in made.diagnoses:
-        yield "hidden:    {}".format(hit.known.plain["cause"])
-        yield "remedy:    {}".format(in_words(hit.known.plain.get("remedy", {})))
-    yield "cause:     unknown: no known failure fits"
+    if made.diagnoses and _echo(made):
+        yield "that is:   {}".format(made.diagnoses[0].known.plain["cause"])
+        yield "remedy:    {}".format(in_words(made.diagnoses[0].known.plain.get("remedy", {})))
+    else:
+        yield from _hidden(made)
+    if made.phase == "resolve":
+        yield "cause:     unknown: what is asked for cannot be had together, as it says; no known failure is behind it"
+    else:
+        yield "cause:     unknown: no known failure fits"
+
+
+def _hidden(made: Explained) -> Iterator[str]:
+    """What stands before the cause, each line once."""
+    for line in dict.fromkeys(hit.seen for hit in made.diagnoses if hit.known.masks):
+        yield "hidden by: {}".format(line)
+
+
+def _echo(made: Explained) -> bool:
+    """Whether all that is known is that another process has died."""
+    return made.cause is None and any(hit.known.masks and hit.seen == made.told.decisive for hit in made.diagnoses)
 
 
 def _where(made: Explained) -> str:
@@ -124,8 +144,10 @@ def following(made: Explained, place: Place) -> Iterator[str]:
         return
     if made.cause is not None:
         yield from _applied(made.cause.known.plain.get("remedy", {}), place)
-    elif made.diagnoses and not place.command:
-        yield "{} explain -- COMMAND, so that what the workers wrote is kept, too".format(place.program)
+    elif _echo(made):
+        command = " ".join(map(shlex.quote, place.command)) or "COMMAND"
+        yield "{} explain -- env {}=1 {}".format(place.program, FAULTS, command)
+        yield "  so that a worker that crashes says where, and all that the workers write is kept"
     yield "{} doctor --python {}{}".format(
         place.program, shlex.quote(place.python or "PATH"), " --prove" if made.cause is not None else ""
     )
@@ -153,12 +175,21 @@ def _applied(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
 
 def _tried(made: Explained, place: Place) -> Iterator[str]:
     """The same combination, measured apart from this environment."""
-    keys = [name for name in made.hints.packages if name in SUBJECTS]
-    if not keys or place.alone:
+    asked = place.asked or subjects(made.hints.packages)
+    if not asked or place.alone:
         return
-    asked = ["{}=={}".format(name, made.hints.packages[name]) for name in keys]
-    python = " --python {}".format(made.hints.python) if made.hints.python else ""
-    yield "{} repair {}{}".format(place.program, " ".join(asked), python)
+    version = place.version or made.hints.python
+    python = " --python {}".format(".".join(version.split(".")[:2])) if version else ""
+    typed = " ".join(map(shlex.quote, asked)) + python
+    if made.cause is not None and made.cause.known.plain.get("remedy", {}).get("overlay"):
+        yield "{} try {} --overlay".format(place.program, typed)
+    else:
+        yield "{} repair {}".format(place.program, typed)
+
+
+def subjects(packages: Mapping[str, str]) -> List[str]:
+    """The packages that decide, as they are."""
+    return ["{}=={}".format(name, packages[name]) for name in packages if name in SUBJECTS]
 
 
 SUBJECTS = frozenset(
@@ -169,6 +200,10 @@ SUBJECTS = frozenset(
 
 def search_terms(made: Explained) -> str:
     """The decisive line without what differs between machines, and the packages that the text names."""
-    line = re.sub(r"(?:[A-Za-z]:)?(?:[/\\][\w.+-]+){2,}|\b0x[0-9a-f]+\b|\bline \d+", " ", made.told.decisive or "")
+    line = re.sub(
+        r"^(?:ERROR|error): |(?:[A-Za-z]:)?(?:[/\\][\w.+-]+){2,}|\b0x[0-9a-f]+\b|\bline \d+",
+        " ",
+        made.told.decisive or "",
+    )
     named = [name for name in made.hints.packages if name in SUBJECTS and name not in line][:3]
     return " ".join([" ".join(re.sub(r"[\"`…]", " ", line).split())[:160], *named]).strip()
