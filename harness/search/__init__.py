@@ -5,7 +5,20 @@ around candidates that cannot be tested, and ask again where answers may be wron
 """
 
 from harness.search.answers import Answer, Asked, Refused, Rules
-from harness.search.boundaries import Boundary, Progress, bound, boundary
+from harness.search.boundaries import Boundary, Progress, Search, Turn, bound, boundary
 from harness.search.minimal import Minimal, minimise
 
-__all__ = ["Answer", "Asked", "Boundary", "Minimal", "Progress", "Refused", "Rules", "bound", "boundary", "minimise"]
+__all__ = [
+    "Answer",
+    "Asked",
+    "Boundary",
+    "Minimal",
+    "Progress",
+    "Refused",
+    "Rules",
+    "Search",
+    "Turn",
+    "bound",
+    "boundary",
+    "minimise",
+]

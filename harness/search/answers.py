@@ -10,10 +10,11 @@ T = TypeVar("T")
 
 
 class Answer(StrEnum):
-    """What one test of a candidate came to."""
+    """What one test of a candidate came to; it is flaky where it was bad and good in one test."""
 
     GOOD = "good"
     BAD = "bad"
+    FLAKY = "flaky"
     UNTESTABLE = "untestable"
 
 
@@ -31,10 +32,12 @@ class Rules:
     """How sure a search has to be, and how many candidates that cannot be tested it tries before it tells a range.
 
     `confidence` is the chance that the boundary told is the right one, given every answer and the flakiness seen.
+    `looks` is how often a test looks before it answers `bad`: one that looks again at what failed does it twice.
     """
 
     confidence: float = 0.99
     patience: int = 8
+    looks: int = 1
 
 
 USUAL = Rules()

@@ -1,10 +1,10 @@
-"""`boundary`: the last good and the first bad of a line of candidates."""
+"""`boundary`: the last good and the first bad of a line of candidates; and where else along it something changes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from harness.search.answers import USUAL, Answer, Asked, Refused, Rules
@@ -12,13 +12,26 @@ from harness.search.line import Line
 
 T = TypeVar("T")
 
+FLIPPED = {Answer.GOOD: Answer.BAD, Answer.BAD: Answer.GOOD}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Turn(Generic[T]):
+    """A change along the line: what `before` came to and what `after` does, with those between that were not tested."""
+
+    before: T
+    after: T
+    was: Hashable
+    becomes: Hashable
+    between: tuple[T, ...]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Boundary(Generic[T]):
     """The neighbours `good` and `bad`, with those `between` them that could not be tested or were not tried.
 
     Neither is there where an end is `refused`. `asked` is every answer in its order, `bound` how many a search without
-    flakiness needs at most, both ends among them.
+    flakiness needs at most, both ends among them. `chain` is every change that was seen along the line.
     """
 
     good: T | None
@@ -28,6 +41,8 @@ class Boundary(Generic[T]):
     asked: tuple[Asked[T], ...]
     refused: Refused | None
     bound: int
+    rates: tuple[float, float]
+    chain: tuple[Turn[T], ...] = ()
 
     @property
     def found(self) -> bool:
@@ -49,6 +64,135 @@ def bound(count: int) -> int:
     return min(count, 2) + (math.ceil(math.log2(count - 1)) if count > 2 else 0)
 
 
+@dataclass
+class Stretch:
+    """A part of the line with one boundary; a `flipped` one turns from bad to good."""
+
+    low: int
+    line: Line
+    flipped: bool
+
+    def note(self, index: int, answer: Answer, why: Hashable) -> None:
+        """Take an answer about a candidate of the whole line, if it lies here."""
+        if self.low <= index < self.low + self.line.length:
+            self.line.note(index - self.low, FLIPPED.get(answer, answer) if self.flipped else answer, why)
+
+
+@dataclass
+class Search(Generic[T]):
+    """A search that is driven from outside: `next` names the candidate to ask, `note` takes what it answered.
+
+    Where answers that contradict a single boundary stand, the last stretch is searched first and then the others.
+    """
+
+    candidates: Sequence[T]
+    rules: Rules = USUAL
+    cost: Sequence[float] = ()
+    asked: list[Asked[T]] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self._answers: list[tuple[int, Answer, Hashable]] = []
+        self._stretches = [self._stretch(0, len(self.candidates) - 1, flipped=False)]
+
+    def note(self, index: int, answer: Answer, why: Hashable = None, *, free: bool = False) -> None:
+        """Take an answer; `why` is what an untestable one failed of, `free` whether nothing was run for it."""
+        self._answers.append((index, answer, why))
+        self.asked.append(Asked(candidate=self.candidates[index], answer=answer, free=free))
+        for stretch in self._stretches:
+            stretch.note(index, answer, why)
+        self._split()
+
+    def next(self) -> int | None:
+        """The candidate to ask next; None where everything stands, or nothing more can be told."""
+        for stretch in self._stretches:
+            index = stretch.line.next()
+            if index is not None:
+                return stretch.low + index
+        return None
+
+    def upcoming(self) -> tuple[int, ...]:
+        """What is asked after the next one, be that good or bad; the likelier first."""
+        for stretch in self._stretches:
+            if stretch.line.next() is not None:
+                return tuple(stretch.low + index for index in stretch.line.upcoming())
+        return ()
+
+    @property
+    def left(self) -> int:
+        """About how many answers are still wanted."""
+        return sum(stretch.line.left for stretch in self._stretches)
+
+    def result(self) -> Boundary[T]:
+        """What is known by now."""
+        main = self._stretches[0]
+        gap, refused = main.line.gap, main.line.refused
+        there = refused is None and gap.good >= 0 and gap.bad < main.line.length
+        low, high = main.low + gap.good, main.low + gap.bad
+        return Boundary(
+            good=self.candidates[low] if there else None,
+            bad=self.candidates[high] if there else None,
+            between=tuple(self.candidates[low + 1 : high]) if there else (),
+            confidence=gap.mass,
+            asked=tuple(self.asked),
+            refused=refused,
+            bound=bound(len(self.candidates)),
+            rates=main.line.places.rates,
+            chain=self._chain(),
+        )
+
+    def _stretch(self, low: int, high: int, *, flipped: bool) -> Stretch:
+        cost = self.cost[low : high + 1]
+        return Stretch(low=low, line=Line(high - low + 1, self.rules, cost), flipped=flipped)
+
+    def _split(self) -> None:
+        """Search each stretch by itself where a bad candidate stands before a good one; the last one comes first."""
+        for place, stretch in enumerate(self._stretches):
+            found = stretch.line.split
+            if found is None:
+                continue
+            ends = [0, *found, stretch.line.length - 1]
+            flips = [stretch.flipped, not stretch.flipped, stretch.flipped]
+            parts = [
+                self._stretch(stretch.low + low, stretch.low + high, flipped=flipped)
+                for low, high, flipped in zip(ends[:-1], ends[1:], flips, strict=True)
+            ]
+            for part in parts:
+                for answer in self._answers:
+                    part.note(*answer)
+            self._stretches[place : place + 1] = reversed(parts)
+            return
+
+    def _chain(self) -> tuple[Turn[T], ...]:
+        """Each change between two that were tested, one after the other."""
+        said: dict[int, list[Hashable]] = {}
+        for index, answer, why in self._answers:
+            if answer is not Answer.UNTESTABLE or why is not None:
+                said.setdefault(index, []).append(why if answer is Answer.UNTESTABLE else answer)
+        kinds = {index: self._kind(index, said[index]) for index in sorted(said)}
+        places = list(kinds)
+        return tuple(
+            Turn(
+                before=self.candidates[low],
+                after=self.candidates[high],
+                was=kinds[low],
+                becomes=kinds[high],
+                between=tuple(self.candidates[low + 1 : high]),
+            )
+            for low, high in zip(places, places[1:], strict=False)
+            if kinds[low] != kinds[high]
+        )
+
+    def _kind(self, index: int, said: Sequence[Hashable]) -> Hashable:
+        """What a candidate is taken to be after all that it answered."""
+        if not {Answer.GOOD, Answer.BAD, Answer.FLAKY} & set(said):
+            return said[-1]
+        for stretch in self._stretches:
+            if stretch.low <= index < stretch.low + stretch.line.length:
+                bad = stretch.line.places.bad(index - stretch.low) > 0.5
+                return Answer.BAD if bad != stretch.flipped else Answer.GOOD
+        raise AssertionError
+
+
 def boundary(
     candidates: Sequence[T],
     test: Callable[[T], Answer],
@@ -61,31 +205,12 @@ def boundary(
 
     `known` are answers at hand, by the place of the candidate. What `test` raises goes through.
     """
-    line = Line(len(candidates), rules)
-    asked: list[Asked[T]] = []
+    search = Search(candidates, rules)
     for place, answers in (known or {}).items():
         for answer in answers:
-            line.note(place, answer)
-            asked.append(Asked(candidate=candidates[place], answer=answer, free=True))
-    while (index := line.next()) is not None:
-        after = tuple(candidates[each] for each in line.upcoming())
-        watch(Progress(candidate=candidates[index], upcoming=after, left=line.left))
-        answer = test(candidates[index])
-        line.note(index, answer)
-        asked.append(Asked(candidate=candidates[index], answer=answer))
-    return told(line, candidates, asked)
-
-
-def told(line: Line, candidates: Sequence[T], asked: Sequence[Asked[T]]) -> Boundary[T]:
-    """What a line came to."""
-    gap, refused = line.gap, line.refused
-    there = refused is None and gap.good >= 0 and gap.bad < line.length
-    return Boundary(
-        good=candidates[gap.good] if there else None,
-        bad=candidates[gap.bad] if there else None,
-        between=tuple(candidates[gap.good + 1 : gap.bad]) if there else (),
-        confidence=gap.mass,
-        asked=tuple(asked),
-        refused=refused,
-        bound=bound(len(candidates)),
-    )
+            search.note(place, answer, free=True)
+    while (index := search.next()) is not None:
+        after = tuple(candidates[each] for each in search.upcoming())
+        watch(Progress(candidate=candidates[index], upcoming=after, left=search.left))
+        search.note(index, test(candidates[index]))
+    return search.result()

@@ -45,8 +45,8 @@ class Line:
                 self.untestable[index] = why
                 self._fill(index, why)
         else:
-            counts = self.good if answer is Answer.GOOD else self.bad
-            counts[index] += 1
+            self.good[index] += answer is not Answer.BAD
+            self.bad[index] += {Answer.GOOD: 0, Answer.FLAKY: 1}.get(answer, self.rules.looks)
             self.untestable.pop(index, None)
         self.__dict__.pop("places", None)
         self._give_up()
@@ -192,12 +192,10 @@ class Line:
                 self.given_up |= {each for each in range(low, high) if self._open(each)}
 
     def _give_up(self) -> None:
-        """Where too many on the way could not be tested, the rest between good and bad is not tried."""
+        """Where too many on the way could not be tested, what lies between these is not tried."""
         gap = self.gap
         low = max((each for each in range(max(gap.good, 0) + 1) if self._asked(each)), default=0)
         high = min((each for each in range(gap.bad, self.length) if self._asked(each)), default=self.length - 1)
-        inside = range(low + 1, high)
-        if sum(each in self.untestable for each in inside) >= self.rules.patience:
-            near = [each for each in inside if self._open(each)]
-            if all(self._testable(each) <= 0.5 for each in near):
-                self.given_up |= set(near)
+        inside = [each for each in self.untestable if low < each < high]
+        if len(inside) >= self.rules.patience:
+            self.given_up |= {each for each in range(min(inside), max(inside)) if self._open(each)}

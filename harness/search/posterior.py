@@ -2,21 +2,22 @@
 
 The candidates 0, 1, ... are good up to some place and bad from there on. A place `p` says that candidate `p` is the
 first bad one: 0 that all are bad, the number of candidates that none is. How often a bad candidate looks good, and a
-good one bad, is not known either: each pair of rates is weighed by how well it fits what was answered.
+good one bad, is not known either: each pair of rates is weighed by how well it fits what was seen.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
 END = 0.05
 """What is given beforehand to an end that is not what it was said to be."""
 
-SELDOM = 0.002
-BAD_LOOKS_GOOD = {SELDOM: 0.70, 0.05: 0.08, 0.1: 0.10, 0.2: 0.08, 0.4: 0.04}
-GOOD_LOOKS_BAD = {SELDOM: 0.84, 0.05: 0.05, 0.1: 0.07, 0.2: 0.04}
+SELDOM = 0.001
+BAD_LOOKS_GOOD = {SELDOM: 0.84, 0.05: 0.04, 0.1: 0.07, 0.2: 0.03, 0.4: 0.02}
+GOOD_LOOKS_BAD = {SELDOM: 0.90, 0.05: 0.03, 0.1: 0.05, 0.2: 0.02}
 """Rates of flakiness, with how likely each is taken to be before anything was seen."""
 
 RATES = tuple((b, g, p * q) for b, p in BAD_LOOKS_GOOD.items() for g, q in GOOD_LOOKS_BAD.items())
@@ -24,7 +25,10 @@ RATES = tuple((b, g, p * q) for b, p in BAD_LOOKS_GOOD.items() for g, q in GOOD_
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Posterior:
-    """How likely each place is, and how likely an answer is `bad` there: of a bad candidate, and of a good one."""
+    """How likely each place is, and how likely `bad` is seen there: of a bad candidate, and of a good one.
+
+    `rates` are those of flakiness, as far as they can be told: a bad one looks good, a good one bad.
+    """
 
     mass: tuple[float, ...]
     bad_if_bad: tuple[float, ...]
@@ -52,40 +56,47 @@ class Posterior:
         ]
 
 
-def weighed(good: list[int], bad: list[int]) -> Posterior:
-    """The places, where each candidate answered `good` and `bad` so many times."""
+def weighed(good: Sequence[int], bad: Sequence[int]) -> Posterior:
+    """The places, where each candidate was seen good and bad so many times."""
     count = len(good)
-    inner = max(count - 1, 1)
-    prior = [math.log(END), *([math.log((1 - 2 * END) / inner)] * (count - 1)), math.log(END)]
-    logs = [[p + chance for p, chance in zip(prior, _likely(good, bad, *rates), strict=True)] for rates in RATES]
+    seen = [index for index in range(count) if good[index] or bad[index]]
+    logs = [_likely([(good[index], bad[index]) for index in seen], *rates) for rates in RATES]
     top = max(map(max, logs))
     weights = [[math.exp(each - top) for each in row] for row in logs]
-    whole = sum(map(sum, weights))
-    mass = [sum(row[place] for row in weights) / whole for place in range(count + 1)]
-    yes = [_mean(weights, place, [1 - b for b, _, _ in RATES]) for place in range(count + 1)]
-    no = [_mean(weights, place, [g for _, g, _ in RATES]) for place in range(count + 1)]
-    rates = tuple(
-        sum(sum(row) * rate[side] for row, rate in zip(weights, RATES, strict=True)) / whole for side in (0, 1)
+    stretches = list(zip(*weights, strict=True))  # between two that were seen nothing tells one place from another
+    sizes = [high - low for low, high in zip([-1, *seen], [*seen, count], strict=True)]
+    sums, yes, no = [sum(row) for row in stretches], [], []
+    for row, whole in zip(stretches, sums, strict=True):
+        yes.append(sum(weight * (1 - rate[0]) for weight, rate in zip(row, RATES, strict=True)) / whole)
+        no.append(sum(weight * rate[1] for weight, rate in zip(row, RATES, strict=True)) / whole)
+    inner = (1 - 2 * END) / max(count - 1, 1)
+    prior = [END, *[inner] * (count - 1), END]
+    mass = [chance * weight for chance, weight in zip(prior, _spread(sums, sizes), strict=True)]
+    total = sum(mass)
+    shares = [sum(row) for row in weights]
+    return Posterior(
+        mass=tuple(each / total for each in mass),
+        bad_if_bad=tuple(_spread(yes, sizes)),
+        bad_if_good=tuple(_spread(no, sizes)),
+        rates=(
+            sum(share * rate[0] for share, rate in zip(shares, RATES, strict=True)) / sum(shares),
+            sum(share * rate[1] for share, rate in zip(shares, RATES, strict=True)) / sum(shares),
+        ),
     )
-    return Posterior(mass=tuple(mass), bad_if_bad=tuple(yes), bad_if_good=tuple(no), rates=(rates[0], rates[1]))
 
 
-def _likely(good: list[int], bad: list[int], missed: float, feigned: float, weight: float) -> list[float]:
-    """Logarithms of how likely the answers are at each place, for one pair of rates."""
-    of_good = [g * math.log(1 - feigned) + b * math.log(feigned) for g, b in zip(good, bad, strict=True)]
-    of_bad = [b * math.log(1 - missed) + g * math.log(missed) for g, b in zip(good, bad, strict=True)]
-    rest = sum(of_bad)
-    found = [math.log(weight) + rest]
-    for before, after in zip(of_good, of_bad, strict=True):
-        found.append(found[-1] + before - after)
+def _likely(seen: Sequence[tuple[int, int]], missed: float, feigned: float, weight: float) -> list[float]:
+    """Logarithms of how likely it is what was seen, for one pair of rates, in each stretch of places."""
+    good_right, good_wrong = math.log(1 - feigned), math.log(missed)
+    bad_right, bad_wrong = math.log(1 - missed), math.log(feigned)
+    found = [math.log(weight) + sum(good * good_wrong + bad * bad_right for good, bad in seen)]
+    for good, bad in seen:
+        found.append(found[-1] + good * (good_right - good_wrong) + bad * (bad_wrong - bad_right))
     return found
 
 
-def _mean(weights: list[list[float]], place: int, values: list[float]) -> float:
-    whole = sum(row[place] for row in weights)
-    if whole <= 0:
-        return 0.5
-    return sum(row[place] * value for row, value in zip(weights, values, strict=True)) / whole
+def _spread(values: Sequence[float], sizes: Sequence[int]) -> list[float]:
+    return [value for value, size in zip(values, sizes, strict=True) for _ in range(size)]
 
 
 def _entropy(chance: float) -> float:
