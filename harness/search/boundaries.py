@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Generic, TypeVar
 
 from harness.search.answers import USUAL, Answer, Asked, Refused, Rules
@@ -178,7 +179,7 @@ class Search(Generic[T]):
                 becomes=kinds[high],
                 between=tuple(self.candidates[low + 1 : high]),
             )
-            for low, high in zip(places, places[1:], strict=False)
+            for low, high in pairwise(places)
             if kinds[low] != kinds[high]
         )
 
