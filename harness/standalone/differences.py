@@ -131,7 +131,8 @@ def _of_imports(here: Here, probes: Told) -> List[Difference]:
     if apart:
         blamed = _blamed(here, apart, {name: outcome(one[name]) for name in apart}, outcome)
         found = [Difference(_kind(one[n], other[n]), n, said(one[n]), said(other[n]), blamed[n]) for n in apart]
-    elsewhere = [name for name in both if name not in apart and _libraries(one[name]) != _libraries(other[name])][:1]
+    alike = [] if apart else both  # a process has all that was loaded before, too
+    elsewhere = [name for name in alike if _libraries(one[name]) != _libraries(other[name])][:1]
     for name in elsewhere:
         here_only, there_only = (
             ", ".join(sorted({*_libraries(a[name])} - {*_libraries(b[name])})) for a, b in ((one, other), (other, one))

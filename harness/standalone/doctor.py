@@ -25,8 +25,11 @@ ORDER = (
     " import.library_twice requires_python conda.overwritten metadata.files silent gym.mixed"
 ).split()
 """Findings that decide come first."""
-OF_VERSIONS = ("import", "env.single", "env.import", "known", "measured", "requirements", "requires_python", "silent")
-"""How the findings begin that other versions may mend."""
+OF_VERSIONS = frozenset(
+    "import env.import env.single known measured requirements.conflict requirements.missing requires_python silent"
+    " import.library_twice".split()
+)
+"""The findings that other versions may mend."""
 
 
 class Knowledge(NamedTuple):
@@ -234,7 +237,7 @@ def _nearest(made: Told) -> Iterable[str]:
     where = "{}, {}, {}".format(near["cell"], near["machine"], near["measured"][:10])
     if not near["command"]:
         yield "these versions were measured together, and work ({})".format(where)
-    elif not any(one["level"] == WARNING and one["check"].startswith(OF_VERSIONS) for one in made["findings"]):
+    elif not any(one["level"] == WARNING and one["check"] in OF_VERSIONS for one in made["findings"]):
         changes = ", ".join("{} {}, here {}".format(one["name"], one["then"], one["now"]) for one in near["changes"])
         yield "these versions were not measured together; the nearest that work ({}) have {}".format(where, changes)
     else:

@@ -7,7 +7,7 @@ import re
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from .declared import NOTE, WARNING, Finding
-from .differences import Difference, effective, versions
+from .differences import FIRST, Difference, versions
 from .keys import MODULES
 from .matching import Around, Hit, Seen, diagnose, lurking
 from .probing import USER_SITE, Here
@@ -204,9 +204,24 @@ def different(here: Here, facts: Told, apart: Sequence[Difference]) -> List[Find
         "libraries": _loaded,
     }
     groups: Dict[Tuple[str, Tuple[str, ...]], List[Difference]] = {}
+    told = {one["module"] for one in facts["hidden"]}
+    other = {one.module for one in apart if one.kind == "package"}
     for one in apart:
+        if one.module in told and one.kind in {"import", "error", "module"}:
+            continue  # which file hides it says more
+        if one.kind == "path" and other and set(_from(one, facts)) <= other:
+            continue  # which versions come from there says more
         groups.setdefault((one.kind, one.by), []).append(one)
-    return [tellers[kind](_by(here, by), those, facts) for (kind, by), those in groups.items()]
+    found = [tellers[kind](_by(here, by), those, facts) for (kind, by), those in groups.items()]
+    return found + _without_effect(here, apart)
+
+
+def _without_effect(here: Here, apart: Sequence[Difference]) -> List[Finding]:
+    """The settings that often matter, and here were not seen to."""
+    blamed = {name for one in apart for name in one.by}
+    idle = ["{}={}".format(name, here.variables[name]) for name in FIRST if name in here.removed and name not in blamed]
+    text = "set here, and no import was seen to be changed by it: {}".format(" ".join(idle))
+    return [Finding("probe.variables", NOTE, text)] if idle else []
 
 
 def _by(here: Here, by: Sequence[str]) -> str:
@@ -222,9 +237,15 @@ def _start(by: str, those: Sequence[Difference], _: Told) -> Finding:
     return Finding("probe.difference", WARNING, "with {} this Python does not start {}: {}".format(by, where, bad))
 
 
+def _from(one: Difference, facts: Told) -> List[str]:
+    """The packages in folders."""
+    entries = one.as_it_is.split(os.pathsep)
+    return [canonical(each["name"]) for each in facts["distributions"] if each["location"] in entries]
+
+
 def _path(by: str, those: Sequence[Difference], facts: Told) -> Finding:
     entries = [entry for one in those for entry in one.as_it_is.split(os.pathsep)]
-    from_there = {canonical(one["name"]) for one in facts["distributions"] if one["location"] in entries}
+    from_there = {name for one in those for name in _from(one, facts)}
     keys = sorted(from_there & {*MODULES}) or sorted(from_there)
     names = ", ".join(keys[:SHOWN]) + (" and {} more".format(len(keys) - SHOWN) if len(keys) > SHOWN else "")
     brings = "brings {} from {}".format(names, ", ".join(entries)) if names else "adds {}".format(", ".join(entries))
@@ -262,8 +283,3 @@ def _loaded(by: str, those: Sequence[Difference], _: Told) -> Finding:
         by, first.module, first.as_it_is or "less", first.scrubbed or "less"
     )
     return Finding("probe.difference", WARNING, text)
-
-
-def reach(facts: Told) -> Dict[str, str]:
-    """The versions of the packages that are there."""
-    return {name: one["version"] for name, one in effective(facts).items() if one["version"]}

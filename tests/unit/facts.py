@@ -1,0 +1,67 @@
+"""Environments as `looking.py` tells them, made of the few facts that a test is about."""
+
+from __future__ import annotations
+
+from typing import Any
+
+SITE = "/env/lib/python3.11/site-packages"
+
+
+def distribution(name: str, version: str | None, *requires: str, **more: Any) -> dict[str, Any]:
+    """One distribution; `more` replaces what is usual."""
+    return {
+        "name": name,
+        "version": version,
+        "folder": f"{name.replace('-', '_')}-{version}.dist-info",
+        "location": SITE,
+        "requires": list(requires),
+        "requires_python": None,
+        "extras": [],
+        "modules": [name.replace("-", "_")],
+        "installer": "pip",
+        "origin": None,
+        "editable": False,
+        "recorded": True,
+        "missing": 0,
+        "missing_files": [],
+        "trouble": None,
+        **more,
+    }
+
+
+def facts(*distributions: dict[str, Any], python: str = "3.11.7", **more: Any) -> dict[str, Any]:
+    """An environment with these."""
+    return {
+        "schema": 1,
+        "python": {
+            "version": python,
+            "implementation": "cpython",
+            "executable": "/env/bin/python",
+            "prefix": "/env",
+            "base_prefix": "/usr",
+            "platform": "linux-x86_64",
+            "libc": "glibc 2.36",
+            "machine": "x86_64",
+            "system": "Linux",
+            "release": "6.1",
+            "platform_version": "#1",
+            "os_name": "posix",
+            "user_site": "/home/u/.local/lib/python3.11/site-packages",
+            "site_packages": [SITE],
+        },
+        "path": ["/usr/lib/python3.11", SITE],
+        "folder": "/work",
+        "distributions": list(distributions),
+        "leftovers": [],
+        "claimed": [],
+        "hidden": [],
+        "importable": [],
+        "conda": [],
+        "errors": [],
+        **more,
+    }
+
+
+def installed(python: str = "3.11.7", **versions: str) -> dict[str, Any]:
+    """An environment with these versions, `_` standing for `-`."""
+    return facts(*(distribution(name.replace("_", "-"), version) for name, version in versions.items()), python=python)

@@ -1,0 +1,263 @@
+"""What `doctor` makes of the facts of an environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from facts import SITE, distribution, facts, installed
+
+from harness.standalone import declared, reading
+from harness.standalone.differences import Difference
+from harness.standalone.matching import Known, read
+from harness.standalone.probing import Here
+from harness.standalone.running import Ran
+
+
+def texts(findings: list[declared.Finding]) -> list[str]:
+    """Level and text of each."""
+    return [f"{one.level}: {one.text}" for one in findings]
+
+
+def here(**variables: str) -> Here:
+    """A caller with these variables, who starts nothing."""
+
+    def run(*_: Any) -> Ran:
+        raise AssertionError
+
+    return Here(run, "/env/bin/python", variables, "/work", "/scratch")
+
+
+def test_a_version_that_is_not_asked_for() -> None:
+    """Who asks for what is said, those with the same trouble on one line, what matters first."""
+    made = facts(
+        distribution("ruler", "1.0", "measure>=2"),
+        distribution("measure", "1.0"),
+        distribution("gym", "0.21.0", "numpy>=1.18"),
+        distribution("dm-control", "1.0.0", "numpy<2"),
+        distribution("mujoco", "3.0.0", "numpy<2"),
+        distribution("numpy", "2.2.6"),
+    )
+
+    assert texts(declared.conflicts(made)) == [
+        "warning: numpy 2.2.6 is not what dm-control 1.0.0 (numpy<2), mujoco 3.0.0 (numpy<2) needs",
+        "warning: measure 1.0 is not what ruler 1.0 (measure>=2) needs",
+    ]
+
+
+def test_markers_and_extras_count() -> None:
+    """A requirement of another Python is none; one of an extra counts where another package asks for the extra."""
+    lines = ('tomli; python_version < "3.11"', 'imageio>=2; extra == "mujoco"')
+    api = distribution("gymnasium", "1.0.0", *lines)
+
+    alone = declared.conflicts(facts(api))
+    asked = declared.conflicts(facts(api, distribution("robots", "1.0", "gymnasium[mujoco]")))
+
+    assert texts(alone) == []
+    assert texts(asked) == ["warning: imageio is missing, which gymnasium 1.0.0 (imageio>=2) needs"]
+
+
+def test_a_package_under_another_name() -> None:
+    """What conda calls otherwise is noted, no more: its module is there."""
+    made = facts(distribution("robosuite", "1.4.1", "opencv-python"), importable=["cv2"])
+
+    assert [one.level for one in declared.conflicts(made)] == ["note"]
+
+
+def test_pythons() -> None:
+    """A package that excludes this Python."""
+    made = facts(distribution("gym", "0.21.0", requires_python="<3.11"))
+
+    assert texts(declared.pythons(made)) == ["warning: gym 0.21.0 requires Python <3.11, this is 3.11.7"]
+
+
+def test_broken_metadata() -> None:
+    """Without a version, twice, with files that are gone, overwritten by another, left over: each is said."""
+    made = facts(
+        distribution("numpy", "1.26.4"),
+        distribution("numpy", "2.2.6"),
+        distribution("six", None, trouble="it has no METADATA"),
+        distribution("gym", "0.26.2", missing=3, missing_files=["gym/core.py"]),
+        distribution("opencv-python", "4.9.0"),
+        distribution("opencv-python-headless", "4.8.0"),
+        leftovers=[f"{SITE}/~umpy"],
+        claimed=[
+            {
+                "location": SITE,
+                "folders": ["opencv_python-4.9.0.dist-info", "opencv_python_headless-4.8.0.dist-info"],
+                "count": 9,
+                "file": "cv2/__init__.py",
+            }
+        ],
+    )
+
+    assert [(one.check, one.level) for one in declared.metadata(made)] == [
+        ("metadata.broken", "warning"),
+        ("metadata.duplicate", "warning"),
+        ("metadata.files", "warning"),
+        ("modules.claimed", "warning"),
+        ("metadata.leftover", "note"),
+    ]
+    assert "opencv-python and opencv-python-headless have 9 file(s) in common" in texts(declared.metadata(made))[3]
+
+
+@pytest.mark.parametrize(
+    ("more", "level", "word"),
+    [
+        ((), "warning", "shimmy, which translates, is not installed"),
+        ((distribution("shimmy", "2.0.0", "gymnasium"),), "note", "gym 0.26.2 is asked for by old-robots"),
+    ],
+    ids=["without", "with-shimmy"],
+)
+def test_gym_beside_gymnasium(more: tuple[dict[str, Any], ...], level: str, word: str) -> None:
+    """Packages that ask for one each are a trouble unless something translates."""
+    made = facts(
+        distribution("gym", "0.26.2"),
+        distribution("gymnasium", "1.0.0"),
+        distribution("old-robots", "1.0", "gym"),
+        distribution("stable-baselines3", "2.3.0", "gymnasium"),
+        *more,
+    )
+
+    (found,) = declared.mixed(made)
+
+    assert (found.level, word in found.text) == (level, True)
+
+
+def test_what_pip_put_over_conda() -> None:
+    """The version of conda and that which is really there; what is as conda left it is not told."""
+    records = [
+        {"name": "numpy", "version": "1.26.4", "build": "b_0", "metadata": ["numpy-1.26.4.dist-info"], "trouble": None},
+        {"name": "six", "version": "1.16", "build": "py_0", "metadata": ["six-1.16.dist-info"], "trouble": None},
+        {"name": "glfw", "version": "3.3", "build": "h1", "metadata": [], "trouble": None},
+    ]  # fmt: skip
+    made = facts(distribution("numpy", "2.2.6"), distribution("six", "1.16"), conda=records)
+
+    assert texts(declared.conda(made)) == ["warning: conda says numpy 1.26.4 (b_0), but pip has put 2.2.6 over it"]
+
+
+# --- modules and libraries -------------------------------------------------------------------------------------
+
+
+def test_hidden_modules() -> None:
+    """By the working folder, PYTHONPATH and the user site; a second copy behind the environment's own hides nothing."""
+    user = "/home/u/.local/lib/python3.11/site-packages"
+    own = f"{SITE}/numpy/__init__.py"
+    made = facts(
+        path=["/more", user, SITE],
+        hidden=[
+            {"module": "mujoco", "first": "/work/mujoco.py", "then": f"{SITE}/mujoco/__init__.py", "standard": False},
+            {"module": "queue", "first": "/work/queue.py", "then": "/usr/lib/python3.11/queue.py", "standard": True},
+            {"module": "numpy", "first": "/more/numpy/__init__.py", "then": own, "standard": False},
+            {"module": "gym", "first": f"{user}/gym/__init__.py", "then": f"{SITE}/gym/__init__.py", "standard": False},
+            {"module": "six", "first": f"{SITE}/six.py", "then": "/usr/lib/python3/six.py", "standard": False},
+        ],
+    )  # fmt: skip
+
+    found = texts(reading.hidden(here(PYTHONPATH="/more"), made))
+
+    assert [text.partition(":")[2].partition(" hides")[0] for text in found] == [
+        " the working folder",
+        " the working folder",
+        " PYTHONPATH (/more)",
+        f" the user site ({user})",
+    ]
+
+
+def test_libraries_loaded_twice() -> None:
+    """Two of one kind in a process; several of GCC's OpenMP only are noted."""
+    paths = ["/a/libmujoco.so.3.1.6", "/b/libmujoco.so.3.3.2", "/c/libgomp-a34b.so.1", "/d/libgomp.so.1"]
+    probes = {"imports": {"mujoco": {"libraries": paths}, "numpy": {"libraries": paths[:1]}}}
+
+    assert [(one.level, one.text.partition(" was")[0]) for one in reading.twice(probes)] == [
+        ("warning", "MuJoCo"),
+        ("note", "OpenMP"),
+    ]
+
+
+def imported(error: str | None, **more: Any) -> dict[str, Any]:
+    """What came of an import."""
+    return {"error": error, "file": "/x.py", "version": "1", "libraries": [], "traceback": error, **more}
+
+
+def test_imports_that_fail() -> None:
+    """Each is said once: what a difference tells of already is not repeated."""
+    probes = {
+        "imports": {
+            "gym": imported("ImportError: a"),
+            "mujoco": imported("OSError: b"),
+            "torch": imported("OSError: c", alone=True),
+        },
+        "clean_imports": {},
+    }
+    apart = [Difference("import", "mujoco", "fails: OSError: b", "/x.py", ("LD_LIBRARY_PATH",))]
+
+    assert texts(reading.failed(probes, apart)) == [
+        "warning: `import gym` fails: ImportError: a",
+        "warning: `import torch` fails once others are imported, and works alone: OSError: c",
+    ]
+
+
+def test_differences_in_sentences() -> None:
+    """The variable with its value, and both outcomes; one that changes nothing is noted."""
+    apart = [Difference("import", "mujoco", "fails: RuntimeError: no", "/x.py", ("MUJOCO_GL",))]
+
+    found = reading.different(here(MUJOCO_GL="off!", LD_LIBRARY_PATH="/x"), facts(), apart)
+
+    assert texts(found) == [
+        "warning: with MUJOCO_GL=off! `import mujoco` fails: RuntimeError: no; without, it works",
+        "note: set here, and no import was seen to be changed by it: LD_LIBRARY_PATH=/x",
+    ]
+
+
+# --- known failures --------------------------------------------------------------------------------------------
+
+
+def known(name: str, **more: Any) -> Known:
+    """A known failure of gym below 1 beside numpy from 2 on."""
+    plain = {
+        "id": name,
+        "cause": "so it is",
+        "phases": ["single"],
+        "pattern": "bool8",
+        "packages": ["gym<1", "numpy>=2"],
+        "remedy": {"requirements": ["numpy<2"]},
+    }
+    return read({**plain, **more})
+
+
+def test_known_failures_of_an_import() -> None:
+    """The error of an import is held against what is known, with what is installed."""
+    probes = {"imports": {"gym": imported("AttributeError: no bool8", output="")}, "clean_imports": {}}
+    one = known("bool8", phases=["import"])
+
+    hits = [
+        [hit.known.id for hit in reading.known_causes([one], probes, installed(gym="0.26.2", numpy=version))]
+        for version in ("2.2.6", "1.26.4")
+    ]
+
+    assert hits == [["bool8"], []]
+
+
+def test_known_failures_that_these_versions_have() -> None:
+    """All packages are there in such versions and the remedy asks for others; of one remedy, one is told."""
+    those = [
+        known("wide", phases=["import", "single", "render"]),
+        known("narrow"),
+        known("one-package", packages=["gym<1"]),
+        known("no-other-version", remedy={"text": "reboot"}),
+        known("at-install", phases=["install"]),
+        known("mask", masks=True),
+    ]
+
+    assert [one.id for one in reading.foreseen(those, installed(gym="0.26.2", numpy="2.2.6"))] == ["narrow"]
+    assert reading.foreseen(those, installed(gym="0.26.2", numpy="1.26.4")) == []
+    assert reading.foreseen(those, installed(gym="0.26.2")) == []
+
+
+def test_silent_failures() -> None:
+    """Told by the packages that are there alone."""
+    silent = read({"id": "quiet", "cause": "wrong", "remedy": {}, "packages": ["mujoco==4.0.0"], "silent": True})
+
+    assert [one.id for one in reading.quiet([silent], installed(mujoco="4.0.0"))] == ["quiet"]
+    assert reading.quiet([silent], installed(mujoco="4.0.1")) == []

@@ -1,0 +1,145 @@
+"""The nearest measured combination that works, and what has to change."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from facts import distribution, facts, installed
+
+from harness.standalone import nearest
+
+
+def cell(label: str, verdict: str = "works", python: str = "3.11.7", env: str = "CartPole-v1", **lock: str) -> Any:
+    """A cell with its lock; `lock` names versions."""
+    how = "passed" if verdict == "works" else "failed"
+    return {
+        "id": f"m/{label}",
+        "python": python,
+        "machine": "here",
+        "measured": "2026-11-22T00:00:00Z",
+        "verdict": verdict,
+        "unverified": [],
+        "phases": {"import": "passed", "single": how},
+        "decisive": None if verdict == "works" else "AttributeError: no",
+        "axes": {"gym": lock.get("gym", "")},
+        "cases": [{"case": "c", "env": env, "api": "gym", "phases": {"import": "passed", "single": how}}],
+        "repairs": [],
+        "environment": {},
+        "supplied": {"MUJOCO_GL": "egl"},
+        "lock": {name.replace("_", "-"): version for name, version in lock.items()},
+    }
+
+
+def measured(*cells: Any) -> dict[str, Any]:
+    """The document of measured results."""
+    locks = {one["id"]: sorted(one["lock"].items()) for one in cells}
+    return {"schema": 1, "cells": [{**one, "lock": one["id"]} for one in cells], "locks": locks}
+
+
+def near(made: dict[str, Any], *cells: Any, env: str | None = None, remedies: tuple[str, ...] = ()) -> Any:
+    """The plain answer."""
+    found = nearest.found(made, measured(*cells), env, remedies)
+    return nearest.plain(made, found, "pip install") if found else None
+
+
+def test_the_fewest_changes_of_weight() -> None:
+    """numpy is changed rather than gym; what differs and seldom matters is listed apart."""
+    made = installed(gym="0.26.2", numpy="2.2.6", cloudpickle="3.0")
+
+    found = near(
+        made,
+        cell("old-gym", gym="0.21.0", numpy="2.2.6", cloudpickle="3.0"),
+        cell("numpy", gym="0.26.2", numpy="1.26.4", cloudpickle="3.1"),
+    )
+
+    assert (found["cell"], found["command"]) == ("m/numpy", "pip install numpy==1.26.4")
+    assert [one["name"] for one in found["also"]] == ["cloudpickle"]
+    assert found["remarks"] == ["with MUJOCO_GL=egl"]
+
+
+def test_this_python_goes_before_its_neighbours() -> None:
+    """Another minor version counts as a change, and is said; one that is far away is not taken."""
+    made = installed(gym="0.26.2", numpy="2.2.6")
+    there = cell("next", python="3.10.1", gym="0.26.2", numpy="1.26.4")
+    far = cell("far", python="3.7.1", gym="0.26.2", numpy="1.21.6")
+
+    same = near(made, there, cell("same", gym="0.26.2", numpy="1.26.4"))
+    other = near(made, there, far)
+
+    assert same["cell"] == "m/same"
+    assert other["remarks"][0] == "it was measured on Python 3.10: nothing near was measured on 3.11"
+    assert near(made, far) is None
+
+
+def test_only_what_works_counts() -> None:
+    """A red cell, one with repaired wheels and one without a lock are no known-good."""
+    made = installed(gym="0.26.2", numpy="2.2.6")
+    mended = {**cell("mended", gym="0.26.2", numpy="1.26.4"), "repairs": ["gym"]}
+
+    assert near(made, cell("red", "broken", gym="0.26.2", numpy="1.26.4"), mended) is None
+
+
+def test_the_environment_asked_for() -> None:
+    """Only cells that made and stepped it; what is not installed for it is among the changes."""
+    made = installed(numpy="1.26.4")
+
+    found = near(
+        made, cell("ant", env="Ant-v4", gym="0.26.2", numpy="1.26.4"), cell("pole", gym="0.26.2"), env="Ant-v4"
+    )
+
+    assert (found["cell"], found["changes"]) == ("m/ant", [{"name": "gym", "now": None, "then": "0.26.2"}])
+
+
+def test_remedies_are_heeded() -> None:
+    """A cell that does what a remedy asks for is nearer than one with fewer changes."""
+    made = installed(gym="0.26.2", numpy="2.2.6")
+    cells = cell("gym", gym="0.26.1", numpy="2.2.6"), cell("numpy", gym="0.26.2", numpy="1.26.4")
+
+    assert near(made, *cells)["cell"] == "m/gym"
+    assert near(made, *cells, remedies=("numpy<2",))["cell"] == "m/numpy"
+
+
+def test_what_stays_is_not_hurt() -> None:
+    """A combination that breaks a package which stays goes after one that does not, and otherwise that is said."""
+    made = facts(
+        distribution("gym", "0.26.2"),
+        distribution("numpy", "2.2.6"),
+        distribution("wheels", "1.0", "numpy>=1.20"),
+    )
+    worse = cell("worse", gym="0.26.2", numpy="1.19.5")
+    better = cell("better", gym="0.26.1", numpy="1.26.4")
+
+    assert near(made, worse, better)["cell"] == "m/better"
+    assert near(made, worse)["remarks"][-1] == "afterwards wheels 1.0 asks for numpy>=1.20"
+
+
+def test_what_needs_another_version_changes_too() -> None:
+    """A package that stays and cannot be beside the changes is changed to what was measured."""
+    made = facts(
+        distribution("gym", "0.26.2"),
+        distribution("numpy", "2.2.6"),
+        distribution("opencv-python", "4.12", "numpy>=2"),
+    )
+
+    found = near(made, cell("one", gym="0.26.2", numpy="1.26.4", opencv_python="4.9"))
+
+    assert [one["name"] for one in found["changes"]] == ["numpy", "opencv-python"]
+
+
+def test_nothing_to_change() -> None:
+    """The very versions were measured: there is nothing to type. Without a simulator nothing is said at all."""
+    assert near(installed(gym="0.26.2"), cell("same", gym="0.26.2"))["command"] is None
+    assert near(installed(requests="2.0"), cell("same", gym="0.26.2")) is None
+
+
+def test_what_was_measured_to_fail() -> None:
+    """These versions fail where they were measured; not told where they also work, or beside what is not here."""
+    made = installed(gym="0.26.2", numpy="2.2.6")
+    red = cell("red", "broken", gym="0.26.2", numpy="2.2.6")
+
+    (found,) = nearest.failed(made, measured(red))
+
+    assert found.text == "measured with these versions (m/red), CartPole-v1 fails in single: AttributeError: no"
+    assert nearest.failed(made, measured(red, cell("green", gym="0.26.2", numpy="2.2.6"))) == []
+    assert nearest.failed(made, measured(cell("red", "broken", gym="0.26.2", numpy="2.2.6", brax="0.9"))) == []
+    assert nearest.failed(installed(gym="0.26.2", numpy="1.26.4"), measured(red)) == []
