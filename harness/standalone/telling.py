@@ -9,12 +9,19 @@ import re
 from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from . import lines as said
-from .lines import FRAME, MASKS, bounded, strip_ansi
+from .lines import EXCEPTION, FRAME, MASKS, bounded, strip_ansi
 
 START = "Traceback (most recent call last):"
 PREFIXED = re.compile(r"^(\s*\S.{0,150}?)Traceback \(most recent call last\):\s*$")
 NOTEBOOK = re.compile(r"^([A-Za-z_][\w.]*)\s{2,}Traceback \(most recent call last\)\s*$")
 PYTEST = re.compile(r"^E {2,}(?=[A-Za-z_][\w.]*(?:Error|Exception|Interrupt|Exit|Warning)\b)", re.MULTILINE)
+AFTER = re.compile(
+    r"^\s*\[end of output\]|^(?:wandb|srun|g?make(?:\[\d+\])?|error|note|hint|explain|ninja|slurmstepd|sys): "
+    r"|^\[?(?:INFO|WARN(?:ING)?|ERROR|DEBUG|Info|Warning|Error)\b|^\d{4}-\d\d-\d\d[ T]|^/\S+:\d+: \w*Warning: "
+    r"|^Exception in thread|^Exception ignored|^Process \S+:$"
+)
+"""How lines begin that no message of an exception has."""
+
 RULE = re.compile(r"^-{20,}$")
 NO_PREFIX = re.compile(r"Exception|^\s*raise|['\"]$")
 PREFIXES = 20
@@ -42,7 +49,8 @@ class Told(NamedTuple):
 def told(text: str, *, surely: bool = False) -> Told:
     """Read a text; `surely` it is of something that failed, by whatever was known apart from it."""
     text = uniform(strip_ansi(text))
-    lines = text.splitlines()
+    lines = _without_ignored(text.splitlines())
+    text, whole = "\n".join(lines), text
     picked = list(_tracebacks(lines))
     installer = _installer(lines)
     killed = _signal(text)
@@ -58,7 +66,7 @@ def told(text: str, *, surely: bool = False) -> Told:
         failed=failed,
         raised=first in picked and first is not None and first.partition(":")[0].rpartition(".")[2] not in MASKS,
         region=_region(lines, first) if first in picked else "",
-        text=text,
+        text=whole,
         last=next((bounded(line) for line in reversed(lines) if line.strip()), ""),
     )
 
@@ -77,10 +85,35 @@ def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
 
 
 def uniform(text: str) -> str:
-    """The text with its tracebacks as Python itself prints them."""
+    """The text with its tracebacks as Python itself prints them, and a blank line after each."""
     lines = _without_prefixes(text.splitlines())
     lines = _notebooks(lines) if any(NOTEBOOK.match(line) for line in lines) else lines
-    return PYTEST.sub("", "\n".join(lines))
+    return PYTEST.sub("", "\n".join(_apart(lines)))
+
+
+def _apart(lines: Sequence[str]) -> Iterator[str]:
+    """What a tool says right after an exception is no line of its message."""
+    traceback = False
+    for line in lines:
+        if traceback and AFTER.match(line):
+            traceback = False
+            yield ""
+        traceback = bool(line.strip()) and (traceback or START in line)
+        yield line
+
+
+def _without_ignored(lines: Sequence[str]) -> List[str]:
+    """The lines without exceptions that Python ignored: they stopped nothing."""
+    made: List[str] = []
+    ignored = False
+    for line in lines:
+        if line.startswith("Exception ignored"):
+            ignored = True
+        elif ignored and not (line.startswith((" ", "Traceback")) or EXCEPTION.match(line)):
+            ignored = False
+        made += [] if ignored else [line]
+        ignored = ignored and not (EXCEPTION.match(line) and not line.startswith(("Exception ignored", "Traceback")))
+    return made
 
 
 def _without_prefixes(lines: Sequence[str]) -> List[str]:

@@ -200,10 +200,7 @@ SUBJECTS = frozenset(
 
 def search_terms(made: Explained) -> str:
     """The decisive line without what differs between machines, and the packages that the text names."""
-    line = re.sub(
-        r"^(?:ERROR|error): |(?:[A-Za-z]:)?(?:[/\\][\w.+-]+){2,}|\b0x[0-9a-f]+\b|\bline \d+",
-        " ",
-        made.told.decisive or "",
-    )
+    first = (made.told.decisive or "").partition(" / ")[0]
+    line = re.sub(r"^(?:ERROR|error): |(?:[A-Za-z]:)?(?:[/\\][\w.+-]+){2,}|\b0x[0-9a-f]+\b|\bline \d+", " ", first)
     named = [name for name in made.hints.packages if name in SUBJECTS and name not in line][:3]
     return " ".join([" ".join(re.sub(r"[\"`…]", " ", line).split())[:160], *named]).strip()
