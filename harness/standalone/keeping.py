@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Callable, Iterable, List, NamedTuple, Optional
+from typing import Callable, List, NamedTuple, Optional, Sequence
 
 HEAD, TAIL = 256000, 1024000
 """Bytes of the beginning and of the end."""
@@ -67,16 +67,19 @@ class Keeper:
         for place, line in enumerate(lines):
             if self._open is not None:
                 self._open.append(line)
-                blank = not line.strip() and place + 1 not in marked
-                if (blank and not _goes_on(lines[place + 1 : place + 2])) or len(self._open) > BEFORE + AFTER:
+                inside = _leads_on(lines[place - 1 : place]) or _leads_on(lines[place + 1 : place + 2])
+                if (not line.strip() and not inside) or len(self._open) > BEFORE + AFTER:
                     self._close()
             elif place in marked:
-                self._open = lines[max(0, place - BEFORE) : place + 1]
+                self._open = [b"".join(lines[max(0, place - BEFORE) : place]), line]
 
     def _close(self) -> None:
-        block = b"".join(self._open or ())
-        self._open = None
-        shape = NUMBERS.sub(b"0", block)
+        """Keep what is open, unless the same was kept before, whatever stood in front of it."""
+        opened, self._open = self._open, None
+        if opened is None:
+            return
+        block = b"".join(opened)
+        shape = NUMBERS.sub(b"0", b"".join(opened[1:]))
         if shape not in self._known and self._kept + len(block) <= MIDDLE:
             self._known.add(shape)
             self._middle.append(block)
@@ -85,15 +88,16 @@ class Keeper:
     def kept(self) -> Kept:
         """All that is kept, as text. Nothing may be taken any more."""
         self._close()
-        gap = b"\n\n" if self._middle or self.size > len(self._head) + len(self._tail) else b""
-        whole = bytes(self._head) + gap + b"\n\n".join([*self._middle, b""]) + bytes(self._tail)
+        cut = self.size > len(self._head) + len(self._tail)
+        middle = b"\n\n".join([b"", *self._middle, b""]) if cut else b""
+        whole = bytes(self._head) + middle + bytes(self._tail)
         missing = self.size - len(self._head) - len(self._tail) - self._kept
         return Kept(decoded(whole), self.size, max(0, missing))
 
 
-def _goes_on(following: Iterable[bytes]) -> bool:
-    """Whether a blank line stands inside of a chain of tracebacks."""
-    return any(line.startswith((b"The above exception", b"During handling", b"Traceback")) for line in following)
+def _leads_on(line: Sequence[bytes]) -> bool:
+    """Whether a line stands between the tracebacks of a chain."""
+    return any(one.startswith((b"The above exception", b"During handling")) for one in line)
 
 
 def kept(read: Callable[[int], bytes]) -> Kept:

@@ -1,0 +1,86 @@
+"""What is kept of a log, however long: both ends, every traceback once, and how much is left out."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from harness.standalone import keeping, telling
+
+LINE = b"Episode %07d: reward 1.5, all is well and goes on as it went before\n"
+TRACE = b"""\
+Traceback (most recent call last):
+  File "train.py", line %d, in <module>
+    fly()
+OSError: no such folder
+
+During handling of the above exception, another exception occurred:
+
+Traceback (most recent call last):
+  File "train.py", line 9, in <module>
+ValueError: no %s
+
+"""
+
+
+def log(count: int, *inside: bytes) -> bytes:
+    """A long log with texts in its middle."""
+    lines = [LINE % number for number in range(count)]
+    lines[count // 2 : count // 2] = inside
+    return b"".join(lines)
+
+
+def test_a_short_text_is_kept_as_it_is() -> None:
+    """Nothing is left out, nothing added."""
+    text = log(10, TRACE % (1, b"wings"))
+    assert keeping.kept(io.BytesIO(text).read) == (text.decode(), len(text), 0)
+
+
+@pytest.mark.parametrize("chunk", [1000, 70_000, 1 << 20])
+def test_a_long_text_keeps_its_ends_and_its_tracebacks(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever the pieces end; the same traceback at another line once; a chain stays a chain."""
+    monkeypatch.setattr(keeping, "CHUNK", chunk)
+    text = log(90_000, *(TRACE % (n, b"wings") for n in range(40)), TRACE % (3, b"wheels"))
+    kept = keeping.kept(io.BytesIO(text).read)
+    assert kept.size == len(text)
+    assert kept.text.startswith(text[:1000].decode())
+    assert kept.text.endswith(text[-1000:].decode())
+    assert len(kept.text) < keeping.HEAD + keeping.TAIL + keeping.MIDDLE
+    assert 1 <= kept.text.count("ValueError: no wings") <= 3
+    assert kept.text.count("ValueError: no wheels") == 1
+    assert "During handling" in kept.text
+    assert abs(kept.size - kept.missing - len(kept.text)) < 200
+    assert telling.told(kept.text).lines[0] == "ValueError: no wheels"
+
+
+def test_an_endless_traceback_is_cut() -> None:
+    """What never ends is not kept whole."""
+    endless = (
+        b"Traceback (most recent call last):\n"
+        + b'  File "a.py", line 3, in recurse\n' * 30_000
+        + b"RecursionError: x\n\n"
+    )
+    kept = keeping.kept(io.BytesIO(log(20_000, *([b""] * 3)) + endless + log(60_000)).read)
+    assert len(kept.text) < keeping.HEAD + keeping.TAIL + keeping.MIDDLE
+
+
+def test_lines_without_an_end_are_kept_within_bounds() -> None:
+    """A progress bar of many megabytes is one line."""
+    kept = keeping.kept(io.BytesIO(b"\r 10%|##   |" * 500_000).read)
+    assert (kept.size, len(kept.text) < 2 * (keeping.HEAD + keeping.TAIL + keeping.CHUNK)) == (6_000_000, True)
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (b"caf\xe9 \xff\n", "caf� �\n"),
+        (b"\xef\xbb\xbfok\n", "ok\n"),
+        ("Fähre\n".encode("utf-16"), "Fähre\n"),
+        (b"nul\x00byte\n", "nulbyte\n"),
+    ],
+    ids=["broken", "bom", "powershell", "nul"],
+)
+def test_whatever_the_bytes_are_there_is_a_text(content: bytes, text: str) -> None:
+    """Hurt UTF-8, and what PowerShell redirects."""
+    assert keeping.kept(io.BytesIO(content).read).text == text
