@@ -77,10 +77,20 @@ def _folder() -> Any:
 def _entries() -> Any:
     """Where modules are searched for, in order; where `site` was left out, with the folder that it would have added."""
     entries = [os.path.abspath(one) for one in SEARCHED if one]
-    if sys.flags.no_site:
-        paths = sysconfig.get_paths()
-        entries += [paths[name] for name in ("purelib", "platlib")]
-    return list(dict.fromkeys(entries))
+    return list(dict.fromkeys([*entries, *(_site_packages() if sys.flags.no_site else ())]))
+
+
+def _prefix() -> Any:
+    """The folder of the environment; without `site`, an older Python does not know it."""
+    place = os.path.dirname(os.path.dirname(os.path.abspath(sys.executable)))
+    return place if os.path.isfile(os.path.join(place, "pyvenv.cfg")) else sys.prefix
+
+
+def _site_packages() -> Any:
+    """Where the packages of the environment lie."""
+    variables = {"base": _prefix(), "platbase": _prefix()}
+    paths = sysconfig.get_paths(vars=variables)
+    return list(dict.fromkeys(paths[name] for name in ("purelib", "platlib")))
 
 
 # --- the interpreter -------------------------------------------------------------------------------------------
@@ -93,7 +103,7 @@ def _python() -> Any:
         "version": platform.python_version(),
         "implementation": sys.implementation.name,
         "executable": sys.executable,
-        "prefix": sys.prefix,
+        "prefix": _prefix(),
         "base_prefix": sys.base_prefix,
         "platform": sysconfig.get_platform(),
         "abi": str(value("SOABI")),
@@ -108,8 +118,8 @@ def _python() -> Any:
         "user_site_used": bool(site.ENABLE_USER_SITE) and _user_site() in SEARCHED,
         "customised": [str(getattr(one, "__file__", one)) for one in started if one],
         "flags": [name for name in ("isolated", "no_site", "no_user_site", "safe_path") if getattr(sys.flags, name, 0)],
-        "venv": _settings(os.path.join(sys.prefix, "pyvenv.cfg")),
-        "site_packages": list(dict.fromkeys(sysconfig.get_paths()[name] for name in ("purelib", "platlib"))),
+        "venv": _settings(os.path.join(_prefix(), "pyvenv.cfg")),
+        "site_packages": _site_packages(),
     }
 
 
@@ -151,7 +161,7 @@ def _distribution(entry: Any, name: Any) -> Any:
     guessed = stem.rpartition(".")[0].split("-")
     files = _recorded(place)
     origin = _json(os.path.join(place, "direct_url.json"))
-    gone = _missing(entry, files or ())
+    gone = _missing(entry, [one for one in files or () if not one.startswith(name + "/")])
     fields = {
         "name": told.get("name", [guessed[0]])[0],
         "version": told.get("version", [None])[0],
@@ -346,7 +356,7 @@ def _importable(entry: Any) -> Any:
 
 def _conda() -> Any:
     """What conda has put here. `metadata` are the folders of Python metadata of each package."""
-    place = os.path.join(sys.prefix, "conda-meta")
+    place = os.path.join(_prefix(), "conda-meta")
     found: List[Dict[str, Any]] = []
     for name in sorted(os.listdir(place)) if os.path.isdir(place) else ():
         if name.endswith(".json"):

@@ -1,0 +1,372 @@
+"""`doctor` on real environments, whose packages are tiny and have one defect each."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import wheelhouse
+
+from harness import schema
+from harness.commands import inplace
+from harness.commands.doctor import Doctored
+from harness.model import Interpreter
+from harness.standalone import doctor, matching, probing, running
+
+NOTHING = doctor.Knowledge([], lambda: {"cells": [], "locks": {}})
+BASE = {name: os.environ[name] for name in ("PATH", "HOME", "LANG") if name in os.environ}
+
+
+class Place:
+    """An environment without pip, and the folder of whoever asks."""
+
+    def __init__(self, folder: Path, python: str, *options: str) -> None:
+        self.folder, self.here = folder / "env", folder / "here"
+        self.here.mkdir()
+        subprocess.run((python, "-m", "venv", "--without-pip", *options, self.folder), check=True)
+        (self.site,) = self.folder.glob("lib/python3*/site-packages")
+        self.shelf = folder
+
+    def put(self, name: str, version: str, code: str = "", *, at: Path | None = None, **about: Any) -> None:
+        """Install a package of one module."""
+        files = {f"{name.replace('-', '_')}/__init__.py": f"__version__ = {version!r}\n{code}"}
+        wheel = wheelhouse.wheel(self.shelf, version, files, {"name": name, **about})
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(at or self.site)
+
+    def look(self, **variables: str) -> dict[str, Any]:
+        """The document."""
+        asked = doctor.Asked(str(self.folder), None, {**BASE, **variables}, str(self.here))
+        return doctor.document(asked, running.run, NOTHING)
+
+
+@pytest.fixture
+def place(tmp_path: Path, host: Interpreter) -> Place:
+    """An empty one of the host's Python."""
+    return Place(tmp_path, host.path)
+
+
+def told(made: dict[str, Any], level: str = "warning") -> list[tuple[str, str]]:
+    """Check and text of each finding."""
+    return [(one["check"], one["text"]) for one in made["findings"] if one["level"] == level]
+
+
+def tree(folder: Path) -> dict[str, Any]:
+    """All that lies below a folder, with its content and times."""
+    return {
+        str(path.relative_to(folder)): (
+            path.lstat().st_mtime_ns,
+            sha256(path.read_bytes()).hexdigest() if path.is_file() else None,
+        )
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def test_nothing_is_wrong(place: Place) -> None:
+    """Packages that fit and can be imported; the installer is uv where there is no pip."""
+    place.put("numpy", "2.2.6")
+    place.put("gym", "0.26.2", "import numpy", requires=["numpy>=1.18"])
+
+    made = place.look()
+
+    assert (told(made), doctor.code(made)) == ([], 0)
+    assert {name: one["version"] for name, one in made["imports"].items()} == {"numpy": "2.2.6", "gym": "0.26.2"}
+
+
+def test_nothing_is_changed(place: Place) -> None:
+    """Every file is as it was, to its times, and no bytecode was written."""
+    place.put("numpy", "2.2.6")
+    place.put("gym", "0.26.2", "import numpy\nnumpy.no_such_name")
+    (place.here / "mujoco.py").write_text("")
+    before = tree(place.folder), tree(place.here)
+
+    place.look(PYTHONPATH=str(place.here))
+
+    assert (tree(place.folder), tree(place.here)) == before
+    assert not [name for name in before[0] if "__pycache__" in name]
+
+
+def test_conflict(place: Place) -> None:
+    """A declared bound that does not hold, and the import that fails of it, which decides."""
+    place.put("numpy", "2.2.6")
+    place.put("gym", "0.21.0", "import numpy\nnumpy.bool8", requires=["numpy<2"])
+
+    made = place.look()
+
+    error = "`import gym` fails: AttributeError: module 'numpy' has no attribute 'bool8'"
+    assert told(made) == [
+        ("import", error),
+        ("requirements.conflict", "numpy 2.2.6 is not what gym 0.21.0 (numpy<2) needs"),
+    ]
+    assert (made["decisive"], doctor.code(made)) == (error, 1)
+
+
+def test_a_file_of_ones_own(place: Place) -> None:
+    """It hides a package and one of Python's modules; a folder without `__init__.py` hides nothing."""
+    place.put("mujoco", "3.1.6")
+    place.put("gym", "0.26.2")
+    (place.here / "mujoco.py").write_text("raise RuntimeError('mine')\n")
+    (place.here / "queue.py").write_text("")
+    (place.here / "gym").mkdir()
+
+    made = place.look()
+
+    assert [(check, text.partition(":")[0]) for check, text in told(made)] == [
+        ("import.shadowed", "the working folder hides mujoco of this environment"),
+        ("import.shadowed", "the working folder hides queue of Python's own library"),
+    ]
+    assert made["imports"]["mujoco"]["error"] == "RuntimeError: mine"
+
+
+def test_broken_metadata(place: Place) -> None:
+    """METADATA that is gone, cannot be read or has no version; a project that is there twice; files that are gone."""
+    for name in ("numpy", "scipy", "glfw", "h5py", "imageio"):
+        place.put(name, "1.0")
+    (place.site / "numpy-1.0.dist-info" / "METADATA").unlink()
+    (place.site / "scipy-1.0.dist-info" / "METADATA").write_bytes(b"Name: scipy\nVersion: 1.0\nAuthor: \xe9\n")
+    (place.site / "glfw-1.0.dist-info" / "METADATA").write_text("Name: glfw\n")
+    place.put("h5py", "2.0")
+    (place.site / "imageio" / "__init__.py").unlink()
+    (place.site / "~umba").mkdir()
+
+    made = place.look()
+
+    found = [
+        (check, text.rpartition("site-packages/")[2].split(";")[0].partition(" in /")[0]) for check, text in told(made)
+    ]
+    assert sorted(found) == [
+        ("metadata.broken", "glfw-1.0.dist-info: its metadata names no version"),
+        ("metadata.broken", "numpy-1.0.dist-info: it has no METADATA"),
+        ("metadata.broken", "scipy-1.0.dist-info: METADATA is not UTF-8 text"),
+        ("metadata.duplicate", "h5py is there 2 times"),
+        ("metadata.files", "imageio 1.0 lacks 1 of its files, such as imageio/__init__.py"),
+    ]
+    assert made["environment"]["packages"]["numpy"] == "1.0"
+    assert [check for check, _ in told(made, "note")] == ["metadata.leftover"]
+
+
+def test_two_packages_with_the_same_files(place: Place) -> None:
+    """Told where they differ; the very same file in both harms nobody."""
+    about = {"opencv-python": "A = 1", "opencv-python-headless": "A = 2", "box2d": "", "box2d-py": ""}
+    for name, code in about.items():
+        module = "cv2" if "cv" in name else "Box2D"
+        files = {f"{module}/__init__.py": code}
+        wheel = wheelhouse.wheel(place.shelf, "1.0", files, {"name": name})
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(place.site)
+
+    assert [(check, text.partition(" have")[0]) for check, text in told(place.look())] == [
+        ("modules.claimed", "opencv-python and opencv-python-headless")
+    ]
+
+
+def test_what_dies_or_hangs(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A crash, an exit and an import without end are told by name, and those after them are tried all the same."""
+    monkeypatch.setattr(probing, "SECONDS", 2)
+    place.put("numpy", "1.0", "import os; os.abort()")
+    place.put("gym", "1.0", "import sys; sys.exit('no')")
+    place.put("mujoco", "1.0", "import os; os._exit(7)")
+    place.put("glfw", "1.0", "import time; time.sleep(60)")
+    place.put("h5py", "1.0")
+
+    made = place.look()
+
+    assert {name: one["error"] for name, one in made["imports"].items()} == {
+        "numpy": "killed by SIGABRT",
+        "gym": "SystemExit: no",
+        "mujoco": "the process ended with exit code 7",
+        "glfw": "TimeoutError: `import glfw` takes more than 2 s",
+        "h5py": None,
+    }
+
+
+def test_what_fails_only_beside_another(place: Place) -> None:
+    """It is tried alone, too, and that is said."""
+    place.put("numpy", "1.0")
+    place.put("gym", "1.0", "import sys\nassert 'numpy' not in sys.modules")
+
+    assert told(place.look()) == [
+        ("import", "`import gym` fails once others are imported, and works alone: AssertionError")
+    ]
+
+
+# --- the caller's settings -------------------------------------------------------------------------------------
+
+
+def test_python_path(place: Place) -> None:
+    """Another version from PYTHONPATH is told with the folder that it comes from."""
+    place.put("numpy", "2.2.6")
+    more = place.shelf / "more"
+    place.put("numpy", "1.26.4", at=more)
+
+    made = place.look(PYTHONPATH=str(more))
+
+    assert [(check, text.partition(":")[0]) for check, text in told(made)] == [
+        ("import.shadowed", f"PYTHONPATH ({more}) hides numpy of this environment"),
+        ("probe.difference", "other versions than this environment's own are used here"),
+    ]
+    (difference,) = [one for one in made["differences"] if one["kind"] == "module"]
+    assert (difference["module"], difference["by"]) == ("numpy", ["PYTHONPATH"])
+
+
+@pytest.mark.parametrize("name", ["MUJOCO_GL", "STRANGE_SETTING"])
+def test_a_variable_that_breaks_an_import(place: Place, name: str) -> None:
+    """It is found whether it is one that often does so or one that nobody thinks of; its value is said."""
+    place.put("mujoco", "3.1.6", f"import os\nif os.environ.get({name!r}) == 'bad': raise RuntimeError('no')")
+    others = {f"OTHER_{number}": "x" for number in range(9)}
+
+    made = place.look(**others, **{name: "bad"})
+
+    assert told(made) == [
+        ("probe.difference", f"with {name}=bad `import mujoco` fails: RuntimeError: no; without, it works")
+    ]
+
+
+def test_the_user_site(tmp_path: Path, other: Interpreter) -> None:
+    """What lies in ~/.local counts where Python looks there, and is no part of the environment."""
+    place = Place(tmp_path, other.path, "--system-site-packages")
+    place.put("gym", "0.21.0")
+    user = tmp_path / "home" / ".local" / "lib" / f"python{other.minor}" / "site-packages"
+    place.put("numpy", "1.19.5", "raise ImportError('of another Python')", at=user)
+
+    made = place.look(HOME=str(tmp_path / "home"))
+
+    assert [text for _, text in told(made)] == [
+        f"the user site brings numpy from {user}, outside this environment",
+        "with the user site `import numpy` fails: ImportError: of another Python; "
+        "without, it fails: ModuleNotFoundError: No module named 'numpy'",
+    ]
+    assert made["imports"]["numpy"]["error"] == "ImportError: of another Python"
+
+
+def test_a_python_that_does_not_start(place: Place) -> None:
+    """PYTHONHOME that leads nowhere: it starts without, which is told, and so is what lies there."""
+    place.put("numpy", "2.2.6")
+
+    made = place.look(PYTHONHOME="/nowhere")
+
+    assert "with PYTHONHOME=/nowhere this Python does not start here" in str(made["decisive"])
+    assert made["environment"]["packages"] == {"numpy": "2.2.6"}
+    assert doctor.code(made) == 1
+
+
+@pytest.mark.parametrize(("prints", "code"), [("3.6", 3), ("", 1)], ids=["old", "dead"])
+def test_no_python_at_all(tmp_path: Path, prints: str, code: int) -> None:
+    """One that is too old cannot be looked at; one that does nothing is a finding."""
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\nprintf '%s' '{prints}'\nexit 1\n")
+    python.chmod(0o755)
+
+    made = doctor.document(doctor.Asked(str(python), None, BASE, str(tmp_path)), running.run, NOTHING)
+
+    assert doctor.code(made) == code
+    assert ("older than 3.7" if code == 3 else "does not start") in made["decisive"]
+
+
+# --- conda -----------------------------------------------------------------------------------------------------
+
+
+def test_conda(place: Place) -> None:
+    """A recorded `conda-meta` around a real interpreter: what pip put over a package of conda's is told."""
+    place.put("numpy", "2.2.6")
+    (place.site / "numpy-2.2.6.dist-info" / "INSTALLER").write_text("pip\n")
+    place.put("six", "1.16")
+    folder = place.folder / "conda-meta"
+    folder.mkdir()
+    site = place.site.relative_to(place.folder)
+    for name, version in (("numpy", "1.26.4"), ("six", "1.16")):
+        files = [f"{site}/{name}-{version}.dist-info/METADATA", f"{site}/{name}/__init__.py"]
+        record = {"name": name, "version": version, "build": "py_0", "channel": "conda-forge", "files": files}
+        (folder / f"{name}-{version}-py_0.json").write_text(json.dumps(record))
+    (folder / "torn-1.0-0.json").write_text("{")
+    (folder / "history").write_text("")
+
+    made = place.look()
+
+    assert made["environment"]["conda"] is True
+    assert told(made) == [
+        ("conda.overwritten", "conda says numpy 1.26.4 (py_0), but pip has put 2.2.6 over it"),
+        ("conda.broken", "conda-meta/torn-1.0-0.json: it cannot be read"),
+    ]
+
+
+# --- the verb --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def typed(place: Place, workplace: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Type `simmatrix doctor` in the caller's folder."""
+
+    def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+        kept = {name: os.environ[name] for name in ("PATH", "HOME", "HARNESS_CACHE", "HARNESS_STATE")}
+        argv = (sys.executable, "-m", "harness", "doctor", *arguments)
+        return subprocess.run(
+            argv, cwd=place.here, env={**kept, **variables}, capture_output=True, text=True, check=False
+        )
+
+    return run
+
+
+def test_the_verb(place: Place, typed: Callable[..., Any]) -> None:
+    """The choice stands in the first line; the document is of its schema; known failures and measured results count."""
+    place.put("numpy", "2.2.6", "bool_ = bool")
+    place.put("gym", "0.26.2", "import numpy\nnumpy.bool8", requires=["numpy>=1.18"])
+
+    people = typed(VIRTUAL_ENV=str(place.folder))
+    document = json.loads(typed("--json", "--python", str(place.folder)).stdout)
+
+    lines = people.stdout.splitlines()
+    assert (people.returncode, people.stderr) == (1, "")
+    version = document["environment"]["version"]
+    assert lines[0] == f"{place.folder}/bin/python (Python {version}), named by $VIRTUAL_ENV"
+    assert "warning: `import gym` fails: AttributeError: module 'numpy' has no attribute 'bool8'" in lines
+    jsonschema.validate(document, schema.json_schema(Doctored))
+    assert document["nearest"]["command"].startswith("uv pip install --python ")
+    assert {one["name"] for one in document["nearest"]["changes"]} >= {"numpy"}
+
+
+def test_the_verb_refuses(typed: Callable[..., Any], tmp_path: Path) -> None:
+    """No environment where one is named: a sentence, and 2."""
+    done = typed("--python", "nowhere")
+
+    hint = "name an interpreter or the folder of an environment with --python PATH"
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"simmatrix: doctor: --python nowhere: there is no such file or folder; {hint}\n"
+
+
+def test_under_the_supervisor(place: Place) -> None:
+    """The host's way to start a process shows the caller's variables and folder, and tells deaths alike."""
+    argv = (sys.executable, "-c", "import os; print(os.environ.get('MINE'), os.getcwd(), flush=True); os.abort()")
+
+    done = inplace.run(argv, {"MINE": "yes"}, str(place.here), 30.0)
+    late = inplace.run((sys.executable, "-c", "import time; time.sleep(60)"), {}, str(place.here), 1.0)
+
+    assert (done.signal, done.output.split()[:2]) == ("SIGABRT", ["yes", str(place.here)])
+    assert late.timed_out
+
+
+def test_known_failures_are_named(place: Place) -> None:
+    """A silent failure of a version, and one that is seen, with its remedy in the lines for people."""
+    place.put("mujoco", "4.0.0", "raise OSError('no libGL')")
+    silent = {"id": "quiet", "cause": "it computes wrongly", "silent": True, "packages": ["mujoco==4.0.0"]}
+    loud = {"id": "loud", "cause": "there is no libGL", "pattern": "no libGL", "phases": ["import"]}
+    known = [matching.read({"remedy": {"text": "do this"}, "references": [], **one}) for one in (silent, loud)]
+    asked = doctor.Asked(str(place.folder), None, BASE, str(place.here))
+
+    made = doctor.document(asked, running.run, NOTHING._replace(signatures=known))
+
+    lines = list(doctor.lines(made, lambda remedy: str(remedy["text"])))
+    assert [one["signature"] for one in made["diagnoses"]] == ["loud"]
+    assert [one["signature"] for one in made["lurking"]] == ["quiet"]
+    assert lines[3:5] == ["cause: there is no libGL", "remedy: do this"]
+    assert "warning: it computes wrongly (quiet)" in lines
+    assert "  remedy: do this" in lines
