@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from harness import changes, knowledge, measured
+from harness import alone, changes, knowledge, measured
 from harness.commands import drawn, inplace, proved
 from harness.commands.drawn import Rendering
 from harness.commands.inplace import Tried
@@ -117,11 +116,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--prove", action="store_true", help="try the nearest known-good versions in a throw-away copy of it"
     )
     parser.add_argument("--offline", action="store_true", help="--prove: use what is in the caches, never the network")
+    parser.add_argument(
+        "--standalone",
+        type=Path,
+        metavar="FILE",
+        help="write explain and doctor as one file that needs Python 3.7, only",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
 def main(args: argparse.Namespace) -> int:
     """Look, and say what was found."""
+    if args.standalone:
+        alone.write(args.standalone)
+        print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
+        return 0
     known = doctor.Knowledge(signatures(), measured.load)
     asked = doctor.Asked(args.python, args.env, dict(os.environ), str(Path.cwd()))
     looks = inplace.Looks(env=args.env, rendering=args.rendering)
@@ -146,9 +155,7 @@ def main(args: argparse.Namespace) -> int:
 
 def signatures() -> list[Any]:
     """The known failures as what stands alone reads them."""
-    knowledge.known()  # whatever is wrong with them is said before
-    texts = (path.read_text(encoding="utf-8") for path in knowledge.files())
-    return [matching.read(one) for text in texts for one in tomllib.loads(text)["signature"]]
+    return [matching.read(one.as_file) for one in knowledge.known()]
 
 
 def _lines(plain: Mapping[str, Any], made: Doctored) -> list[str]:
