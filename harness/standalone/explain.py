@@ -19,7 +19,7 @@ from .packages import Packages
 from .requirements import requirement
 from .wording import Place
 
-UNKNOWN, BAD = 1, 2
+UNKNOWN, BAD, INTERRUPTED = 1, 2, 130
 PINNED = re.compile(r"[A-Za-z0-9][\w.\[\],-]*\s*[=<>~!]")
 HELP = (
     "Explain a failure from what was written of it: cause, remedy, reference, and what to type next. A FILE, or - for"
@@ -89,13 +89,12 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
         ended = spawning.run(command, log, apart=args.json)
     if ended.code == 0:
         os.unlink(path)
-        if args.json:
-            print(json.dumps({"schema": 1, "decisive": None, "phase": None, "diagnoses": [], "findings": []}))
-        return 0
+        return _unexplained(args, ended.code, None)
     if ended.trouble:
         os.unlink(path)
-        print("explain: {}".format(ended.trouble), file=sys.stderr)
-        return ended.code
+        return _unexplained(args, ended.code, ended.trouble)
+    if ended.code == INTERRUPTED:
+        return _unexplained(args, ended.code, "interrupted; what it wrote is in {}".format(path))
     with open(path, "rb") as written:
         kept = keeping.kept(written.read)
     asked = _asked(command)
@@ -106,6 +105,15 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
     place = _placed(place, around, asked)._replace(command=tuple(command), kept=path)
     _print(made, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), _end(ended)))
     return ended.code
+
+
+def _unexplained(args: argparse.Namespace, code: int, why: Optional[str]) -> int:
+    """Where there is nothing to explain."""
+    if why:
+        print("explain: {}".format(why), file=sys.stderr)
+    if args.json:
+        print(json.dumps({"schema": 1, "decisive": why, "phase": None, "diagnoses": [], "findings": []}))
+    return code
 
 
 def _placed(place: Place, around: Optional[Packages], asked: Tuple[str, ...]) -> Place:
