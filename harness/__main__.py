@@ -34,6 +34,7 @@ VERBS = {
     "doctor": ("harness.commands.doctor", "what is wrong with an environment, and the nearest known-good"),
     "recommend": ("harness.commands.recommend", "which versions work together, as measured"),
     "repair": ("harness.commands.repair", "the smallest change that turns a red cell green, proven by a rerun"),
+    "bisect": ("harness.commands.bisect", "the release, day or Python at which a cell broke"),
     "gc": ("harness.commands.gc", "remove what is old or too much from cache and state"),
     "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
 }

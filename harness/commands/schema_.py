@@ -79,6 +79,12 @@ def _collected() -> type:
     return Collected
 
 
+def _bisected() -> type:
+    from harness.rootcause.certificates import BisectDocument  # noqa: PLC0415
+
+    return BisectDocument
+
+
 def _doctored() -> type:
     from harness.commands.doctor import Doctored  # noqa: PLC0415
 
@@ -114,6 +120,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "lock": ("`lock --json`", _lock),
     "gc": ("`gc --json`", _collected),
     "init": ("`init --json`", _init),
+    "bisect": ("`bisect.json`, and `--json` of bisect", _bisected),
     "doctor": ("`doctor --json`", _doctored),
     "explain": ("`explain --json`", _explained),
     "recommend": ("`recommend --json`", _recommended),

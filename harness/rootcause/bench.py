@@ -9,14 +9,15 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from harness import failure, knowledge, machine, process, verdict
+from harness import failure, interpreters, knowledge, machine, process, verdict
 from harness.evidence import diagnosed
 from harness.failure import Failure
 from harness.model import Cell, CellRecord, Phase, Verdict
 from harness.reporttypes import UNTOLD
 from harness.scheduler import Beside, Observer, Runner, Settings
+from harness.scheduler.pool import Pool, Unknown
 from harness.signatures import Diagnosis
-from harness.store import Store
+from harness.store import Store, cache_folder
 from harness.verdict import Judgement
 
 
@@ -96,16 +97,18 @@ class Bench:
         record = self._runner.known(cell)
         return self._trial(record, began, at_hand=True) if record else None
 
-    def measure(self, cell: Cell, *, again: bool = False, keep: bool = False) -> Trial:
+    def measure(self, cell: Cell, *, again: bool = False, keep: bool = False, whole: bool = False) -> Trial:
         """Measure a cell, or take what is known of it; `again` runs its probes anew with the same lock.
 
-        With `keep` its record is one that `show` knows. Raises Spent.
+        With `keep` its record is one that `show` knows, `whole` is in all phases. Raises Spent.
         """
         began = monotonic()
-        known = None if again else self._runner.known(cell)
+        settings = replace(self.settings, until=Phase.SUITE) if whole else self.settings
+        runner = self._runner if settings == self.settings else self._made(settings)
+        known = None if again else runner.known(cell)
         if known is None:
             self._within()
-            runner = self._made(replace(self.settings, fresh=True)) if again else self._runner
+            runner = self._made(replace(settings, fresh=True)) if again else runner
             self.observer.started(cell)
             record = runner.measure(cell)
             self._note_built(runner)
@@ -127,10 +130,32 @@ class Bench:
         if not process.stopped() and self._runner.known(cell) is None:
             replace(self._runner, observer=Beside(self.observer)).prepare(cell)
 
+    def stop_after(self, phase: Phase) -> None:
+        """From now on no phase behind this one matters."""
+        self.settings = replace(self.settings, until=phase)
+        self._runner = self._made(self.settings)
+
+    def stands(self, cell: Cell) -> bool:
+        """Whether the environment of a cell was made before: then only its probes are to be run."""
+        interpreter = interpreters.find(cell.python)
+        if interpreter is None or cell.subject is not None:
+            return False
+        try:
+            lock, _ = self._runner.lock(cell.question, interpreter, quick=True)
+        except Unknown:
+            return False
+        kept = Pool(self._runner, cell, lock, interpreter).kept() if lock else None
+        return kept is not None and kept.key is not None and (cache_folder() / "environments" / kept.key).is_dir()
+
     @property
     def runs(self) -> int:
         """How many cells were really measured."""
         return sum(not trial.at_hand for trial in self.trials)
+
+    @property
+    def seconds(self) -> float:
+        """How long it has taken so far."""
+        return monotonic() - self.began
 
     def _within(self) -> None:
         if self.bounds.runs is not None and self.runs >= self.bounds.runs:

@@ -1,0 +1,259 @@
+"""`simmatrix bisect CELL --axis PACKAGE | --date | --python`: the release, day or Python at which a cell broke."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+
+from harness import catalog, interpreters, locks, measured, moves, plan, scheduler, store, verdict
+from harness.commands import cells, progress, reporting
+from harness.errors import BadInput, CouldNotTell
+from harness.model import Cell, Change, Interpreter, Verdict
+from harness.rootcause import candidates, certificates, proofs
+from harness.rootcause.bench import Bench, Bounds, Trial
+from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
+from harness.rootcause.candidates import Candidate, Candidates, Kept
+from harness.rootcause.certificates import BisectDocument
+from harness.schema import located
+from harness.store import Store
+from harness.vocabulary import PackageName
+
+HELP = (
+    "Find where a cell stops working: along the releases of a package, the days of the index, or the Pythons of this"
+    " machine. Both ends are confirmed, a good one is found where none is given. Exits with 0 where the boundary was"
+    " found, 1 where there is none, 3 where it cannot be told here."
+)
+CODES = {Status.FOUND: 0, Status.REFUSED: 1, Status.NO_GOOD_END: 1, Status.STOPPED: 3, Status.UNTOLD: 3}
+DATE, PYTHON = "--date", "--python"
+RUNS, MINUTES, CONFIDENCE = 60, 60.0, 0.99
+HINTS = 2
+"""Versions that were measured to work elsewhere, tried first where no good end is given."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `bisect`."""
+    parser.add_argument("cell", metavar="CELL", help="a cell of a matrix (MATRIX/LABEL) or of `try`")
+    along = parser.add_mutually_exclusive_group(required=True)
+    along.add_argument("--axis", metavar="PACKAGE", help="along the releases of a package that exist for its Python")
+    along.add_argument(DATE, action="store_true", help="along the days of the index, everything resolved as of then")
+    along.add_argument(PYTHON, action="store_true", help="along the Pythons of this machine")
+    parser.add_argument("--good", metavar="V", help="the end that works [it is looked for]")
+    parser.add_argument("--bad", metavar="V", help="the end that does not [the cell as it is]")
+    parser.add_argument("--any", action="store_true", help="any failure is bad, not the same one only")
+    parser.add_argument("--yanked", action="store_true", help="yanked releases, too")
+    parser.add_argument("--pre", action="store_true", help="pre-releases, too")
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help="cells to measure at most [%(default)s]")
+    parser.add_argument(
+        "--minutes", type=float, default=MINUTES, metavar="M", help="minutes to take at most [%(default)g]"
+    )
+    parser.add_argument(
+        "--confidence", type=float, default=CONFIDENCE, metavar="P", help="how sure to be of the boundary [%(default)g]"
+    )
+    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where the certificate goes [.harness/bisects/...]")
+    parser.add_argument(
+        "--json", action="store_true", help="print the certificate as JSON, and nothing else, on stdout"
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Asked:
+    """A command line with the cell that it names."""
+
+    args: argparse.Namespace
+    opened: Store
+    cell: Cell
+    interpreter: Interpreter
+
+    @property
+    def axis(self) -> str:
+        """What is bisected: a package, or the option that says what else."""
+        return DATE if self.args.date else PYTHON if self.args.python else str(self.args.axis)
+
+    @property
+    def kept(self) -> Kept:
+        """What releases are looked at."""
+        return Kept(yanked=self.args.yanked, pre=self.args.pre, offline=self.args.offline)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Look for the boundary; the exit code is that of the contract."""
+    _check(args)
+    opened = store.open_store()
+    settings = scheduler.Settings(offline=args.offline)
+    cell = cells.named("bisect", args.cell, opened, offline=args.offline)[1]
+    interpreter = interpreters.obtain(cell.python, offline=args.offline)
+    if interpreter is None:
+        raise CouldNotTell(interpreters.hint(cell.python))
+    asked = Asked(args=args, opened=opened, cell=cell, interpreter=interpreter)
+    with (
+        progress.Progress(0, 1, reporting.headline) as board,
+        Bench(opened, settings, scheduler.Beside(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
+    ):
+        line, task = _task(asked, bench.measure(cell, keep=True))
+        search = Bisection(task, bench, board.say)
+        done = search.run()
+        made = certificates.document(done, search, left_out=line.left_out, command=_again(asked, done))
+    made = _write(made, done, opened, args.out or _folder(asked))
+    if args.json:
+        sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(made)) + b"\n")
+    else:
+        print("\n".join(certificates.lines(made)))
+    return CODES[done.status]
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not 0.5 < args.confidence < 1:
+        message = f"--confidence {args.confidence:g}: name a chance between 0.5 and 1, such as {CONFIDENCE:g}"
+        raise BadInput(message)
+    if args.runs < 1 or args.minutes <= 0:
+        message = "--runs and --minutes: name a number above 0"
+        raise BadInput(message)
+    if args.axis:
+        with located("--axis"):
+            args.axis = str(PackageName.canonical(args.axis))
+    if args.out:
+        store.writable(args.out)
+
+
+# --- the line and its ends -------------------------------------------------------------------------------------
+
+
+def _task(asked: Asked, base: Trial) -> tuple[Candidates, Task]:
+    """The line of candidates, and what is to be searched on it."""
+    args = asked.args
+    held = _held(asked, base)
+    line = _line(asked, held)
+    own = _own(asked, held)
+    if args.bad is None and own is None:
+        message = f"bisect {args.cell}: its lock holds no {args.axis}; name the end that fails with --bad"
+        raise BadInput(message)
+    if own is not None and args.bad is None:
+        line = _with_own(line, own)
+    place = candidates.day if args.date else candidates.place
+    bad = place(line, args.bad, "--bad") if args.bad else _at(line, own)
+    good = place(line, args.good, "--good") if args.good else None
+    if good == bad:
+        message = f"--good and --bad are the same: {line.candidates[bad].name}"
+        raise BadInput(message)
+    if len(line.candidates) < 2:
+        left_out = "; ".join(line.left_out)
+        message = f"bisect {args.cell}: there is nothing else along {asked.axis}{f'; {left_out}' if left_out else ''}"
+        raise BadInput(message)
+    return line, Task(
+        cell=asked.cell,
+        axis=asked.axis,
+        line=line.candidates,
+        bad=bad,
+        good=good,
+        hints=tuple(_hints(asked, line, bad)),
+        any=args.any,
+        confidence=args.confidence,
+        recipes=catalog.recipes(Path("matrices")),
+    )
+
+
+def _held(asked: Asked, base: Trial) -> dict[str, str]:
+    """What the cell's lock holds; else what it asks for."""
+    if base.record.lock:
+        text = (asked.opened.folder / base.record.lock).read_text(encoding="utf-8")
+        return {name: version for name, (version, _) in locks.pinned(text).items()}
+    return moves.pins(asked.cell)
+
+
+def _line(asked: Asked, held: dict[str, str]) -> Candidates:
+    cell, kept = asked.cell, asked.kept
+    if asked.args.python:
+        return candidates.of_pythons(cell)
+    if asked.args.date:
+        names = sorted({*held, *moves.asked_for(cell)})
+        return candidates.of_days(cell, names, asked.interpreter, kept)
+    return candidates.of_package(cell, asked.axis, asked.interpreter, kept)
+
+
+def _own(asked: Asked, held: dict[str, str]) -> str | None:
+    """The name of the candidate that the cell is as it stands."""
+    if asked.args.python:
+        return asked.interpreter.minor
+    if asked.args.date:
+        return asked.cell.question.snapshot or store.now()
+    return held.get(asked.axis)
+
+
+def _with_own(line: Candidates, own: str) -> Candidates:
+    """The line with the cell as it stands in its place."""
+    same = next((one for one in line.candidates if candidates.same(one.name, own)), None)
+    mine = Candidate(name=own, change=Change(), uploaded=same.uploaded if same else None)
+    others = [one for one in line.candidates if one is not same]
+    return replace(line, candidates=tuple(sorted([*others, mine], key=lambda one: candidates.rank(one.name))))
+
+
+def _at(line: Candidates, own: str | None) -> int:
+    return next(place for place, one in enumerate(line.candidates) if one.name == own)
+
+
+def _hints(asked: Asked, line: Candidates, bad: int) -> Iterator[int]:
+    """Where a good end may be: the first day on which all that is pinned was there; versions that worked elsewhere."""
+    if asked.args.date:
+        yield from [0] if bad else []
+    elif not asked.args.python:
+        known = {place for version in _green(asked) for place in candidates.places(line, version)}
+        yield from sorted(known - {bad}, key=lambda place: abs(place - bad))[:HINTS]
+
+
+def _green(asked: Asked) -> Iterator[str]:
+    """Versions of the package in cells of the same environments that work: in this store, and as measured before."""
+    envs = {case.env for case in asked.cell.cases if case.env}
+    for record in asked.opened.cells():
+        alike = envs & {case.env for case in record.cell.cases}
+        if alike and record.installed and verdict.judge(record).verdict is Verdict.WORKS:
+            yield record.installed.get(asked.axis, "")
+    known = measured.load()
+    for cell in known["cells"]:
+        if cell["verdict"] == Verdict.WORKS and envs & {case["env"] for case in cell["cases"]}:
+            yield dict(known["locks"].get(cell["lock"], ())).get(asked.axis, "")
+
+
+# --- what is left of it ----------------------------------------------------------------------------------------
+
+
+def _again(asked: Asked, done: Bisected) -> str:
+    """One command that repeats it."""
+    args = asked.args
+    along = [asked.axis] if asked.axis in {DATE, PYTHON} else ["--axis", asked.axis]
+    ends = ["--good", done.line[0].name, "--bad", done.line[-1].name] if done.boundary else []
+    flags = [f"--{name}" for name in ("any", "yanked", "pre") if getattr(args, name)]
+    sure = ["--confidence", f"{args.confidence:g}"] if args.confidence != CONFIDENCE else []
+    words = shlex.join(["simmatrix", "bisect", args.cell, *along, *ends, *flags, *sure])
+    tried = proofs.trying(asked.cell) if asked.cell.matrix == plan.TRY_MATRIX else None
+    return f"{tried}; {words}" if tried else words
+
+
+def _folder(asked: Asked) -> Path:
+    name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{asked.cell.id}-{asked.axis.strip('-')}")
+    return asked.opened.folder / "bisects" / name
+
+
+def _write(made: BisectDocument, done: Bisected, opened: Store, folder: Path) -> BisectDocument:
+    """Write the certificate and the locks of both neighbours; gives it with their places."""
+    files = [folder / "bisect.json", folder / "bisect.md"]
+    sides = {}
+    for side, step in (("good", done.good), ("bad", done.bad)):
+        entry = getattr(made, side)
+        if step and entry and step.trial.record.lock:
+            path = folder / f"{side}.lock.txt"
+            store.write_atomic(path, (opened.folder / step.trial.record.lock).read_bytes())
+            files.append(path)
+            sides[side] = msgspec.structs.replace(entry, lock=path.name)
+    made = msgspec.structs.replace(made, **sides, files=tuple(path.name for path in files))
+    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(made)) + b"\n")
+    store.write_atomic(files[1], certificates.page(made).encode())
+    return msgspec.structs.replace(made, files=tuple(os.path.relpath(path) for path in files))

@@ -1,0 +1,255 @@
+"""`bisect`: where along a line of candidates a cell stops working, found by experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from harness import changes
+from harness.model import Cell, Question, Repair, Tried
+from harness.rootcause.bench import Bench, Spent, Trial
+from harness.rootcause.candidates import Candidate
+from harness.rootcause.predicate import Predicate, Said, failing, plain
+from harness.search import Answer, Boundary, Refused, Rules, Search
+from harness.vocabulary import LONGEST_LABEL, WITH, required_name
+
+AHEAD = 2
+"""Candidates that are prepared while one is tested."""
+
+HANDY = 0.4
+"""What a test costs whose environment stands, beside one whose environment is still to be made."""
+
+
+class Status(StrEnum):
+    """How a bisection ended."""
+
+    FOUND = "found"
+    REFUSED = "refused"
+    NO_GOOD_END = "no good end"
+    STOPPED = "stopped short"
+    UNTOLD = "could not tell"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Step:
+    """One candidate as it was measured, and why: an `end`, on the way to a `good end`, a `half`, `again`, `whole`."""
+
+    candidate: Candidate
+    why: str
+    trial: Trial
+    said: Said
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bisected:
+    """What came of it. `good` and `bad` are the neighbours, measured in every phase; `line` runs from good to bad."""
+
+    status: Status
+    line: tuple[Candidate, ...]
+    predicate: Predicate | None = None
+    boundary: Boundary[Candidate] | None = None
+    good: Step | None = None
+    bad: Step | None = None
+    told: tuple[str, ...] = ()
+    oldest_first: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Task:
+    """What is asked: the cell, its line (oldest first), the ends by their places, and when it is sure enough.
+
+    `good` is None where a good end is to be found; `hints` are places near which to look for it first.
+    """
+
+    cell: Cell
+    axis: str
+    line: tuple[Candidate, ...]
+    bad: int
+    good: int | None = None
+    hints: tuple[int, ...] = ()
+    any: bool = False
+    confidence: float = 0.99
+    recipes: Mapping[str, tuple[Repair, ...]] = field(default_factory=dict)
+
+
+class Bisection:
+    """One search on a bench; `steps` are all measurements in their order."""
+
+    def __init__(self, task: Task, bench: Bench, say: Callable[[str], None]) -> None:
+        self.task, self.bench, self.say = task, bench, say
+        self.steps: list[Step] = []
+        self.predicate: Predicate | None = None
+        self.told: list[str] = []
+
+    def run(self) -> Bisected:
+        """Find the boundary. Never raises Spent."""
+        try:
+            ended = self._bad_end()
+            if ended is not None:
+                return self._answer(ended)
+            good = self.task.good if self.task.good is not None else self._good_end()
+        except Spent as spent:
+            self.told.append(str(spent))
+            return self._answer(Status.STOPPED)
+        if good is None:
+            return self._answer(Status.NO_GOOD_END)
+        return self._between(good)
+
+    # --- ends ------------------------------------------------------------------------------------------------------
+
+    def _bad_end(self) -> Status | None:
+        """Look at the bad end: its failure is the one that is looked for."""
+        candidate = self.task.line[self.task.bad]
+        whole = self.bench.measure(self.cell(candidate))
+        self.predicate = Predicate(failure=None if self.task.any else plain(whole.failure))
+        if whole.untold:
+            self._note(candidate, "bad end", whole, Said(answer=Answer.UNTESTABLE, why=None, words=_line(whole)))
+            return Status.UNTOLD
+        if not failing(whole):
+            self._note(candidate, "bad end", whole, Said(answer=Answer.GOOD, why=None, words="works"))
+            self.told.append(f"the bad end {candidate.name} is not bad: it works")
+            return Status.REFUSED
+        self._note(candidate, "bad end", whole, self.predicate.of(whole))
+        self.bench.stop_after(self.predicate.until)
+        return None
+
+    def _good_end(self) -> int | None:
+        """A candidate that is good: at hand, near what was measured to work, else ever further off, older first."""
+        known = {place: said for place in self._others() if (said := self._at_hand(place))}
+        good = [place for place, said in known.items() if said.answer is Answer.GOOD]
+        if good:
+            return min(good, key=lambda place: abs(place - self.task.bad))
+        for place in self._galloping():
+            if place in known and known[place].answer is not Answer.UNTESTABLE:
+                continue
+            if self._test(place, "looking for a good end", left=None).answer is Answer.GOOD:
+                return place
+        return None
+
+    def _others(self) -> Iterator[int]:
+        return (place for place in range(len(self.task.line)) if place != self.task.bad)
+
+    def _galloping(self) -> Iterator[int]:
+        bad, last = self.task.bad, len(self.task.line) - 1
+        offs = [2**power for power in range(last.bit_length() + 1)]
+        older = [bad - off for off in offs if bad - off >= 0]
+        newer = [bad + off for off in offs if bad + off <= last]
+        yield from dict.fromkeys(
+            (*self.task.hints, *older, *([0] if bad else []), *newer, *([last] if bad < last else []))
+        )
+
+    def _at_hand(self, place: int) -> Said | None:
+        trial = self.bench.at_hand(self.cell(self.task.line[place]))
+        return self._predicate.of(trial) if trial else None
+
+    # --- between ---------------------------------------------------------------------------------------------------
+
+    def _between(self, good: int) -> Bisected:
+        bad, line = self.task.bad, self.task.line
+        line = line[good : bad + 1] if good <= bad else line[bad : good + 1][::-1]
+        cells = [self.cell(one) for one in line]
+        cost = [HANDY if self.bench.stands(cell) else 1.0 for cell in cells]
+        search = Search(line, Rules(confidence=self.task.confidence, looks=2), cost)
+        self._seed(search, line, cells)
+        status, lower, upper = Status.STOPPED, None, None
+        try:
+            self._halve(search, line)
+            status = self._status(search.result(), line)
+            lower, upper = self._confirmed(search.result())
+        except Spent as spent:
+            self.told.append(str(spent))
+        return replace(
+            self._answer(status), line=line, boundary=search.result(), good=lower, bad=upper, oldest_first=good <= bad
+        )
+
+    def _seed(self, search: Search[Candidate], line: Sequence[Candidate], cells: Sequence[Cell]) -> None:
+        """Give the search what was measured before, and what is at hand for nothing."""
+        measured: dict[str, list[Said]] = {}
+        for step in self.steps:
+            measured.setdefault(step.candidate.name, []).append(step.said)
+        for place, (candidate, cell) in enumerate(zip(line, cells, strict=True)):
+            for said in measured.get(candidate.name, ()):
+                search.note(place, said.answer, said.why)
+            trial = None if candidate.name in measured else self.bench.at_hand(cell)
+            if trial:
+                said = self._predicate.of(trial)
+                self._note(candidate, "at hand", trial, said)
+                search.note(place, said.answer, said.why, free=True)
+
+    def _halve(self, search: Search[Candidate], line: Sequence[Candidate]) -> None:
+        while (place := search.next()) is not None:
+            self.bench.prepare(self.cell(line[each]) for each in search.upcoming()[:AHEAD])
+            said = self._test(self.task.line.index(line[place]), "half", left=search.left)
+            search.note(place, said.answer, said.why)
+
+    def _test(self, place: int, why: str, *, left: int | None) -> Said:
+        """Measure a candidate; one that was asked before is measured again."""
+        candidate = self.task.line[place]
+        before = [step for step in self.steps if step.candidate == candidate]
+        steps = "" if left is None else f", about {left} {'step' if left == 1 else 'steps'} left"
+        self.say(f"{'again ' if before else ''}{self.task.axis} {candidate.name}{steps}")
+        trial = self.bench.measure(self.cell(candidate), again=bool(before))
+        said = self._predicate.of(trial)
+        self._note(candidate, "again" if before else why, trial, said)
+        return said
+
+    def _confirmed(self, found: Boundary[Candidate]) -> tuple[Step | None, Step | None]:
+        """The neighbours, in all phases."""
+        steps = []
+        for candidate in (found.good, found.bad):
+            if candidate is None:
+                return None, None
+            self.say(f"{self.task.axis} {candidate.name} in all phases")
+            trial = self.bench.measure(self.cell(candidate), keep=True, whole=True)
+            steps.append(self._note(candidate, "whole", trial, self._predicate.of(trial)))
+        return steps[0], steps[1]
+
+    def _status(self, found: Boundary[Candidate], line: Sequence[Candidate]) -> Status:
+        if found.refused is None:
+            return Status.FOUND
+        end = line[0] if found.refused in {Refused.GOOD_IS_BAD, Refused.GOOD_UNTESTABLE} else line[-1]
+        step = next(step for step in reversed(self.steps) if step.candidate == end)
+        self.told.append(f"{found.refused}: {end.name}: {step.said.words}")
+        return Status.UNTOLD if step.trial.untold else Status.REFUSED
+
+    # --- parts -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _predicate(self) -> Predicate:
+        assert self.predicate is not None
+        return self.predicate
+
+    def cell(self, candidate: Candidate) -> Cell:
+        """The cell with a candidate."""
+        base = self.task.cell
+        made = changes.applied(base, candidate.change, self.task.recipes)
+        if changes.same(made, base):
+            return base
+        made = replace(made, question=_in_place(made.question, base.question))
+        ending = f"{WITH}{self.task.axis.strip('-')}{candidate.name}".replace(":", "")
+        label = f"{base.label[: LONGEST_LABEL - len(ending)]}{ending}"
+        reason = f"a bisection along {self.task.axis}"
+        tried = Tried(name=ending.removeprefix(WITH), reason=reason, change=candidate.change, proving=True)
+        return replace(made, id=f"{base.matrix}/{label}", base=base.id, tried=tried, expect=None)
+
+    def _note(self, candidate: Candidate, why: str, trial: Trial, said: Said) -> Step:
+        step = Step(candidate=candidate, why=why, trial=trial, said=said)
+        self.steps.append(step)
+        self.say(f"  {said.answer}: {said.words}" + (" (at hand)" if trial.at_hand else f" ({trial.seconds:.0f} s)"))
+        return step
+
+    def _answer(self, status: Status) -> Bisected:
+        return Bisected(status=status, line=self.task.line, predicate=self.predicate, told=tuple(self.told))
+
+
+def _in_place(question: Question, before: Question) -> Question:
+    """The question with each line where that of the same package was: another cell may have asked just this."""
+    old = [required_name(line) for line in before.requirements]
+    order = {name: place for place, name in reversed(list(enumerate(old)))}
+    lines = sorted(question.requirements, key=lambda line: order.get(required_name(line), len(old)))
+    return replace(question, requirements=tuple(lines))
+
+
+def _line(trial: Trial) -> str:
+    return f"{trial.judged.verdict}: {trial.judged.decisive or 'no line says why'}"

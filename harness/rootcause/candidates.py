@@ -1,0 +1,221 @@
+"""Lines of candidates for a bisection: releases of one package, days of the index, Pythons of this machine."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from packaging.specifiers import SpecifierSet
+from packaging.utils import InvalidWheelFilename, parse_wheel_filename
+from packaging.version import Version
+
+from harness import index, interpreters, locks
+from harness.errors import BadInput
+from harness.index import Release
+from harness.model import Cell, Change, Interpreter
+from harness.schema import suggestion
+from harness.vocabulary import Instant, required_name
+
+DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Candidate:
+    """One place of a line: what it is called, the change that makes the cell of it, and when it came to be."""
+
+    name: str
+    change: Change
+    uploaded: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Kept:
+    """What of a package's releases is looked at."""
+
+    yanked: bool = False
+    pre: bool = False
+    offline: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Candidates:
+    """A line in its order, oldest first; `left_out` says what is not on it, and why."""
+
+    candidates: tuple[Candidate, ...]
+    left_out: tuple[str, ...] = ()
+
+
+# --- releases --------------------------------------------------------------------------------------------------
+
+
+def of_package(cell: Cell, name: str, interpreter: Interpreter, kept: Kept) -> Candidates:
+    """The releases of a package that exist for the Python of a cell. Raises BadInput and IndexUnreachable."""
+    question = cell.question
+    found = index.releases(name, question.index, cutoff=question.snapshot, offline=kept.offline)
+    wheels = any(_fits(one, interpreter, native=True) for one in found)
+    binary = {name, ":all:"} & set(question.only_binary)
+    reasons: dict[str, list[str]] = {}
+    taken = []
+    for one in found:
+        why = _unfit(one, interpreter, kept, source=not (wheels or binary))
+        if why:
+            reasons.setdefault(why, []).append(one.version)
+        else:
+            taken.append(Candidate(name=one.version, change=moved(cell, name, one.version), uploaded=one.uploaded))
+    left_out = (f"{why}: {_listed(versions)}" for why, versions in reasons.items())
+    return Candidates(candidates=tuple(taken), left_out=tuple(left_out))
+
+
+def moved(cell: Cell, name: str, version: str) -> Change:
+    """The change that holds a package to a version: where it is asked for, replaced, or else only bounded."""
+    line = (f"{name}=={version}",)
+    if name in map(required_name, cell.question.requirements):
+        return Change(requirements=line)
+    if name in map(required_name, cell.question.overrides):
+        return Change(overrides=line)
+    return Change(constraints=line)
+
+
+def _unfit(one: Release, interpreter: Interpreter, kept: Kept, *, source: bool) -> str | None:
+    """Why a release is not looked at."""
+    if one.yanked and not kept.yanked:
+        return "yanked (--yanked takes them in)"
+    if Version(one.version).is_prerelease and not kept.pre:
+        return "pre-releases (--pre takes them in)"
+    if one.requires_python and not _allows(one.requires_python, interpreter.version):
+        return f"not for Python {interpreter.minor}, by their own words"
+    if not _fits(one, interpreter) and not (one.sdist and source):
+        return f"without a wheel for Python {interpreter.minor} on this machine"
+    return None
+
+
+def _allows(specifier: str, version: str) -> bool:
+    try:
+        return SpecifierSet(specifier).contains(version, prereleases=True)
+    except ValueError:  # nobody can read it; the resolver decides
+        return True
+
+
+def _fits(one: Release, interpreter: Interpreter, *, native: bool = False) -> bool:
+    """Whether a release has a wheel for this Python; a `native` one is for few platforms."""
+    known = locks.tags(interpreter)
+    for file in one.wheels:
+        try:
+            tags = parse_wheel_filename(file)[3]
+        except InvalidWheelFilename:
+            continue
+        if any(tag in known and not (native and tag.platform == "any") for tag in tags):
+            return True
+    return False
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 6 else f"{names[0]} ... {names[-1]} ({len(names)})"
+
+
+# --- days ------------------------------------------------------------------------------------------------------
+
+
+def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, kept: Kept) -> Candidates:
+    """The days on which one of these packages had an upload: on no other can their resolution change.
+
+    Each stands for the end of the day, UTC; the last one is the instant of the cell, if it has one.
+    """
+    question = cell.question
+    days: dict[str, list[str]] = {}
+    for name in packages:
+        for one in index.releases(name, question.index, cutoff=question.snapshot, offline=kept.offline):
+            if one.uploaded and not _unfit(one, interpreter, kept, source=True):
+                days.setdefault(one.uploaded[:10], []).append(f"{name} {one.version}")
+    found = [_day(day) for day in sorted(days)]
+    if found and question.snapshot and found[-1].change.as_of != question.snapshot:
+        if found[-1].name == question.snapshot[:10]:
+            found.pop()
+        found.append(Candidate(name=question.snapshot, change=Change(as_of=question.snapshot)))
+    return Candidates(candidates=tuple(found))
+
+
+def _day(day: str) -> Candidate:
+    return Candidate(name=day, change=Change(as_of=Instant.canonical(day)))
+
+
+# --- Pythons ---------------------------------------------------------------------------------------------------
+
+
+def of_pythons(cell: Cell) -> Candidates:
+    """The Pythons that this machine has, one of each minor version."""
+    newest: dict[str, Interpreter] = {}
+    for one in interpreters.available():
+        if one.implementation == "cpython":
+            known = newest.get(one.minor)
+            newest[one.minor] = max(filter(None, (known, one)), key=lambda each: Version(each.version))
+    asked = interpreters.find(cell.python)
+    if asked and asked.implementation == "cpython":
+        newest[asked.minor] = asked
+    ordered = sorted(newest.values(), key=lambda one: Version(one.version))
+    return Candidates(
+        candidates=tuple(
+            Candidate(name=one.minor, change=Change(python=cell.python if one is asked else one.minor))
+            for one in ordered
+        )
+    )
+
+
+# --- ends ------------------------------------------------------------------------------------------------------
+
+
+def place(line: Candidates, text: str, option: str) -> int:
+    """Where in a line the candidate lies that a command line names. Raises BadInput."""
+    names = [one.name for one in line.candidates]
+    if text in names:
+        return names.index(text)
+    for number, name in enumerate(names):
+        if same(name, text):
+            return number
+    message = f"{option} {text}: is not among what can be tried here{suggestion(text, names)}; {_choices(line)}"
+    raise BadInput(message)
+
+
+def day(line: Candidates, text: str, option: str) -> int:
+    """The last day of a line that is not after the one named. Raises BadInput."""
+    try:
+        instant = Instant.canonical(text)
+    except ValueError as error:
+        message = f"{option}: {error}"
+        raise BadInput(message) from None
+    before = [number for number, one in enumerate(line.candidates) if (one.change.as_of or "") <= instant]
+    if not before:
+        message = f"{option} {text}: nothing that the cell needs was uploaded by then; {_choices(line)}"
+        raise BadInput(message)
+    return before[-1]
+
+
+def rank(name: str) -> Version | str:
+    """What the names of one line are ordered by; days and instants are in the order of their text."""
+    return name if DAY.match(name) else Version(name)
+
+
+def places(line: Candidates, version: str) -> tuple[int, ...]:
+    """Where a version lies on the line."""
+    return tuple(number for number, one in enumerate(line.candidates) if same(one.name, version))
+
+
+def same(name: str, text: str) -> bool:
+    """Whether two names are of one version."""
+    try:
+        return Version(name) == Version(text)
+    except ValueError:
+        return False
+
+
+def _choices(line: Candidates) -> str:
+    names = [one.name for one in line.candidates]
+    told = f"there are {_listed(names)}" if names else "there is nothing"
+    return "; ".join((told, *(f"left out as {why}" for why in line.left_out)))
+
+
+def differing(good: Mapping[str, str], bad: Mapping[str, str]) -> tuple[tuple[str, str | None, str | None], ...]:
+    """The packages that two locks hold in different versions, or that only one of them holds."""
+    names = sorted({*good, *bad})
+    return tuple((name, good.get(name), bad.get(name)) for name in names if good.get(name) != bad.get(name))

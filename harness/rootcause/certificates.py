@@ -1,0 +1,276 @@
+"""What a bisection found, as a document: the claim, every run that shows it, both neighbours, and how to repeat it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from harness import locks, machine, present, search
+from harness.model import Cell, Phase, Verdict
+from harness.rootcause.bench import Bench, Trial
+from harness.rootcause.bisecting import Bisected, Bisection, Status, Step
+from harness.rootcause.candidates import Candidate, differing
+from harness.search import Answer, Turn
+from harness.store import now
+
+
+class PredicateEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """What counts as bad: `same` is whether only this failure does, else any."""
+
+    same: bool
+    phase: Phase | None
+    causes: tuple[str, ...]
+    line: str | None
+
+
+class StepEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One run: the candidate, why it was asked, and what it came to.
+
+    `answer` is that of the predicate, `at_hand` whether nothing was run for it, `key` that of its environment.
+    """
+
+    number: int
+    candidate: str
+    why: str
+    answer: Answer
+    words: str
+    verdict: Verdict
+    phase: Phase | None
+    decisive: str | None
+    causes: tuple[str, ...]
+    python: str | None
+    lock_sha256: str | None
+    key: str | None
+    seconds: float
+    at_hand: bool
+
+
+class NeighbourEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One side of the boundary; `run` is that in which it was measured in all phases, `lock` a file beside."""
+
+    candidate: str
+    run: int
+    cell: str
+    verdict: Verdict
+    decisive: str | None
+    lock_sha256: str | None
+    lock: str | None = None
+
+
+class TurnEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A change along the line: what it was and what it becomes; `untested` lie between."""
+
+    before: str
+    after: str
+    was: str
+    becomes: str
+    untested: int
+
+
+class MovedEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A package that the locks of the neighbours hold in different versions; null where one has none."""
+
+    name: str
+    good: str | None
+    bad: str | None
+
+
+class BisectDocument(msgspec.Struct, frozen=True, kw_only=True):
+    """The certificate of `bisect`: `bisect.json`, and its `--json`.
+
+    `candidates` are how many lie between the ends, both among them, and `bound` how many a binary search asks of so
+    many at most; `asked` counts the answers that it took, `measured` those for which something was run, `built` the
+    environments that had to be made. `confidence` is the chance that the boundary is the right one, given all answers
+    and the flakiness seen (`flakiness`: how often a bad candidate looks good, and a good one bad).
+    """
+
+    schema: int = 1
+    generated: str
+    cell: str
+    axis: str
+    status: Status
+    claim: str
+    predicate: PredicateEntry | None
+    good: NeighbourEntry | None
+    bad: NeighbourEntry | None
+    between: tuple[str, ...]
+    chain: tuple[TurnEntry, ...]
+    moved: tuple[MovedEntry, ...]
+    confidence: float | None
+    flakiness: tuple[float, float] | None
+    ends: tuple[str, str]
+    candidates: int
+    bound: int
+    asked: int
+    measured: int
+    built: int
+    runs: tuple[StepEntry, ...]
+    left_out: tuple[str, ...]
+    told: tuple[str, ...]
+    seconds: float
+    machine: str
+    facts: dict[str, Any]
+    command: str
+    files: tuple[str, ...] = ()
+
+
+def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], command: str) -> BisectDocument:
+    """All that a bisection found."""
+    here, found, task, bench = machine.facts(), done.boundary, search_.task, search_.bench
+    told = done.good is not None and done.bad is not None
+    return BisectDocument(
+        generated=now(),
+        cell=task.cell.id,
+        axis=task.axis,
+        status=done.status,
+        claim=claim(done, task.cell, task.axis),
+        predicate=_predicate(done),
+        good=_neighbour(done.good, search_),
+        bad=_neighbour(done.bad, search_),
+        between=tuple(one.name for one in found.between) if found and told else (),
+        chain=tuple(map(_turn, found.chain)) if found else (),
+        moved=_moved(bench, done.good.trial, done.bad.trial) if done.good and done.bad else (),
+        confidence=round(found.confidence, 6) if found and told else None,
+        flakiness=(round(found.rates[0], 4), round(found.rates[1], 4)) if found else None,
+        ends=(done.line[0].name, done.line[-1].name),
+        candidates=len(done.line),
+        bound=search.bound(len(done.line)),
+        asked=sum(step.why != "whole" and not step.trial.at_hand for step in search_.steps),
+        measured=bench.runs,
+        built=len(bench.built),
+        runs=tuple(_step(number, step) for number, step in enumerate(search_.steps, start=1)),
+        left_out=left_out,
+        told=done.told,
+        seconds=round(bench.seconds, 1),
+        machine=here.id,
+        facts=dict(here.facts),
+        command=command,
+    )
+
+
+def _predicate(done: Bisected) -> PredicateEntry | None:
+    if done.predicate is None:
+        return None
+    failed = done.predicate.failure
+    if failed is None:
+        return PredicateEntry(same=False, phase=None, causes=(), line=None)
+    return PredicateEntry(same=True, phase=failed.phase, causes=failed.causes, line=failed.line)
+
+
+def _step(number: int, step: Step) -> StepEntry:
+    judged, record = step.trial.judged, step.trial.record
+    return StepEntry(
+        number=number,
+        candidate=step.candidate.name,
+        why=step.why,
+        answer=step.said.answer,
+        words=step.said.words,
+        verdict=judged.verdict,
+        phase=judged.phase,
+        decisive=judged.decisive,
+        causes=tuple(str(each.signature.id) for each in step.trial.found),
+        python=record.python,
+        lock_sha256=record.lock_sha256,
+        key=record.key,
+        seconds=step.trial.seconds,
+        at_hand=step.trial.at_hand,
+    )
+
+
+def _neighbour(step: Step | None, done: Bisection) -> NeighbourEntry | None:
+    if step is None:
+        return None
+    return NeighbourEntry(
+        candidate=step.candidate.name,
+        run=1 + next(number for number, one in enumerate(done.steps) if one is step),
+        cell=step.trial.cell.id,
+        verdict=step.trial.judged.verdict,
+        decisive=step.trial.judged.decisive,
+        lock_sha256=step.trial.record.lock_sha256,
+    )
+
+
+def _turn(turn: Turn[Candidate]) -> TurnEntry:
+    return TurnEntry(
+        before=turn.before.name,
+        after=turn.after.name,
+        was=str(turn.was),
+        becomes=str(turn.becomes),
+        untested=len(turn.between),
+    )
+
+
+def _moved(bench: Bench, good: Trial, bad: Trial) -> tuple[MovedEntry, ...]:
+    found = differing(versions(bench, good), versions(bench, bad))
+    return tuple(MovedEntry(name=name, good=old, bad=new) for name, old, new in found)
+
+
+def versions(bench: Bench, trial: Trial) -> dict[str, str]:
+    """What a cell's lock holds; empty where it did not resolve."""
+    if trial.record.lock is None:
+        return {}
+    text = (bench.store.folder / trial.record.lock).read_text(encoding="utf-8")
+    return {name: version for name, (version, _) in locks.pinned(text).items()}
+
+
+# --- in words --------------------------------------------------------------------------------------------------
+
+
+def claim(done: Bisected, cell: Cell, axis: str) -> str:
+    """What was found, in one sentence."""
+    good, bad = done.good, done.bad
+    if done.status is not Status.FOUND or good is None or bad is None:
+        told = "; ".join(done.told) or "no candidate was found that works"
+        return f"{cell.id}: {done.status} along {axis}: {told}"
+    names = [f"{_thing(axis)} {one.candidate.name}" for one in (good, bad)]
+    last, first = ("last", "first") if done.oldest_first else ("first", "last")
+    works = "works" if good.trial.works else f"is without this failure ({good.said.words})"
+    failing = done.predicate.failure if done.predicate else None
+    what = f"fails with {failing.line}" if failing and failing.line else "fails"
+    between = done.boundary.between if done.boundary else ()
+    gap = f"; {len(between)} between them could not be tested or were not tried" if between else ""
+    return f"{names[0]} is the {last} that {works} and {names[1]} the {first} that {what}{gap}"
+
+
+def _thing(axis: str) -> str:
+    return {"--date": "the index of", "--python": "Python"}.get(axis, axis)
+
+
+def page(made: BisectDocument) -> str:
+    """The certificate as people read it (the text of `templates/bisect.md.j2`, filled)."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
+
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
+    environment.filters |= {"cell": present.filters()["cell"]}
+    template = (Path(__file__).parent.parent / "templates" / "bisect.md.j2").read_text(encoding="utf-8")
+    said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
+    return environment.from_string(template).render(**said)
+
+
+def lines(made: BisectDocument) -> Iterator[str]:
+    """What people read of it on a terminal."""
+    yield made.claim
+    if made.predicate:
+        failing = f"the same failure in {made.predicate.phase}" if made.predicate.same else "any failure"
+        yield f"bad is: {failing}{f' ({made.predicate.causes[0]})' if made.predicate.causes else ''}"
+    if len(made.chain) > 1:
+        yield "the chain:"
+        yield from (
+            f"  {one.before} -> {one.after}: {one.was}, then {one.becomes}{_untested(one)}" for one in made.chain
+        )
+    moved = [f"{one.name} {one.good or 'absent'} -> {one.bad or 'absent'}" for one in made.moved]
+    if moved:
+        yield f"between their locks: {', '.join(moved[:8])}{f' and {len(moved) - 8} more' if len(moved) > 8 else ''}"
+    if made.confidence is not None:
+        yield f"confidence: {made.confidence:.4f}"
+    yield f"{made.asked} asked, {made.built} environments built; a binary search asks {made.bound} of {made.candidates}"
+    yield from (f"left out: {one}" for one in made.left_out)
+    yield f"repeat it: {made.command}"
+    yield from (f"written: {name}" for name in made.files)
+
+
+def _untested(one: TurnEntry) -> str:
+    return f" ({one.untested} between not tested)" if one.untested else ""

@@ -1,0 +1,90 @@
+"""What a bisection asks of each candidate: whether it fails of the same, or, when asked, of anything."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+from harness import failure
+from harness.failure import Failure
+from harness.model import FAILING, Outcome, Phase
+from harness.rootcause.bench import Trial
+from harness.search import Answer
+
+FLAKY = re.compile(r"^passed \d+ of \d+ runs; else: ")
+BETTER = frozenset({Outcome.PASSED, Outcome.SKIPPED})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Said:
+    """What a trial came to: for the search, and in words; `why` names another failure than the one looked for."""
+
+    answer: Answer
+    why: str | None
+    words: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Predicate:
+    """The failure that is looked for; None for any."""
+
+    failure: Failure | None
+
+    @property
+    def until(self) -> Phase:
+        """The last phase that matters."""
+        return (self.failure.phase if self.failure else None) or Phase.SUITE
+
+    @property
+    def words(self) -> str:
+        """What counts as bad."""
+        if self.failure is None:
+            return "any failure"
+        cause = f", {self.failure.causes[0]}" if self.failure.causes else ""
+        return f"the same failure: {self.failure.phase or 'some phase'}{cause}: {self.failure.line}"
+
+    def of(self, trial: Trial) -> Said:
+        """What a trial answers."""
+        failed = plain(trial.failure)
+        if failed is None:
+            return self._without(trial)
+        line = f"{failed.phase}: {failed.line}" if failed.phase else failed.line
+        if self.failure is None or self.failure.same(failed):
+            flaky = failed.phase is not None and trial.judged.phases.get(failed.phase) is Outcome.FLAKY
+            return Said(answer=Answer.FLAKY if flaky else Answer.BAD, why=None, words=line)
+        if self._passed(trial):
+            return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}; fails later: {line}")
+        known = None if failed.phase in {Phase.RESOLVE, Phase.INSTALL} else _called(failed)
+        return Said(answer=Answer.UNTESTABLE, why=known, words=line)
+
+    def _without(self, trial: Trial) -> Said:
+        if trial.works or (not trial.untold and self._passed(trial)):
+            return Said(answer=Answer.GOOD, why=None, words="works")
+        if self.failure is not None and self._passed(trial):
+            return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}")
+        told = f"{trial.judged.verdict}: {trial.judged.decisive or 'no line says why'}"
+        return Said(answer=Answer.UNTESTABLE, why=None, words=told)
+
+    def _passed(self, trial: Trial) -> bool:
+        """Whether it came through the phase that failed, and through all before it."""
+        if self.failure is None:
+            return False
+        order = list(Phase)
+        before = order[: order.index(self.until) + 1]
+        phases = [trial.judged.phases.get(phase, Outcome.SKIPPED) for phase in before]
+        return phases[-1] is Outcome.PASSED and set(phases) <= BETTER
+
+
+def plain(failed: Failure | None) -> Failure | None:
+    """A failure without what tells how often it showed."""
+    return replace(failed, line=FLAKY.sub("", failed.line)) if failed else None
+
+
+def _called(failed: Failure) -> str:
+    """A name that is the same for the same failure, so that what lies between two of them is taken to be one, too."""
+    return f"{failed.phase}: {failed.causes[0] if failed.causes else failure.CHANGING.sub('…', failed.line)}"
+
+
+def failing(trial: Trial) -> bool:
+    """Whether a trial failed of its packages."""
+    return trial.failure is not None and any(outcome in FAILING for outcome in trial.judged.phases.values())
