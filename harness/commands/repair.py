@@ -7,6 +7,8 @@ import os
 import re
 import shlex
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -14,8 +16,9 @@ import msgspec
 from harness import catalog, scheduler, store
 from harness.commands import cells, combination, progress, reporting
 from harness.errors import BadInput
-from harness.model import Cell
-from harness.rootcause import proofs
+from harness.model import Cell, CellRecord
+from harness.rootcause import every as repairs
+from harness.rootcause import proofs, telling
 from harness.rootcause.bench import Bounds
 from harness.rootcause.lab import Lab
 from harness.rootcause.proofs import RepairDocument
@@ -74,12 +77,11 @@ def main(args: argparse.Namespace) -> int:
             runner = scheduler.Runner(opened, settings, board)
             (base,) = combination.planned(args, given, opened, runner).cells
         made, repaired = repair(base, opened, settings, bounds, board, command=_typed(base))
-    folder = args.out or opened.folder / "repairs" / re.sub(r"[^A-Za-z0-9._+-]+", "-", base.id)
-    made = write(made, repaired, opened, folder)
+    made = write(made, repaired, opened, args.out or _folder(opened, base))
     if args.json:
         sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(made)) + b"\n")
     else:
-        print("\n".join(proofs.lines(made)))
+        print("\n".join(telling.lines(made)))
     return CODES[made.status]
 
 
@@ -99,7 +101,33 @@ def repair(
     base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds, board: scheduler.Observer, *, command: str
 ) -> tuple[RepairDocument, Repaired]:
     """Look for a remedy of one cell; its records and those of the remedy are kept."""
-    lab = Lab(
+    with _lab(base, opened, settings, bounds, board) as lab:
+        repaired = Search(lab).run()
+        lab.keep(repaired.before)
+        if repaired.proof:
+            lab.keep(repaired.proof)
+        return proofs.document(lab, repaired, command), repaired
+
+
+def every(
+    records: Sequence[CellRecord], opened: Store, settings: scheduler.Settings, board: scheduler.Observer
+) -> tuple[CellRecord, ...]:
+    """Look for a remedy of every red cell, once per cause, and write the proofs; gives the cells with remedies."""
+    settings, bounds = replace(settings, fresh=False, again=False), Bounds(runs=RUNS, minutes=MINUTES)
+    cured = []
+    for ended in repairs.every(records, opened, lambda cell: _lab(cell, opened, settings, bounds, board)):
+        made = proofs.document(ended.lab, ended.repaired, shlex.join(["simmatrix", "repair", ended.cell.id]))
+        made = write(made, ended.repaired, opened, _folder(opened, ended.cell))
+        does = "; ".join(made.remedy.does) if made.remedy else ""
+        board.say(f"{ended.cell.id}: {made.status}{f': {does}' if does else ''}")
+        if ended.cured:
+            opened.save_cell(ended.cured)
+            cured.append(ended.cured)
+    return tuple(cured)
+
+
+def _lab(base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds, board: scheduler.Observer) -> Lab:
+    return Lab(
         base=base,
         store=opened,
         settings=settings,
@@ -107,12 +135,10 @@ def repair(
         bounds=bounds,
         recipes=catalog.recipes(Path("matrices")) | catalog.recipes(Path()),
     )
-    with lab:
-        repaired = Search(lab).run()
-        lab.keep(repaired.before)
-        if repaired.proof:
-            lab.keep(repaired.proof)
-        return proofs.document(lab, repaired, command), repaired
+
+
+def _folder(opened: Store, base: Cell) -> Path:
+    return opened.folder / "repairs" / re.sub(r"[^A-Za-z0-9._+-]+", "-", base.id)
 
 
 def write(made: RepairDocument, repaired: Repaired, opened: Store, folder: Path) -> RepairDocument:
@@ -126,5 +152,5 @@ def write(made: RepairDocument, repaired: Repaired, opened: Store, folder: Path)
         made = msgspec.structs.replace(made, lock="lock.txt")
     kept = msgspec.structs.replace(made, files=tuple(path.name for path in files))
     store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(kept)) + b"\n")
-    store.write_atomic(files[1], proofs.page(kept).encode())
+    store.write_atomic(files[1], telling.page(kept).encode())
     return msgspec.structs.replace(made, files=tuple(os.path.relpath(path) for path in files))

@@ -46,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--verify", action="store_true", help=VERIFYING)
     parser.add_argument("--prove", action="store_true",
                         help="after all others, run red cells with the remedies of their known failures")  # fmt: skip
+    parser.add_argument("--repair", action="store_true",
+                        help="after all others, look for what cures each red cell, once per cause")  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
     parser.add_argument(
         "--fail-on",
@@ -73,8 +75,9 @@ def main(args: argparse.Namespace) -> int:
         verify=args.verify,
         fetched=layer,
     )
-    if args.prove and layer:
-        message = "--prove: what a remedy installs is not in a folder of `fetch`; run it with the network"
+    if (args.prove or args.repair) and layer:
+        option = "--prove" if args.prove else "--repair"
+        message = f"{option}: what a remedy installs is not in a folder of `fetch`; run it with the network"
         raise BadInput(message)
     planned = [catalog.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
     check_distinct(planned)
@@ -89,6 +92,9 @@ def main(args: argparse.Namespace) -> int:
         records = scheduler.run(chosen, opened, settings, board)
     if args.prove:
         plans, more = _proved(plans, records, opened, settings)
+        records = (*records, *more)
+    if args.repair:
+        plans, more = _repaired(plans, records, opened, settings)
         records = (*records, *more)
     return reporting.finish(plans, records, opened, reporting.Wanted.of(args))
 
@@ -106,6 +112,18 @@ def _proved(
     with progress.Progress(len(found), settings.jobs, reporting.headline) as board:
         more = scheduler.run(found, opened, settings, board)
     return [proving.beside(plan, [cell for cell in found if cell.matrix == plan.matrix]) for plan in plans], more
+
+
+def _repaired(
+    plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
+) -> tuple[list[Plan], tuple[CellRecord, ...]]:
+    """The plans with the repaired cells of what is red, and what came of those."""
+    from harness.commands import repair  # noqa: PLC0415 - start-up
+
+    with progress.Progress(0, 1, reporting.headline) as board:
+        more = repair.every(records, opened, settings, board)
+    cells = [record.cell for record in more]
+    return [proving.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
 
 
 def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from packaging.version import Version
 
-from harness import locks, moves, search
+from harness import clues, locks, moves, search
 from harness.model import Change, Interpreter, Phase
 from harness.moves import together
 from harness.rootcause import times
@@ -21,16 +21,19 @@ SINGLES = 3
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Suspect:
-    """A package in which two locks differ; `build` where builds use it."""
+    """A package in which two locks differ; `build` where builds use it, `asked` where the user asks for it."""
 
     name: str
     good: str
     bad: str | None
     build: bool = False
+    asked: bool = False
 
     def at(self, bound: str) -> Change:
         """The package held to a bound."""
         line = f"{self.name}{bound}"
+        if self.asked:
+            return Change(requirements=(line,))
         return Change(build_constraints=(line,)) if self.build else Change(constraints=(line,))
 
 
@@ -53,10 +56,10 @@ class Narrowing:
     def fewest(self, suspects: Sequence[Suspect]) -> tuple[Suspect, ...] | None:
         """The fewest of them that cure where they are held to their good versions; None where all do not."""
         evidence = self.lab.evidence(self.failing)
-        order = moves.suspects([one.name for one in suspects], evidence)
+        order = clues.suspects([one.name for one in suspects], evidence)
         ranked = sorted(suspects, key=lambda one: (not one.build, order.index(one.name)))
         self.bound += search.bound(len(ranked) + 1)
-        named = [one for one in ranked if moves.named(one.name, evidence)]
+        named = [one for one in ranked if clues.named(one.name, evidence)]
         for one in named[:SINGLES]:
             if self._held([one]) is Answer.GOOD:
                 return (one,)
@@ -100,6 +103,8 @@ class Narrowing:
 
     def _boundary(self, one: Suspect, others: Change) -> Change:
         line = self._line(one)
+        if len(line) <= 2 and one.asked:
+            return one.at(f"=={one.good}")
         if len(line) < 2:
             return one.at(f"=={one.good}")
         self.bound += search.bound(len(line))
@@ -119,6 +124,8 @@ class Narrowing:
         found = search.boundary(line, test, known=known, watch=ahead)
         if found.good is None or found.bad is None:
             return one.at(f"=={one.good}")
+        if one.asked:
+            return one.at(f"=={found.good}")
         beyond = found.between[0] if found.between else found.bad
         self.told.append(f"{one.name} {found.good} works, {found.bad} does not")
         return one.at(self._said(one, moves.bound(str(found.good), str(beyond))))

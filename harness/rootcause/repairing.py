@@ -20,6 +20,7 @@ from harness.rootcause.bench import Spent, Trial
 from harness.rootcause.lab import Lab, further, weaker
 from harness.rootcause.narrowing import Narrowing
 from harness.rootcause.stages import STAGES, Place
+from harness.vocabulary import required_name
 
 DEEPEST = 4
 """Changes on top of each other, each for a failure that showed behind the one before."""
@@ -117,6 +118,21 @@ class Search:
             stopped = str(spent)
         return self._answer(stopped)
 
+    def proven(self, change: Change) -> Repaired | None:
+        """The cell with a change that cured another; None where it does not cure this one."""
+        self.before = self.lab.measure(Change(), "as it is asked for")
+        move = Move(change=change, way=Way.KNOWN, why="it cured another cell of the same cause")
+        try:
+            trial = self.lab.measure(change, move.why)
+            if not trial.works or weaker(self.before, trial):
+                return None
+            self.found = _Found(change=change, move=move, trial=trial)
+            self._least(self.found)
+            self.found.proven = True
+        except (Spent, ValueError):
+            return None
+        return self._answer(None)
+
     # --- looking ---------------------------------------------------------------------------------------------------
 
     def _open(self, change: Change, trial: Trial, cost: float, depth: int) -> None:
@@ -160,7 +176,7 @@ class Search:
 
     def _settle(self, found: _Found) -> None:
         """Bounded packages rather than a date or a lock; without what only guarded the search; no part too many."""
-        found.change = self._narrowed(found) or found.change
+        found.change = (self._nearest(found) if self._by_pins(found) else self._narrowed(found)) or found.change
         self._unguarded(found)
         self._least(found)
         if self.lab.shown(found.trial) is None:
@@ -209,6 +225,26 @@ class Search:
         finally:
             self.bound += search.bound
             self.told += search.told
+
+    def _by_pins(self, found: _Found) -> bool:
+        return found.move.way is Way.PINS and len(found.move.change.requirements) == 1
+
+    def _nearest(self, found: _Found) -> Change | None:
+        """The release nearest to the one that the user asks for, of those between that and one that works."""
+        (line,) = found.move.change.requirements
+        name, pinned = required_name(line), moves.pins(self.lab.base)
+        good = narrowing.versions(self.lab, found.trial).get(name)
+        if name not in pinned or good is None:
+            return None
+        rest = moves.without(found.change, found.move.change)
+        search = Narrowing(self.lab, rest, self.before, interpreters.find(found.trial.cell.python))
+        suspect = narrowing.Suspect(name=name, good=good, bad=pinned[name], asked=True)
+        change = together(rest, search.bounded([suspect]))
+        self.bound += search.bound
+        self.told += search.told
+        return (
+            found.change if self._take(found, self._plain(change), "the nearest that works, in every phase") else None
+        )
 
     def _plain(self, change: Change) -> Change:
         """Without what guards the search."""

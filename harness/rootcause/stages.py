@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from packaging.version import Version
 
-from harness import environments, failure, interpreters, machine, moves, verdict
-from harness.model import Case, Cell, Change, Interpreter, Phase
+from harness import clues, environments, interpreters, machine, measured, moves
+from harness.model import Cell, Change, Interpreter, Phase, Verdict
 from harness.moves import Move, Way
-from harness.reporttypes import UNTOLD
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab
@@ -28,6 +27,9 @@ HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pillow", "opencv-python", "o
          "pyarrow", "grpcio", "lxml", "jaxlib", "tensorflow", "labmaze", "dm-tree", "contourpy", "kiwisolver",
          "cryptography", "cffi", "psutil", "ray", "open3d", "usd-core", "vtk", "pyzmq", "protobuf")  # fmt: skip
 """What is never built here for the sake of a search: it takes long, and users have the wheels."""
+
+NEAREST = 2
+"""Locks that work and are tried, those that differ least."""
 
 BOTH = (Phase.RESOLVE, Phase.INSTALL)
 
@@ -68,12 +70,12 @@ def missing(place: Place) -> Iterator[Move]:
     if place.phase in BOTH:
         return
     cell, evidence = place.trial.cell, place.lab.evidence(place.trial)
-    for change in moves.told_to_install(cell, evidence):
+    for change in clues.told_to_install(cell, evidence):
         yield Move(change=change, way=Way.MISSING, why="what the error says to install")
     installed = place.trial.record.installed or {}
-    for module in moves.missing_modules(evidence):
-        for requirement in moves.providers(module, _declared(place, module)):
-            change = moves.brought(cell, requirement)
+    for module in clues.missing_modules(evidence):
+        for requirement in clues.providers(module, _declared(place, module)):
+            change = clues.brought(cell, requirement)
             if not (requirement in installed and change.requirements):
                 yield Move(change=change, way=Way.MISSING, why=f"{module} is imported, and nothing requires it")
 
@@ -132,10 +134,14 @@ def date(place: Place) -> Iterator[Move]:
     for instant in _instants(place):
         change = Change(as_of=instant)
         yield Move(change=change, way=Way.DATE, why=f"resolved as of {instant[:10]}", guard=True)
-        met = next((one.trial for one in reversed(place.lab.runs) if one.change.as_of == instant), None)
-        told, before = met.failure if met else None, place.trial.failure
-        if told and before and told.same(before):
+        if _no_other(place):
             return  # it is not what came later
+
+
+def _no_other(place: Place) -> bool:
+    """Whether the cell that was measured last fails of the very same."""
+    told, before = place.lab.runs[-1].trial.failure, place.trial.failure
+    return told is not None and before is not None and told.same(before)
 
 
 def _instants(place: Place) -> tuple[str, ...]:
@@ -145,29 +151,25 @@ def _instants(place: Place) -> tuple[str, ...]:
 
 
 def lock(place: Place) -> Iterator[Move]:
-    """What works here of the same cases, on the same Python, with the same pins: its versions."""
+    """The versions of what was measured to work: the same cases, on the same Python, with what the user pins."""
     minor, pinned = place.python.minor if place.python else "", moves.pins(place.trial.cell)
     bad = versions(place.lab, place.trial)
-    cases = {(case.env, case.api) for case in place.trial.cell.cases}
+    cases = {(case.env, case.api) for case in place.trial.cell.cases if case.env}
+    known = measured.load()
     found: dict[str, Change] = {}
-    for record in place.lab.store.cells():
-        near = record.machine == machine.facts().id and (record.python or "").startswith(f"{minor}.")
-        if not (near and record.installed and record.lock_sha256 and cases <= _cases(record.cell.cases)):
+    for one in known["cells"]:
+        works = one["verdict"] == Verdict.WORKS and one["lock"] in known["locks"]
+        if not (works and cases and cases <= {(case["env"], case["api"]) for case in one["cases"]}):
             continue
-        had = record.installed
-        if record.cell.id == place.lab.base.id or any(had.get(name) != version for name, version in pinned.items()):
+        had = dict(known["locks"][one["lock"]])
+        if one["id"] == place.lab.base.id or not (one["python"] or "").startswith(f"{minor}."):
             continue
-        if verdict.judge(record).verdict in UNTOLD or failure.of(verdict.judge(record), ()) is not None:
-            continue
-        lines = tuple(f"{name}=={version}" for name, version in had.items() if bad.get(name, version) != version)
-        if lines:
-            found.setdefault(record.lock_sha256, Change(constraints=lines))
-    for change in sorted(found.values(), key=lambda one: len(one.constraints))[:2]:
+        if all(had.get(name) == version for name, version in pinned.items()):
+            lines = [f"{name}=={version}" for name, version in had.items() if bad.get(name, version) != version]
+            found.setdefault(one["lock"], Change(constraints=tuple(lines)))
+    nearest = sorted((one for one in found.values() if one.constraints), key=lambda one: len(one.constraints))
+    for change in nearest[:NEAREST]:
         yield Move(change=change, way=Way.LOCK, why="the versions of a cell that works", guard=True)
-
-
-def _cases(cases: Iterable[Case]) -> set[tuple[str | None, str]]:
-    return {(case.env, case.api) for case in cases}
 
 
 def wheels(place: Place) -> Iterator[Move]:
@@ -184,7 +186,7 @@ def wheels(place: Place) -> Iterator[Move]:
 def variables(place: Place) -> Iterator[Move]:
     """Ways of drawing, and a display."""
     here = frozenset(machine.facts().capabilities)
-    yield from moves.variables(place.trial.cell, place.phase, place.lab.evidence(place.trial), here=here)
+    yield from clues.variables(place.trial.cell, place.phase, place.lab.evidence(place.trial), here=here)
 
 
 def python(place: Place) -> Iterator[Move]:
@@ -197,6 +199,8 @@ def python(place: Place) -> Iterator[Move]:
     others = [minor for minor in found if _minor(minor) != here]
     for minor in sorted(others, key=lambda each: (abs(_minor(each) - here), _minor(each) > here)):
         yield Move(change=Change(python=minor), way=Way.PYTHON, why=f"on Python {minor}", guard=True)
+        if place.phase not in BOTH and _no_other(place):
+            return  # it is not the Python
 
 
 def _minor(text: str) -> int:
@@ -208,7 +212,7 @@ def pins(place: Place) -> Iterator[Move]:
     """Other releases of what the user pins: those that a remedy names, else the nearest, farther and farther away."""
     yield from (one for one in moves.known(place.trial.cell, place.trial.found) if one.way is Way.PINS)
     pinned = moves.pins(place.lab.base)
-    for name in moves.suspects(pinned, place.lab.evidence(place.trial)):
+    for name in clues.suspects(pinned, place.lab.evidence(place.trial)):
         for version in _around(place, name, Version(pinned[name])):
             change = moves.released(place.lab.base, name, f"=={version}")
             yield Move(change=change, way=Way.PINS, why=f"with {name} {version}", guard=True)

@@ -28,11 +28,16 @@ WHEELS_DAYS = 90
 """By then most packages have wheels for a new Python."""
 
 
-@cache
 def releases(name: str, settings: IndexSettings, cutoff: str | None, *, offline: bool) -> tuple[Release, ...]:
-    """The releases of a package, oldest first; none where that cannot be told."""
+    """The releases of a package that had been uploaded by then, oldest first; none where that cannot be told."""
+    found = _listed(name, settings, offline=offline)
+    return tuple(one for one in found if cutoff is None or one.uploaded is None or one.uploaded <= cutoff)
+
+
+@cache
+def _listed(name: str, settings: IndexSettings, *, offline: bool) -> tuple[Release, ...]:
     try:
-        return index.releases(name, settings, cutoff=cutoff, offline=offline)
+        return index.releases(name, settings, offline=offline)
     except HarnessError:
         return ()
 

@@ -13,11 +13,12 @@ PACKAGE = Path(harness.__file__).parent
 FLOORS = {
     0: {"model", "errors", "standalone"},
     1: {
-        "accepting", "advising", "cameras", "changes", "distilling", "document", "drafts", "evidence", "expansion",
-        "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile", "mending",
-        "merging", "moves", "nativesays", "normalise", "notices", "outcomes", "pages", "pipelines", "plan", "present",
-        "proving", "pytestsays", "recommending", "remedies", "rendering", "repairs", "reporttypes", "schema", "search",
-        "shards", "signatures", "strategy", "tables", "trust", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "accepting", "advising", "cameras", "changes", "clues", "distilling", "document", "drafts", "evidence",
+        "expansion", "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile",
+        "mending", "merging", "moves", "nativesays", "normalise", "notices", "outcomes", "pages", "pasting",
+        "pipelines", "plan", "present", "proving", "pytestsays", "recommending", "redacting", "remedies", "rendering",
+        "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures", "strategy", "tables",
+        "trust", "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "alone", "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing",

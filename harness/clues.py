@@ -1,0 +1,126 @@
+"""What a failure hints at: modules that are missing, packages that may be at fault, another way of drawing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+
+from packaging.utils import canonicalize_name
+
+from harness.model import Cell, Change, Phase
+from harness.moves import Move, Way, asked_for, constraint
+from harness.signatures import Evidence
+from harness.vocabulary import parsed_requirement, required_name
+
+# --- what is imported and not required -------------------------------------------------------------------------
+
+NO_MODULE = re.compile(r"No module named '?([A-Za-z_][\w.]*)'?")
+PIP_INSTALL = re.compile(r"pip3? install (?:-U |--upgrade )?[`'\"]?([A-Za-z0-9][\w.-]*(?:\[[\w.,-]+\])?)")
+PROVIDERS = {
+    "absl": "absl-py", "attr": "attrs", "Box2D": "box2d", "cffi": "cffi", "cloudpickle": "cloudpickle",
+    "cv2": "opencv-python-headless", "dateutil": "python-dateutil", "distutils": "setuptools", "git": "gitpython",
+    "glfw": "glfw", "google": "protobuf", "h5py": "h5py", "imageio": "imageio", "jax": "jax", "jinja2": "jinja2",
+    "lxml": "lxml", "matplotlib": "matplotlib", "mpl_toolkits": "matplotlib", "moviepy": "moviepy", "numpy": "numpy",
+    "OpenGL": "pyopengl", "packaging": "packaging", "pandas": "pandas", "PIL": "pillow",
+    "pkg_resources": "setuptools<81", "psutil": "psutil", "pygame": "pygame", "requests": "requests",
+    "scipy": "scipy", "setuptools": "setuptools", "six": "six", "skimage": "scikit-image", "sklearn": "scikit-learn",
+    "termcolor": "termcolor", "tqdm": "tqdm", "tree": "dm-tree", "typing_extensions": "typing-extensions",
+    "Xlib": "python-xlib", "yaml": "pyyaml", "zmq": "pyzmq",
+}  # fmt: skip
+"""Modules that everybody knows, and the requirement that brings them; no other module's provider is ever guessed."""
+
+
+def missing_modules(evidence: Iterable[Evidence]) -> tuple[str, ...]:
+    """The top-level modules that were not found, those told first first."""
+    found: dict[str, None] = {}
+    told = list(evidence)
+    for texts in (*(one.told for one in told), *(one.logs for one in told)):
+        for text in texts:
+            found |= dict.fromkeys(match[1].partition(".")[0] for match in NO_MODULE.finditer(text))
+    return tuple(found)
+
+
+def providers(module: str, declared: Iterable[str]) -> tuple[str, ...]:
+    """The requirements that may bring a module: what is well known, and packages of its name among those declared."""
+    same = str(canonicalize_name(module))
+    named = [name for name in declared if str(canonicalize_name(name)) == same]
+    return tuple(dict.fromkeys((*([PROVIDERS[module]] if module in PROVIDERS else []), *named)))
+
+
+def brought(cell: Cell, requirement: str) -> Change:
+    """The change that adds a package, or bounds one that is asked for already."""
+    name, bound = required_name(requirement), str(parsed_requirement(requirement).specifier)
+    if name in asked_for(cell):
+        return Change(constraints=(constraint(cell, name, bound),))
+    return Change(requirements=(requirement,))
+
+
+def told_to_install(cell: Cell, evidence: Iterable[Evidence]) -> Iterator[Change]:
+    """What an error tells to install, where that is an extra of what the cell asks for, or a well-known package."""
+    asked = {required_name(line): line for line in cell.question.requirements}
+    for one in evidence:
+        for text in one.told:
+            for match in PIP_INSTALL.finditer(text):
+                wanted = parsed_requirement(match[1])
+                name = required_name(match[1])
+                if name in asked and wanted.extras:
+                    old = parsed_requirement(asked[name])
+                    extras = ",".join(sorted({*old.extras, *wanted.extras}))
+                    yield Change(requirements=(f"{name}[{extras}]{old.specifier}",))
+                elif name not in asked and name in {required_name(each) for each in PROVIDERS.values()}:
+                    yield Change(requirements=(match[1],))
+
+
+# --- what may be at fault --------------------------------------------------------------------------------------
+
+IMPORTED_AS = {
+    "opencv-python": "cv2", "opencv-python-headless": "cv2", "pyopengl": "OpenGL", "pillow": "PIL", "pyyaml": "yaml",
+    "dm-tree": "tree", "scikit-learn": "sklearn", "scikit-image": "skimage", "protobuf": "google", "attrs": "attr",
+}  # fmt: skip
+
+
+def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, ...]:
+    """The packages, those first that are named by the line that says why, then by how often the logs name them."""
+    shown = list(evidence)
+    told = "\n".join(text for one in shown for text in one.told)
+    logs = "\n".join(text for one in shown for text in one.logs)
+
+    def rank(name: str) -> tuple[int, int, str]:
+        pattern = re.compile(rf"\b{re.escape(IMPORTED_AS.get(name, name.replace('-', '_')))}\b", re.IGNORECASE)
+        return -min(len(pattern.findall(told)), 1), -len(pattern.findall(logs)), name
+
+    return tuple(sorted(names, key=rank))
+
+
+def named(name: str, evidence: Iterable[Evidence]) -> bool:
+    """Whether a line that says why names the package."""
+    pattern = re.compile(rf"\b{re.escape(IMPORTED_AS.get(name, name.replace('-', '_')))}\b", re.IGNORECASE)
+    return any(pattern.search(text) for one in evidence for text in one.told)
+
+
+# --- variables -------------------------------------------------------------------------------------------------
+
+DRAWING = re.compile(r"(?i)\b(?:e?gl|opengl|osmesa|glfw|glx|render|mujoco_gl|display|window|sdl|pyglet|x11)")
+
+
+def variables(cell: Cell, phase: Phase, evidence: Iterable[Evidence], *, here: frozenset[str]) -> Iterator[Move]:
+    """Ways of drawing that this machine has (`here`) and the cell does not name, where a failure speaks of drawing."""
+    texts = [text for one in evidence for text in one.told]
+    if phase is not Phase.RENDER and not any(DRAWING.search(text) for text in texts):
+        return
+    given = cell.environment
+    if "PYOPENGL_PLATFORM" in given:
+        change = Change(environment={"PYOPENGL_PLATFORM": ""})
+        yield Move(change=change, way=Way.VARIABLE, why="the way that each library chooses")
+    for way in ("egl", "osmesa"):
+        if way in here and given.get("MUJOCO_GL") != way:
+            platform = {"PYOPENGL_PLATFORM": way} if "PYOPENGL_PLATFORM" in given or way == "osmesa" else {}
+            change = Change(environment={"MUJOCO_GL": way, **platform})
+            yield Move(change=change, way=Way.VARIABLE, why=f"drawn by {way}")
+    if given.get("SDL_VIDEODRIVER", "dummy") != "dummy":
+        change = Change(environment={"SDL_VIDEODRIVER": "dummy"})
+        yield Move(change=change, way=Way.VARIABLE, why="drawn without a window")
+    if "display" in here:
+        yield Move(change=Change(environment={"DISPLAY": "virtual"}), way=Way.DISPLAY, why="a virtual display")
+        change = Change(environment={"DISPLAY": "virtual", "MUJOCO_GL": "glfw"})
+        yield Move(change=change, way=Way.DISPLAY, why="a window on a virtual display")

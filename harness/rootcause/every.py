@@ -1,0 +1,77 @@
+"""Every red cell of a run repaired, once per cause: what cured one is tried on the others of the same cause first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from harness import failure, knowledge, verdict
+from harness.evidence import diagnosed
+from harness.failure import Failure
+from harness.model import Cell, CellRecord, Change
+from harness.rootcause.lab import Lab
+from harness.rootcause.repairing import Repaired, Search, Status
+from harness.store import Store
+from harness.vocabulary import LONGEST_LABEL, WITH, required_name
+
+REPAIR = "repair"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Solved:
+    """A cause that was looked into, and what cures it; None where nothing does."""
+
+    failed: Failure
+    names: frozenset[str]
+    change: Change | None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ended:
+    """One red cell, and what came of its repair."""
+
+    cell: Cell
+    repaired: Repaired
+    lab: Lab
+
+    @property
+    def cured(self) -> CellRecord | None:
+        """The record of the cell with its remedy, which a report shows beside it."""
+        if self.repaired.status is not Status.FOUND or self.repaired.proof is None:
+            return None
+        record = self.repaired.proof.record
+        ending = f"{WITH}{REPAIR}"
+        label = f"{self.cell.label[: LONGEST_LABEL - len(ending)]}{ending}"
+        tried = replace(record.cell.tried, reason=self.repaired.why) if record.cell.tried else None
+        return replace(record, cell=replace(record.cell, id=f"{self.cell.matrix}/{label}", tried=tried))
+
+
+def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[Ended]:
+    """Repair the red cells among these, expected or not; `lab` makes a place to try things in for each."""
+    solved: list[Solved] = []
+    known = knowledge.beside(opened.folder)
+    for record in records:
+        judged = verdict.judge(record)
+        failed = failure.of(judged, diagnosed(record, judged, known))
+        if failed is None or record.cell.base:
+            continue
+        names = frozenset(map(required_name, record.cell.question.requirements))
+        alike = [one for one in solved if one.names == names and one.failed.same(failed)]
+        with lab(record.cell) as place:
+            repaired = _again(place, [one.change for one in alike if one.change]) if alike else Search(place).run()
+        if repaired is None:
+            continue
+        if repaired.status is Status.FOUND or not alike:
+            solved.append(Solved(failed=failed, names=names, change=repaired.change))
+        yield Ended(cell=record.cell, repaired=repaired, lab=place)
+
+
+def _again(place: Lab, changes: Iterable[Change]) -> Repaired | None:
+    """A remedy of the same cause, where it cures this cell, too; else one of its own, unless the cause has none."""
+    tried = False
+    for change in changes:
+        tried = True
+        found = Search(place).proven(change)
+        if found:
+            return found
+    return Search(place).run() if tried else None

@@ -1,0 +1,79 @@
+"""What a repair found, in words: for a terminal, and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from harness import pasting, present
+from harness.model import Verdict
+from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
+from harness.rootcause.repairing import Status
+
+
+def lines(made: RepairDocument) -> Iterator[str]:
+    """What people read of it."""
+    before = made.runs[0]
+    if made.status is Status.GREEN:
+        yield f"{made.cell} works: there is nothing to repair"
+        return
+    yield f"{made.cell}: {_ended(before)}"
+    if before.decisive:
+        yield f"  {before.decisive}"
+    if made.status is Status.UNTOLD:
+        yield "this says nothing about the packages, so there is nothing to repair; mend that and type the same again"
+        return
+    for cause in made.causes[:1]:
+        yield f"cause: {cause.cause} [{cause.signature}]"
+    yield ""
+    yield from _found(made, made.remedy) if made.remedy else _nothing(made)
+    yield from (f"note: {one}" for one in made.told)
+    spent = f"{made.measured} runs, {made.built} environments built"
+    bounded = f" (binary searches need {made.bound} tests at most)" if made.bound else ""
+    yield f"{spent}{bounded}, {made.seconds:.0f} s"
+    yield from (f"written: {name}" for name in made.files)
+
+
+def _found(made: RepairDocument, remedy: RemedyEntry) -> Iterator[str]:
+    if remedy.moved:
+        yield f"cannot be cured without moving {' and '.join(remedy.moved)}, which you bounded; the nearest that works:"
+    yield f"remedy: {'; '.join(remedy.does)}"
+    yield from pasting.lines(remedy.paste)
+    for part in remedy.parts:
+        does = "; ".join(part.does)
+        if part.without is None:
+            yield f"necessary: not shown for {does}"
+        else:
+            yield f"necessary: without {does} it fails (run {part.without}: {_ended(made.runs[part.without - 1])})"
+    proof = made.runs[remedy.proof - 1]
+    if remedy.sufficient:
+        open_ends = f", not verified: {', '.join(remedy.unverified)}" if remedy.unverified else ""
+        yield f"sufficient: with it every check passes (run {remedy.proof}, {proof.seconds:.0f} s{open_ends})"
+    if made.stopped:
+        yield f"stopped short: {made.stopped}; a smaller change may do"
+
+
+def _nothing(made: RepairDocument) -> Iterator[str]:
+    if made.status is Status.STOPPED:
+        yield f"stopped short: {made.stopped}; not tried yet: {', '.join(made.left)}"
+    else:
+        tried = max(len(made.runs) - 1, 0)
+        yield f"nothing that was tried cures it ({tried} {'change' if tried == 1 else 'changes'})"
+
+
+def _ended(run: RunEntry) -> str:
+    told = str(run.verdict).replace("_", " ")
+    return f"{told} in {run.phase}" if run.phase and run.verdict is not Verdict.WORKS else told
+
+
+def page(made: RepairDocument) -> str:
+    """The document as people read it (the text of `templates/repair.md.j2`, filled)."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
+
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
+    environment.filters |= {"cell": present.filters()["cell"]}
+    template = (Path(__file__).parent.parent / "templates" / "repair.md.j2").read_text(encoding="utf-8")
+    said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
+    lines = list(pasting.lines(made.remedy.paste)) if made.remedy else []
+    return environment.from_string(template).render(**said, lines=[line.strip() for line in lines])

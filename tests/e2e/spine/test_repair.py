@@ -1,0 +1,214 @@
+"""Remedies found by experiment on packages made for it, and proven: `repair`, and `run --repair`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import market
+import pytest
+from commandline import Desk, Measured, Ran
+from filelock import FileLock
+from market import LAST, LATER, LONG_AGO, ROBOT, line, robot
+
+TOOL = "VERSION = '@VERSION@'\nif int(VERSION[0]) < 2:\n    old_grip = 1\n"
+MANY = {"1.1": LONG_AGO, "1.2": ROBOT, "2.0": LATER, "2.1": LATER, "3.0": LAST}
+TWO = {"1.5": ROBOT, "2.0": LATER}
+RELEASES = [
+    *line("toolbox", MANY, TOOL),
+    *line("paint", TWO),
+    *line("glue", TWO),
+    *line("bolts", {"1.4": ROBOT, "1.5": LATER}, TOOL.replace("int(VERSION[0]) < 2", "VERSION < '1.5'")),
+    robot("single", "import toolbox; toolbox.old_grip", ["toolbox", "paint", "glue"]),
+    robot("pair", "import toolbox, bolts; (toolbox.old_grip, bolts.old_grip)", ["toolbox", "paint", "bolts"]),
+    robot("undeclared", "import packaging"),
+    robot("colour", "assert 'PYOPENGL_PLATFORM' not in os.environ, 'no OpenGL platform of this name'"),
+    robot("hopeless", "raise RuntimeError('it cannot be')", ["toolbox", "paint"]),
+    robot("fine", "pass"),
+    robot("pinned", "import toolbox; toolbox.old_grip", ["toolbox"]),
+    market.Release(
+        name="carved", version="1.0", day=ROBOT, code=robot("carved", "pass").code, requires=["fake-healthy"],
+        hooks="import setuptools\n\n\ndef files(found):\n    if setuptools.VERSION >= '66':\n"
+        "        raise RuntimeError('extras_require must be a dictionary')\n    return found\n",
+        about={"build-requires": ["setuptools"]},
+    ),
+    *line("setuptools", {"60.0": LONG_AGO, "65.0": ROBOT, "66.0": LATER, "70.0": LAST}, "VERSION = '@VERSION@'\n"),
+]  # fmt: skip
+MATRIX = """
+snapshot = "2026-10-01"
+index = {{ default = "{index}" }}
+
+[axes]
+python = ["host"]
+
+[axes.which]
+{cells}
+"""
+CELL = """{name} = {{ requirements = [{requirements}], cases = [{{ env = "{module}:{module}-v0", api = "gymnasium", checks = ["single"] }}]{more} }}"""  # noqa: E501 - one line of TOML
+CELLS = {
+    "single": (["single==1.0"], ""),
+    "again": (["single==1.0"], ', environment = { ROBOT = "again" }'),
+    "pair": (["pair==1.0"], ""),
+    "undeclared": (["undeclared==1.0"], ""),
+    "colour": (["colour==1.0"], ', environment = { PYOPENGL_PLATFORM = "vga" }'),
+    "hopeless": (["hopeless==1.0"], ""),
+    "carved": (["carved==1.0"], ""),
+    "pinned": (["pinned==1.0", "toolbox==2.1"], ""),
+    "fine": (["fine==1.0"], ""),
+}
+
+
+TOGETHER = ("single", "again", "hopeless", "fine")
+"""Those that are repaired by one run; the others each by a command of their own."""
+
+
+def written(desk: Desk, index: str, cells: tuple[str, ...]) -> Path:
+    """A matrix with a cell for each of these robots."""
+    lines = "\n".join(
+        CELL.format(
+            name=name,
+            requirements=", ".join(map(json.dumps, CELLS[name][0])),
+            module=CELLS[name][0][0].partition("=")[0],
+            more=CELLS[name][1],
+        )
+        for name in cells
+    )
+    return desk.matrix("market", MATRIX.format(index=index, cells=lines))
+
+
+@pytest.fixture(scope="session")
+def index(together: Path, wheels: Path) -> str:
+    """The address of the index, made once for all workers of the session."""
+    folder = together / "index"
+    with FileLock(together / "index.lock"):
+        if not folder.exists():
+            making = together / "making-index"
+            market.opened(making, folder, wheels, RELEASES)
+            making.rename(folder)
+    return (folder / "simple").as_uri()
+
+
+@pytest.fixture(scope="session")
+def repaired(once: Callable[[str, Callable[[Desk], Ran]], Measured], index: str) -> Measured:
+    """Some robots run, and what is red of them repaired."""
+    return once(
+        "market",
+        lambda desk: desk.run("run", written(desk, index, TOGETHER), "--repair", "--json", HARNESS_SIGNATURES=""),
+    )
+
+
+def proof(measured: Measured, which: str) -> dict[str, Any]:
+    """What was written of the repair of a cell."""
+    (folder,) = (measured.desk.state / "repairs").glob(f"*-{which}")
+    made: dict[str, Any] = json.loads((folder / "repair.json").read_text(encoding="utf-8"))
+    return made
+
+
+def shown(made: dict[str, Any]) -> bool:
+    """Whether each part is needed and all of them are enough, by runs that say so."""
+    runs, remedy = made["runs"], made["remedy"]
+    without = [runs[part["without"] - 1]["verdict"] for part in remedy["parts"]]
+    enough = runs[remedy["proof"] - 1]
+    return "works" not in without and enough["verdict"] == "works" and remedy["necessary"] and remedy["sufficient"]
+
+
+@pytest.mark.parametrize(
+    ("which", "change"),
+    [
+        pytest.param("pair", {"constraints": ["toolbox<2", "bolts<1.5"]}, id="two that are both needed"),
+        pytest.param("undeclared", {"requirements": ["packaging"]}, id="what nothing requires"),
+        pytest.param("carved", {"build_constraints": ["setuptools<66"]}, id="what an sdist is built with"),
+        pytest.param("colour", {"environment": {"PYOPENGL_PLATFORM": ""}}, id="a variable"),
+        pytest.param("pinned", {"requirements": ["toolbox==1.2"]}, id="what the user asks for"),
+    ],
+)
+def test_smallest_change(desk: Desk, index: str, which: str, change: dict[str, Any]) -> None:
+    """Bounds begin where the failure does; each part is shown to be needed, and the whole to be enough."""
+    ran = desk.run("repair", f"{written(desk, index, (which,))}/*-{which}", "--json", HARNESS_SIGNATURES="")
+    made = ran.document
+    assert (ran.code, made["status"], made["remedy"]["change"]) == (0, "found", change)
+    assert shown(made)
+    assert made["remedy"]["moved"] == (["toolbox"] if which == "pinned" else [])
+
+
+def test_package_that_nobody_named(repaired: Measured) -> None:
+    """Is bounded from where the failure begins, and no other with it."""
+    made = proof(repaired, "single")
+    assert (made["status"], made["remedy"]["change"], shown(made)) == ("found", {"constraints": ["toolbox<2"]}, True)
+
+
+def test_once_per_cause(repaired: Measured) -> None:
+    """What cured one cell is tried on the next with the same cause, and measured there, too."""
+    made = proof(repaired, "again")
+    assert (made["remedy"]["change"], shown(made)) == ({"constraints": ["toolbox<2"]}, True)
+    assert [run["why"] for run in made["runs"][1:2]] == ["it cured another cell of the same cause"]
+
+
+def test_nothing_cures(repaired: Measured) -> None:
+    """Then nothing is said to."""
+    made = proof(repaired, "hopeless")
+    assert (made["status"], made["remedy"], made["stopped"]) == ("not found", None, None)
+    assert len(made["runs"]) > 1
+
+
+def test_report_shows_repaired_cells(repaired: Measured) -> None:
+    """Each beside the red one, nothing being expected of it; the exit code is that of the red ones."""
+    cells = {cell["id"].partition("-")[2]: cell for cell in repaired.ran.document["cells"]}
+    assert repaired.ran.code == 1
+    assert (cells["single-with-repair"]["verdict"], cells["single"]["verdict"]) == ("works", "broken")
+    assert cells["single-with-repair"]["change"]["does"] == ["keep to `toolbox<2`"]
+    assert cells["single-with-repair"]["base"] == cells["single"]["id"]
+    assert "hopeless-with-repair" not in cells
+    assert "fine-with-repair" not in cells
+
+
+def test_proof_repeats_with_one_command(repaired: Measured, desk: Desk) -> None:
+    """Its lock and a page lie beside it; what was measured before is at hand, and the whole is run once more."""
+    shutil.copytree(repaired.desk.state, desk.state)
+    (folder,) = (desk.state / "repairs").glob("*-single")
+    assert "toolbox==1.2" in (folder / "lock.txt").read_text(encoding="utf-8")
+    assert "keep to `toolbox<2`" in (folder / "repair.md").read_text(encoding="utf-8")
+    matrix = repaired.desk.folder / "market.toml"
+    ran = desk.run("repair", f"{matrix}/*-single", HARNESS_SIGNATURES="")
+    assert ran.code == 0
+    assert "remedy: keep to `toolbox<2`\n  constraints.txt: toolbox<2\n" in ran.out
+    assert "necessary: without keep to `toolbox<2` it fails (run 1: broken in single)\n" in ran.out
+    assert "sufficient: with it every check passes (run " in ran.out
+
+
+def test_green_already(repaired: Measured, desk: Desk) -> None:
+    """Nothing to repair is no failure."""
+    shutil.copytree(repaired.desk.state, desk.state)
+    ran = desk.run("repair", f"{repaired.desk.folder / 'market.toml'}/*-fine")
+    assert (ran.code, ran.out.partition("\n")[0].partition(" ")[2]) == (0, "works: there is nothing to repair")
+
+
+def test_bounds(repaired: Measured, desk: Desk) -> None:
+    """A search that is cut short says so, and what it would have tried."""
+    ran = desk.run("repair", f"{repaired.desk.folder / 'market.toml'}/*-hopeless", "--runs", "1", HARNESS_SIGNATURES="")
+    assert ran.code == 1
+    assert "stopped short: 1 runs are used up; not tried yet: the index as it stood, " in ran.out
+
+
+def test_as_try_asks(desk: Desk, index: str) -> None:
+    """Requirements instead of a cell; all that `try` checks is checked. Without its interpreter nothing is told."""
+    given = {"UV_DEFAULT_INDEX": index, "HARNESS_SIGNATURES": ""}
+    asked = ("undeclared==1.0", "--env", "undeclared:undeclared-v0", "--api", "gymnasium", "--as-of", "2026-10-01")
+    ran = desk.run("repair", *asked, "--python", "host", "--json", **given)
+    assert (ran.code, ran.document["remedy"]["change"]) == (0, {"requirements": ["packaging"]})
+    assert ran.document["remedy"]["unverified"] == []
+    nowhere = desk.run("repair", *asked, "--python", "3.6", **given)
+    assert nowhere.code == 3
+    assert "this says nothing about the packages" in nowhere.out
+
+
+def test_without_anything_to_repair(desk: Desk) -> None:
+    """Says what to type."""
+    ran = desk.run("repair")
+    assert (ran.code, ran.err) == (
+        2,
+        "simmatrix: repair: name a cell, such as 'quickstart/py3.11-*', or requirements, such as 'gym==0.26.2'\n",
+    )

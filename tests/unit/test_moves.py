@@ -1,0 +1,125 @@
+"""Changes that may cure: in parts, beside what the user asks for, and taken from what failed."""
+
+from __future__ import annotations
+
+import pytest
+
+from harness import changes, clues, moves
+from harness.model import Cell, Change, Phase, Question
+from harness.moves import Way
+from harness.signatures import Evidence
+
+WHOLE = Change(
+    requirements=("packaging",),
+    constraints=("numpy<2", "mujoco<3"),
+    environment={"MUJOCO_GL": "egl", "DISPLAY": ""},
+    python="3.10",
+)
+
+
+def cell(*requirements: str, constraints: tuple[str, ...] = (), **environment: str) -> Cell:
+    """A cell that asks for this."""
+    question = Question(requirements=requirements, constraints=constraints)
+    return Cell(id="m/c", matrix="m", axes={}, python="3.11", question=question, environment=environment, cases=())
+
+
+def told(*lines: str, phase: Phase = Phase.SINGLE) -> list[Evidence]:
+    """What failed."""
+    return [Evidence(phase=phase, told=lines)]
+
+
+def test_parts_make_the_whole_again() -> None:
+    """Each line, variable and version is one; without one of them the others are left."""
+    parts = moves.parts(WHOLE)
+    assert len(parts) == 6
+    assert moves.of_parts(parts) == WHOLE
+    rest = moves.without(WHOLE, Change(constraints=("numpy<2",)))
+    assert (rest.constraints, rest.environment) == (("mujoco<3",), WHOLE.environment)
+    assert moves.empty(moves.without(WHOLE, WHOLE))
+
+
+def test_the_later_of_two_changes_has_the_last_word() -> None:
+    """On the same package or variable; the rest of both stays."""
+    both = moves.together(WHOLE, Change(constraints=("numpy<1.24",), environment={"MUJOCO_GL": "osmesa"}))
+    assert both.constraints == ("mujoco<3", "numpy<1.24")
+    assert (both.environment, both.python) == ({"MUJOCO_GL": "osmesa", "DISPLAY": ""}, "3.10")
+
+
+@pytest.mark.parametrize(
+    ("asked", "bounded", "change", "made", "contrary"),
+    [
+        pytest.param(["gym==0.26.2"], [], "numpy<2", ["numpy<2"], False, id="of another package"),
+        pytest.param(["numpy>=1.20"], [], "numpy<2", ["numpy<2,>=1.20"], False, id="both bounds hold"),
+        pytest.param(["numpy==2.1"], [], "numpy<2", ["numpy<2"], True, id="contrary to a pin"),
+        pytest.param(["gym[mujoco]==0.26.2"], [], "gym<1", [], False, id="what is there already"),
+        pytest.param(["gym[mujoco]<1"], [], "gym>=0.26", ["gym[mujoco]<1,>=0.26"], False, id="extras stay"),
+        pytest.param(["gym==1.2"], [], "gym[other]<2", ["gym[other]==1.2"], False, id="an extra more"),
+        pytest.param(["gym"], ["numpy>=1.20"], "numpy<2", ["numpy<2,>=1.20"], False, id="a bound of the user's"),
+    ],
+)
+def test_remedy_beside_what_is_asked_for(
+    asked: list[str], bounded: list[str], change: str, made: list[str], contrary: bool
+) -> None:
+    """What the user wrote stays where it can; where it cannot, that is told."""
+    of = cell(*asked, constraints=tuple(bounded))
+    assert moves.beside(of, Change(requirements=(change,))) == (Change(requirements=tuple(made)), contrary)
+
+
+def test_a_bound_that_is_contrary_to_a_pin_moves_it() -> None:
+    """A constraint would leave the pin, and nothing to resolve."""
+    made, contrary = moves.beside(cell("gymnasium==0.29.1", "mujoco==3.0.1"), Change(constraints=("mujoco<3",)))
+    assert (made, contrary) == (Change(requirements=("mujoco<3",)), True)
+    before = cell("mujoco==3.0.1")
+    assert moves.moved(before, changes.applied(before, made, {})) == ("mujoco",)
+    free = changes.applied(before, Change(constraints=("numpy<2",)), {})
+    assert moves.moved(before, free) == ()
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "said"),
+    [("1.26.4", "2.0.0", "<2"), ("1.23.5", "1.24.0", "<1.24"), ("3.0.1", "3.0.2", "<3.0.2"), ("2.0.0", "1.9", ">=2")],
+)
+def test_bound_between_two_neighbours(good: str, bad: str, said: str) -> None:
+    """As short as it can be, on the side of the one that works."""
+    assert moves.bound(good, bad) == said
+
+
+def test_missing_modules_and_who_brings_them() -> None:
+    """Only what everybody knows, or what some package declares: no name is guessed."""
+    evidence = told("ModuleNotFoundError: No module named 'pkg_resources'", "No module named 'left_pad.core'")
+    assert clues.missing_modules(evidence) == ("pkg_resources", "left_pad")
+    assert clues.providers("pkg_resources", ()) == ("setuptools<81",)
+    assert clues.providers("left_pad", ()) == ()
+    assert clues.providers("left_pad", ("left-pad",)) == ("left-pad",)
+
+
+def test_what_an_error_says_to_install() -> None:
+    """An extra of what is asked for, its version as it is; a package that nobody knows is not taken."""
+    evidence = told(
+        'DependencyNotInstalled: pygame is not installed, run `pip install "gymnasium[classic-control]"`',
+        "pip install some-package-of-that-name",
+    )
+    found = list(clues.told_to_install(cell("gymnasium[mujoco]==1.2.3"), evidence))
+    assert found == [Change(requirements=("gymnasium[classic-control,mujoco]==1.2.3",))]
+
+
+def test_suspects() -> None:
+    """What the line names that says why goes before what the logs name, and that before the others."""
+    evidence = [Evidence(phase=Phase.SINGLE, told=("module 'cv2' has no attribute 'x'",), logs=("numpy/core numpy",))]
+    assert clues.suspects(["aaa", "numpy", "opencv-python"], evidence) == ("opencv-python", "numpy", "aaa")
+    assert clues.named("opencv-python", evidence)
+    assert not clues.named("numpy", evidence)
+
+
+def test_ways_of_drawing() -> None:
+    """Those that the machine has, where the failure speaks of drawing; first what the user set is taken away."""
+    here, of = frozenset({"egl", "osmesa"}), cell("mujoco", MUJOCO_GL="egl", PYOPENGL_PLATFORM="glx")
+    found = list(clues.variables(of, Phase.RENDER, told("no OpenGL platform"), here=here))
+    assert [one.change.environment for one in found] == [
+        {"PYOPENGL_PLATFORM": ""},
+        {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"},
+    ]
+    assert not list(clues.variables(of, Phase.SINGLE, told("numpy has no attribute"), here=here))
+    shown = list(clues.variables(cell("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"})))
+    assert [one.way for one in shown] == [Way.DISPLAY, Way.DISPLAY]
+    assert shown[0].change.environment == {"DISPLAY": "virtual"}
