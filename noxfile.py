@@ -54,3 +54,10 @@ def report(session: nox.Session) -> None:
     """Tables of what was measured here."""
     session.install("-e", ".")
     session.run("simmatrix", "report", *session.posargs)
+
+
+@nox.session(python="3.11")
+def pyz(session: nox.Session) -> None:
+    """`explain` and `doctor` as one file for any Python, `dist/simmatrix-doctor.pyz`."""
+    session.install("-e", ".")
+    session.run("python", "-m", "harness", "doctor", "--standalone", "dist/simmatrix-doctor.pyz")

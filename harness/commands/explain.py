@@ -18,7 +18,7 @@ from harness.standalone import explain, matching
 from harness.standalone.explain import HELP, add_arguments, split
 from harness.standalone.wording import Place
 
-__all__ = ["HELP", "Explained", "add_arguments", "main", "split"]
+__all__ = ["HELP", "Explained", "add_arguments", "known", "main", "split"]
 
 FOLDER = "outputs"
 MOST = 20
@@ -41,16 +41,17 @@ class Explained(msgspec.Struct, frozen=True, kw_only=True):
 
 def main(args: argparse.Namespace) -> int:
     """Explain a text, or run the command and explain it where it fails."""
-    known = explain.Knowledge(known=_known, measured=measured.load)
+    knows = explain.Knowledge(known=known, measured=measured.load)
     try:
         if args.after is None:
-            return explain.of_text(args, known, Place())
-        return explain.of_command(args, args.after, known, Place(kept=str(_output(args.after))))
+            return explain.of_text(args, knows, Place())
+        return explain.of_command(args, args.after, knows, Place(kept=str(_output(args.after))))
     except explain.Bad as error:
         raise BadInput(str(error)) from None
 
 
-def _known() -> list[matching.Known]:
+def known() -> list[matching.Known]:
+    """The known failures as what stands alone reads them."""
     return [matching.read(one.as_file) for one in knowledge.known()]
 
 

@@ -1,0 +1,141 @@
+"""`simmatrix-doctor.pyz`: one file, any Python from 3.7, the standard library alone, the same answers as the host's."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from harness import alone, interpreters, knowledge, measured
+from harness.commands import explain as verb
+from harness.standalone import explain, explaining, keeping
+
+SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
+BOUND = 2_000_000
+TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.10/site-packages/gym/core.py", line 5, in step\n'
+LOGS = {
+    "bool8": TRACE + "AttributeError: module 'numpy' has no attribute 'bool8'. Did you mean: 'bool'?\n",
+    "worker": f"Process Worker-1:\n{TRACE}ValueError: no wings\n{TRACE}EOFError\n",
+    "unknown": TRACE + "ValueError: no wings\n",
+    "windows": "\x1b[31m" + (TRACE + "KeyError: 'x'\n").replace("\n", "\r\n"),
+    "pip": "ERROR: Could not find a version that satisfies the requirement gym==9 (from versions: 1)\n",
+    "well": "Episode 1: reward 2\nÄpfel ✓\n",
+}
+
+
+@pytest.fixture(scope="module")
+def pyz(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file, in a folder that nobody writes to."""
+    folder = tmp_path_factory.mktemp("alone")
+    alone.write(folder / "simmatrix-doctor.pyz")
+    folder.chmod(0o555)
+    return folder / "simmatrix-doctor.pyz"
+
+
+@pytest.fixture
+def python(request: pytest.FixtureRequest) -> str:
+    """An interpreter of a version."""
+    found = interpreters.find(request.param)
+    if found is None:
+        pytest.skip(f"unavailable: python{request.param}")
+    return str(found.path)
+
+
+def run(python: str, pyz: Path, *arguments: str, given: bytes = b"", cwd: Path) -> subprocess.CompletedProcess[bytes]:
+    """Run the file with nothing of this machine's user, and no site-packages."""
+    return subprocess.run(
+        [python, "-I", "-S", "-W", "error", str(pyz), *arguments],
+        input=given,
+        capture_output=True,
+        cwd=cwd,
+        env={"PATH": os.defpath, "HOME": str(cwd), "LC_ALL": "C"},
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def answers() -> dict[str, tuple[int, dict[str, object]]]:
+    """What the host says of each log, with what comes with it alone."""
+    known, here = verb.known(), explaining.Here(measured=measured.shipped())
+    made = {name: explaining.explained(text, known, here) for name, text in LOGS.items()}
+    return {name: (0 if one.cause else explain.UNKNOWN, one.plain()) for name, one in made.items()}
+
+
+@pytest.mark.parametrize("python", SUPPORTED, indirect=True)
+def test_every_python_gives_the_answers_of_the_host(request, python: str, pyz: Path, answers, tmp_path: Path) -> None:
+    """In JSON, word for word; and nothing is written anywhere."""
+    ends = request.node.callspec.params["python"] in {SUPPORTED[0], SUPPORTED[-2]}
+    for name, text in LOGS.items() if ends else list(LOGS.items())[:2]:
+        done = run(python, pyz, "explain", "--json", "-", given=text.encode(), cwd=tmp_path)
+        assert done.stderr == b"", name
+        assert (done.returncode, json.loads(done.stdout)) == answers[name], name
+    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in pyz.parent.iterdir()] == [pyz.name]
+
+
+@pytest.mark.parametrize("python", SUPPORTED, indirect=True)
+def test_every_python_runs_a_command_and_looks_at_itself(python: str, pyz: Path, tmp_path: Path) -> None:
+    """The command's code, its output, the explanation; and `doctor` on the same interpreter."""
+    code = "import sys; print('out'); raise ValueError('no wings')"
+    done = run(python, pyz, "explain", "--", python, "-c", code, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (1, b"out\n")
+    told = done.stderr.decode()
+    assert "failed:    ValueError: no wings" in told
+    assert f"next:      python simmatrix-doctor.pyz doctor --python {python}" in told
+    Path(told.rpartition("output:")[2].strip()).unlink()
+
+    looked = run(python, pyz, "doctor", "--json", "--python", python, cwd=tmp_path)
+    assert looked.returncode in {0, 1}, looked.stderr
+    assert json.loads(looked.stdout)["environment"]["python"] == python
+
+
+def test_people_are_told_too(pyz: Path, tmp_path: Path) -> None:
+    """Cause, remedy, reference, what to type next; whatever characters the terminal knows."""
+    done = run(sys.executable, pyz, "explain", given=LOGS["bool8"].encode(), cwd=tmp_path)
+    words = [line.partition(":")[0] for line in done.stdout.decode("ascii").splitlines()]
+    assert {"failed", "cause", "remedy", "reference", "known as", "next"} <= set(words)
+
+
+def test_bad_input_is_told(pyz: Path, tmp_path: Path) -> None:
+    """In one line, with 2."""
+    done = run(sys.executable, pyz, "explain", "no.log", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        b"python simmatrix-doctor.pyz: explain: no.log: cannot be read: No such file or directory\n",
+    )
+    assert run(sys.executable, pyz, "heal", cwd=tmp_path).returncode == 2
+
+
+def test_equal_contents_make_an_equal_file(pyz: Path) -> None:
+    """Byte for byte, small, and without a path of this machine."""
+    made = alone.content(knowledge.known(), measured.shipped())
+    assert made == pyz.read_bytes()
+    assert len(made) < BOUND
+    with zipfile.ZipFile(pyz) as archive:
+        texts = b"".join(archive.read(name) for name in archive.namelist() if not name.endswith(".gz"))
+    assert str(Path.home()).encode() + b"/" not in texts
+    assert str(Path(alone.__file__).parents[1]).encode() not in texts
+
+
+def test_it_can_be_started_by_its_name(pyz: Path, tmp_path: Path) -> None:
+    """It has a first line for that."""
+    assert os.access(pyz, os.X_OK)
+    assert pyz.read_bytes().startswith(alone.SHEBANG)
+
+
+def test_a_python_that_is_too_old_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a traceback, before anything else is read; what says so has no syntax newer than Python 3.0."""
+    monkeypatch.setattr(sys, "version_info", (3, 6, 15))
+    with pytest.raises(SystemExit, match=r"^simmatrix-doctor: needs Python 3\.7 or newer, this is 3\.6$"):
+        exec(compile(alone.START, "__main__.py", "exec"))
+
+
+def test_texts_are_decoded_alike() -> None:
+    """What comes in as bytes is the text that the host explains here."""
+    assert {name: keeping.decoded(text.encode()) for name, text in LOGS.items()} == LOGS
