@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from harness import catalog, changes, document, explaining, knowledge, plan, store, tables
-from harness.commands import reporting
+from harness.commands import issuing, reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
 from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, DiagnosisEntry, Document, SubjectEntry, word
@@ -28,9 +28,9 @@ LISTED = 10
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `show`."""
     parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one: '*mujoco3.3*'")
-    parser.add_argument(
-        "--json", action="store_true", help="print it as a report document, and nothing else, on stdout"
-    )
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print it as a report document, and nothing else, on stdout")
+    form.add_argument("--issue", action="store_true", help="print a red cell as a redacted report for its upstream")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -41,6 +41,11 @@ def main(args: argparse.Namespace) -> int:
     made = _document(records, known, opened)
     if args.json:
         sys.stdout.write(document.encode(made).decode())
+        return 0
+    if args.issue:
+        red = [(record, entry) for record, entry in zip(records, made.cells, strict=True) if issuing.is_red(entry)]
+        record, entry = (red or list(zip(records, made.cells, strict=True)))[0]
+        print(issuing.issue(record, entry, opened), end="")
         return 0
     for record, entry in zip(records, made.cells, strict=True):
         print("\n".join(_lines(entry)))

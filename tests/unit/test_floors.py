@@ -33,7 +33,7 @@ FLOORS = {
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}
 STANDALONE = set(
-    "__main__ spawning looking importing choosing running probing doctor explain packages".split()  # noqa: SIM905
+    "__main__ spawning looking importing seeing choosing running probing doctor explain packages".split()  # noqa: SIM905
 )
 """Files of `standalone` that read files and start processes, as that is what the verbs do where no harness is: the
 command of `explain -- COMMAND` in a terminal of its own, which the supervisor's log file is not, and the interpreter

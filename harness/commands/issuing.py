@@ -1,0 +1,93 @@
+"""`show CELL --issue`: a red cell as a report for its upstream, without what is nobody's business."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from harness import knowledge, redacting, upstream
+from harness.errors import BadInput
+from harness.model import CellRecord, Phase, Verdict
+from harness.reporttypes import UNTOLD, CellEntry, word
+from harness.store import Store
+
+NOBODY = frozenset({"root", "user", "admin", "ubuntu", "debian", "runner", "nobody", "localhost", "home", "test"})
+"""Names that say nothing of anybody, and words that a message may well have."""
+
+INDEXES = (
+    "UV_DEFAULT_INDEX",
+    "UV_INDEX",
+    "UV_INDEX_URL",
+    "UV_EXTRA_INDEX_URL",
+    "PIP_INDEX_URL",
+    "PIP_EXTRA_INDEX_URL",
+)
+PUBLIC = frozenset({"pypi.org", "files.pythonhosted.org", "download.pytorch.org"})
+
+
+def issue(record: CellRecord, entry: CellEntry, opened: Store) -> str:
+    """The report. Raises BadInput where there is nothing to report."""
+    if not is_red(entry):
+        message = f"show {entry.id} --issue: it is {word(entry.verdict)}: there is nothing to report to anybody"
+        raise BadInput(message)
+    lock = _read(opened.folder / record.lock) if record.lock else None
+    failing = upstream.Failing(
+        cell=record.cell,
+        entry=entry,
+        machine=opened.load_machine(record.machine),
+        lock=lock,
+        instant=record.measured,
+        texts=dict(_texts(record, entry, opened.folder)),
+    )
+    return redacting.redacted(upstream.issue(failing), words())
+
+
+def is_red(entry: CellEntry) -> bool:
+    """Whether a cell says something against its packages."""
+    return entry.verdict is not Verdict.WORKS and entry.verdict not in UNTOLD
+
+
+def _texts(record: CellRecord, entry: CellEntry, state: Path) -> Iterator[tuple[str, str]]:
+    """The evidence of the phase that decided, of the case that failed as the cell did first."""
+    steps = {Phase.RESOLVE: record.resolve, Phase.INSTALL: record.install}
+    step = steps.get(entry.phase) if entry.phase else None
+    places = [step.log] if step and step.log else []
+    phases = [phase for case in record.cases for phase in case.phases if phase.phase is entry.phase and phase.evidence]
+    phases.sort(key=lambda phase: phase.decisive != entry.decisive)
+    places += [phase.evidence or "" for phase in phases[:1]]
+    for place in places:
+        yield from knowledge.texts(state / place).items()
+
+
+def _read(path: Path) -> str | None:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+def words() -> dict[str, str]:
+    """Names of this machine and its user, and what stands for them."""
+    found: dict[str, str] = {str(Path.home()): "~"}
+    with suppress(OSError, KeyError):  # nobody of that number is known here
+        found[getpass.getuser()] = "<user>"
+    name = socket.gethostname()
+    found |= {name: "<host>", name.partition(".")[0]: "<host>"}
+    for variable in (
+        "UV_INDEX_URL",
+        "UV_DEFAULT_INDEX",
+        "UV_INDEX",
+        "UV_EXTRA_INDEX_URL",
+        "PIP_INDEX_URL",
+        "PIP_EXTRA_INDEX_URL",
+    ):
+        for part in os.environ.get(variable, "").split():
+            host = urlsplit(part.partition("=")[2] if "=" in part.partition("://")[0] else part).hostname
+            if host and host not in PUBLIC:
+                found[host] = "<index>"
+    return {word: instead for word, instead in found.items() if word and word.lower() not in NOBODY and len(word) > 2}

@@ -1,0 +1,153 @@
+"""A script of a few lines that does what failed, for people who have plain Python and no harness.
+
+Only for APIs whose calls are the same for everybody; an environment that a matrix brings itself has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from packaging.version import Version
+
+from harness.model import Case, Phase
+
+STEPS = 100
+FIRST, MODERN = Version("0.25"), Version("0.26")
+"""Releases of gym: render_mode came with the first, five values and reset(seed=) with the second."""
+
+
+def script(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> str | None:
+    """The lines, or None where there are none that everybody could run."""
+    imports = [f"import {name}" for name in case.imports]
+    if phase is Phase.IMPORT:
+        known = [f"import {name}" for name in IMPORTED.get(case.api, (case.api,))]
+        own = [f"import {prefix}" for prefix in [_module(case)] if prefix]
+        return _joined(list(dict.fromkeys([*imports, *known, *own])))
+    make = WAYS.get(case.api)
+    lines = make(case, phase, check, installed) if make and case.env else None
+    return _joined([*imports, *lines]) if lines else None
+
+
+def _joined(lines: list[str]) -> str:
+    return "\n".join(lines) + "\n"
+
+
+def _named(case: Case) -> str:
+    """The id as the library knows it."""
+    return (case.env or "").removeprefix(f"{case.api}:")
+
+
+def _module(case: Case) -> str:
+    """What an id such as `module:Name-v0` imports."""
+    return _named(case).rpartition(":")[0] if case.api in {"gym", "gymnasium"} else ""
+
+
+def _arguments(kwargs: Mapping[str, Any], **more: str) -> str:
+    given = [f"{name}={value!r}" for name, value in kwargs.items()]
+    return "".join(f", {text}" for text in [*given, *(f"{name}={text}" for name, text in more.items())])
+
+
+# --- gym and gymnasium -----------------------------------------------------------------------------------------
+
+
+def _gymnasium(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    modern = case.api == "gymnasium" or _version(installed) >= MODERN
+    draws = phase is Phase.RENDER
+    if phase is Phase.VECTOR:
+        return _vector(case, check, modern=modern)
+    mode = {"render_mode": '"rgb_array"'} if draws and (modern or _version(installed) >= FIRST) else {}
+    lines = [f"import {case.api}", "", f'env = {case.api}.make("{_named(case)}"{_arguments(case.kwargs, **mode)})']
+    lines += [f"env.reset(seed={case.seed})"] if modern else [f"env.seed({case.seed})", "env.reset()"]
+    lines += [f"env.action_space.seed({case.seed})", f"for _ in range({10 if draws else case.steps or STEPS}):"]
+    values = "observation, reward, terminated, truncated, info" if modern else "observation, reward, done, info"
+    lines += [f"    {values} = env.step(env.action_space.sample())"]
+    lines += [f"    if {'terminated or truncated' if modern else 'done'}:", "        env.reset()"]
+    if draws:
+        call = "render()" if mode else 'render(mode="rgb_array")'
+        lines += [f"print(env.{call})"]
+    return [*lines, "env.close()"]
+
+
+def _vector(case: Case, check: str, *, modern: bool) -> list[str]:
+    made = f'env = {case.api}.make("{_named(case)}"{_arguments(case.kwargs)})'
+    lines = _vector_of(case.api, check, case.seed, [], made)
+    return lines if modern else [line.replace(f"reset(seed={case.seed})", "reset()") for line in lines]
+
+
+def _vector_of(library: str, check: str, seed: int, imports: list[str], made: str) -> list[str]:
+    """Two environments as one, in this process or in workers."""
+    kind = "SyncVectorEnv" if check == "vector.sync" else "AsyncVectorEnv"
+    method = check.rpartition(".")[2]
+    way = ", shared_memory=False" if method == "unshared" else f', context="{method}"' if method in METHODS else ""
+    return [
+        f"import {library}",
+        *imports,
+        f"from {library}.vector import {kind}",
+        "",
+        "",
+        "def make():",
+        f"    {made}",
+        f"    return {'GymWrapper(env)' if imports else 'env'}",
+        "",
+        "",
+        'if __name__ == "__main__":',
+        f"    envs = {kind}([make] * 2{way})",
+        f"    envs.reset(seed={seed})",
+        "    for _ in range(10):",
+        "        envs.step(envs.action_space.sample())",
+        "    envs.close()",
+    ]
+
+
+ROBOSUITE = ["import robosuite", "from robosuite.wrappers import GymWrapper"]
+METHODS = frozenset({"fork", "spawn", "forkserver"})
+
+
+def _version(installed: Mapping[str, str]) -> Version:
+    return Version(installed.get("gym", "0"))
+
+
+# --- others ----------------------------------------------------------------------------------------------------
+
+
+def _dm_control(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    domain, _, task = _named(case).partition("/")
+    if phase not in {Phase.SINGLE, Phase.RENDER} or not task or ":" in domain:
+        return None
+    lines = [
+        "import numpy",
+        "from dm_control import suite",
+        "",
+        f'env = suite.load("{domain}", "{task}"{_arguments(case.kwargs)})',
+        "env.reset()",
+        "spec = env.action_spec()",
+        f"for _ in range({10 if phase is Phase.RENDER else case.steps}):",
+        "    env.step(numpy.random.uniform(spec.minimum, spec.maximum, spec.shape))",
+    ]
+    return [*lines, "print(env.physics.render())"] if phase is Phase.RENDER else lines
+
+
+def _robosuite(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    task = _named(case)
+    if not task.isidentifier() or phase not in {Phase.SINGLE, Phase.RENDER, Phase.VECTOR}:
+        return None
+    draws = phase is Phase.RENDER
+    options = {"robots": '"Panda"', "has_renderer": "False"} | {
+        name: str(draws) for name in ("has_offscreen_renderer", "use_camera_obs")
+    }
+    given = {name: text for name, text in options.items() if name not in case.kwargs}
+    lines = [
+        "import numpy",
+        "import robosuite",
+        "",
+        f'env = robosuite.make("{task}"{_arguments(case.kwargs, **given)})',
+    ]
+    if phase is Phase.VECTOR:
+        return _vector_of("gymnasium" if "gymnasium" in installed else "gym", check, case.seed, ROBOSUITE, lines[-1])
+    lines += ["env.reset()", f"for _ in range({10 if draws else case.steps}):"]
+    return [*lines, "    observation, reward, done, info = env.step(numpy.zeros(env.action_dim))"]
+
+
+WAYS = {"gymnasium": _gymnasium, "gym": _gymnasium, "dm_control": _dm_control, "robosuite": _robosuite}
+IMPORTED = {"dm_control": ("dm_control.suite",), "robosuite": ("robosuite",), "pybullet": ("pybullet",)}

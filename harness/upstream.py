@@ -1,0 +1,278 @@
+"""A red cell as a report that its upstream can use: what fails, with what, how to see it, and no word of the harness's.
+
+Made of plain values; the text still has to be redacted by `redacting`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from packaging.utils import canonicalize_name
+
+from harness import changes, explaining, redacting, reproducing
+from harness.model import FAILING, Case, Cell, Phase
+from harness.reporttypes import CellEntry, DiagnosisEntry, word
+from harness.tables import settings
+from harness.vocabulary import required_name
+
+LONGEST = 60
+"""Lines of a traceback that are quoted, the last ones."""
+
+BEFORE, AFTER = 15, 10
+"""Lines of a log around the one that says why."""
+
+OURS = re.compile(r'^\s*File "\$INCELL[/"]')
+FOLDERS = re.compile(r"\$[A-Z]+[^\s'\"]*?/(site-packages|lib/python[\d.]+)/(?!site-packages/)")
+"""Where an interpreter keeps what it imports, as evidence names such folders."""
+
+LIBRARY = re.compile(r'^\s*File "[^"]*/lib/python[\d.]+/(?!site-packages/)')
+TOP = re.compile(r"(?:site|dist)-packages/(\w+)")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Failing:
+    """A red cell as it was asked for and as it was judged; `lock` is its text, `texts` the evidence of the phase."""
+
+    cell: Cell
+    entry: CellEntry
+    machine: Mapping[str, Any]
+    lock: str | None
+    instant: str | None
+    texts: Mapping[str, str]
+
+    @property
+    def phase(self) -> Phase:
+        """The one that decided."""
+        return self.entry.phase or Phase.IMPORT
+
+    @property
+    def case(self) -> Case | None:
+        """The first case that failed as the cell did."""
+        failed = [one for one in self.entry.cases if one.phases.get(self.phase) in FAILING]
+        first = next((one for one in failed if one.decisive == self.entry.decisive), next(iter(failed), None))
+        return next((one for one in self.cell.cases if first and one.id == first.case), None)
+
+    @property
+    def check(self) -> str:
+        """The first check of that case that failed."""
+        case = self.case
+        entry = next((one for one in self.entry.cases if case and one.case == case.id), None)
+        checks = [name for name, how in (entry.checks if entry else {}).items() if how in FAILING]
+        return next((name for name in checks if name.startswith(self.phase)), "")
+
+
+def issue(failing: Failing) -> str:
+    """The report, as Markdown."""
+    parts = [_title(failing), *_what(failing), *_known(failing), *_versions(failing), *_again(failing), *_lock(failing)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _title(failing: Failing) -> str:
+    """The packages that were asked for, and the line."""
+    installed = failing.entry.installed or {}
+    names = [name for name in failing.cell.axes if name in installed] or list(_asked(failing))[:3]
+    told = ", ".join(f"{name} {installed[name]}" for name in names if name in installed)
+    return f"# {told or ', '.join(failing.cell.question.requirements)}: {failing.entry.decisive or 'fails'}"
+
+
+def _what(failing: Failing) -> Iterator[str]:
+    case, check = failing.case, failing.check
+    where = f" of `{case.env}`" if case and case.env else ""
+    yield f"## What happens\n\n{SAYS.get(failing.phase, str(failing.phase))}{where}: {word(_outcome(failing))}" + (
+        f" (`{check}`)." if check else "."
+    )
+    yield _block(failing.entry.decisive or "nothing was said")
+    quoted = "\n".join(excerpt(failing.texts, failing.check, failing.entry.decisive).splitlines()[-LONGEST:])
+    if quoted.strip() and quoted.strip() != failing.entry.decisive:
+        yield _block(quoted, "pytb" if "Traceback" in quoted else "")
+
+
+SAYS = {
+    Phase.RESOLVE: "No resolution of the requirements",
+    Phase.INSTALL: "The install",
+    Phase.IMPORT: "The import",
+    Phase.SINGLE: "make, reset and step",
+    Phase.VECTOR: "A vector environment",
+    Phase.RENDER: "A picture",
+}
+
+
+def _outcome(failing: Failing) -> str:
+    return str(failing.entry.phases.get(failing.phase, "failed"))
+
+
+def _known(failing: Failing) -> Iterator[str]:
+    """The deepest known cause, and its remedy where that was proven."""
+    deepest = next(iter(explaining.counting(failing.entry)), None)
+    if deepest is None:
+        return
+    links = "".join(f"\n- <{link}>" for link in deepest.references)
+    yield f"## Cause\n\n{deepest.cause}" + (f"\n{links}" if links else "")
+    yield from [_remedy(deepest)] if deepest.proof else []
+
+
+def _remedy(found: DiagnosisEntry) -> str:
+    return f"With this change alone, and all else as below, it works (measured): {changes.in_words(found.remedy)}"
+
+
+# --- versions --------------------------------------------------------------------------------------------------
+
+
+def _versions(failing: Failing) -> Iterator[str]:
+    entry, installed = failing.entry, failing.entry.installed or {}
+    rows = [("Python", entry.python or entry.requested_python), *_machine(failing.machine)]
+    rows += [(name, installed[name]) for name in _mattering(failing) if name in installed]
+    drawn = next((case.drawn for case in entry.cases if case.drawn), {})
+    rows += [("drawn by", ", ".join(drawn[part] for part in ("api", "renderer", "version") if part in drawn))]
+    rows += [(name, _shown(name, value)) for name, value in _variables(failing).items()]
+    lines = [f"| {name} | {value} |" for name, value in rows if value]
+    yield "\n".join(["## Versions", "", "| what | version |", "| --- | --- |", *lines])
+
+
+def _machine(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "OS", ", ".join(str(facts[name]) for name in ("os", "architecture", "libc") if facts.get(name))
+    ways: list[Mapping[str, str]] = [facts.get(way) or {} for way in ("egl", "osmesa", "display")]
+    drawing = next((way for way in ways if way.get("vendor")), {})
+    yield "OpenGL", ", ".join(drawing[name] for name in ("vendor", "renderer", "version") if drawing.get(name))
+    gpu = facts.get("gpu") or {}
+    yield "GPU", ", ".join(str(gpu[name]) for name in ("name", "driver") if gpu.get(name)) or "none"
+
+
+def _asked(failing: Failing) -> tuple[str, ...]:
+    question = failing.cell.question
+    return tuple(dict.fromkeys(map(required_name, (*question.requirements, *question.constraints))))
+
+
+def _mattering(failing: Failing) -> tuple[str, ...]:
+    """Packages that were asked for, and those whose files are in the traceback."""
+    installed = failing.entry.installed or {}
+    modules = {name.replace("-", "_"): name for name in installed}
+    seen = [modules.get(top.lower(), "") for text in failing.texts.values() for top in TOP.findall(text)]
+    named = re.findall(r"[A-Za-z][\w-]+", failing.entry.decisive or "")
+    said = [str(canonicalize_name(name)) for name in named if canonicalize_name(name) in installed]
+    return tuple(dict.fromkeys((*failing.cell.axes, *_asked(failing), *filter(None, seen), *said)))
+
+
+def _variables(failing: Failing) -> dict[str, str]:
+    """Those of the cell, and of what was supplied that which its packages read."""
+    entry = failing.entry
+    supplied = settings(entry.supplied, entry.installed or ())
+    return {**dict(text.split("=", 1) for text in supplied), **entry.environment}
+
+
+def _shown(name: str, value: str) -> str:
+    return redacting.HIDDEN if redacting.secret(name) else value
+
+
+# --- how to see it ---------------------------------------------------------------------------------------------
+
+
+def _again(failing: Failing) -> Iterator[str]:
+    """The commands, with plain uv and Python; where there are none that everybody can run, so it is said."""
+    minor = ".".join((failing.entry.python or failing.entry.requested_python).split(".")[:2])
+    lines = [f"uv venv --python {minor} repro", _install(failing)]
+    commands = _block("\n".join(lines), "sh")
+    if failing.phase in {Phase.RESOLVE, Phase.INSTALL}:
+        yield f"## To reproduce\n\n{commands}"
+        return
+    case, script = failing.case, None
+    own = failing.cell.files or failing.cell.bring or failing.cell.subject or failing.entry.repairs
+    if case and not own:
+        script = reproducing.script(case, failing.phase, failing.check, failing.entry.installed or {})
+    variables = _variables(failing)
+    said = [f"{name}={shlex.quote(_shown(name, value))}" for name, value in variables.items() if name != "DISPLAY"]
+    display = ["xvfb-run"] if variables.get("DISPLAY") == "virtual" else []
+    if script is None:
+        yield f"## To reproduce\n\n{commands}\n\n{NO_SCRIPT}"
+        return
+    lines.append(" ".join([*said, *display, "repro/bin/python repro.py"]))
+    where = " the lock at the end of this report as `requirements.txt` and" if failing.lock else ""
+    yield f"## To reproduce\n\nWith{where} this as `repro.py`:\n\n{_block(script.rstrip(), 'python')}"
+    yield _block("\n".join(lines), "sh")
+
+
+NO_SCRIPT = "What was run then is an environment of its own, which these lines do not hold."
+
+
+def _install(failing: Failing) -> str:
+    if failing.lock:
+        return "uv pip install --python repro --require-hashes -r requirements.txt"
+    question = failing.cell.question
+    instant = question.snapshot or failing.instant
+    words = ["uv", "pip", "install", "--python", "repro"]
+    words += ["--exclude-newer", instant] if instant else []
+    return shlex.join([*words, *question.requirements])
+
+
+def _lock(failing: Failing) -> Iterator[str]:
+    if failing.lock:
+        count = failing.lock.count("==")
+        yield (
+            f"<details><summary>All {count} packages, pinned and hashed (requirements.txt)</summary>\n\n"
+            f"{_block(failing.lock.rstrip())}\n\n</details>"
+        )
+    else:
+        question = failing.cell.question
+        asked = [*question.requirements, *(f"{line}  # constraint" for line in question.constraints)]
+        asked += [f"{line}  # override" for line in question.overrides]
+        listed = _block("\n".join(asked))
+        yield f"Asked for:\n\n{listed}"
+
+
+def _block(text: str, language: str = "") -> str:
+    fence = "```" if "```" not in text else "````"
+    return f"{fence}{language}\n{text}\n{fence}"
+
+
+# --- evidence --------------------------------------------------------------------------------------------------
+
+
+def excerpt(texts: Mapping[str, str], check: str, decisive: str | None) -> str:
+    """The traceback of a check that ends in the decisive line, without frames of ours; else the log around that."""
+    replies = [text for name, text in texts.items() if name.endswith(".jsonl")]
+    found = [cleaned(text) for reply in replies for text in _tracebacks(reply, check)]
+    kind = (decisive or "").partition(":")[0]
+    telling = [text for text in found if kind and any(line.startswith(kind) for line in text.splitlines()[-4:])]
+    if found:
+        return (telling or found)[0]
+    logs = [text for name, text in texts.items() if not name.endswith(".jsonl")]
+    return FOLDERS.sub(r"…/\1/", "\n".join(_around(logs, decisive or "")))
+
+
+def _tracebacks(text: str, check: str) -> Iterator[str]:
+    """Of a reply, those of a check and of its workers, which come first."""
+    for line in text.splitlines():
+        try:
+            entry = json.loads(line)
+        except ValueError:  # it was cut
+            continue
+        if isinstance(entry, dict) and entry.get("check", check) == check:
+            told = [worker for worker in entry.get("workers") or () if isinstance(worker, dict)]
+            for raised in (one.get("raised") for one in (*told, entry)):
+                if isinstance(raised, dict) and isinstance(raised.get("traceback"), str):
+                    yield raised["traceback"]
+
+
+def cleaned(traceback: str) -> str:
+    """A traceback without frames of ours and what they call of Python's own, its files named from there on."""
+    kept, ours = [], False
+    for line in traceback.splitlines():
+        if line.lstrip().startswith('File "'):
+            ours = bool(OURS.match(line)) or (ours and bool(LIBRARY.match(line)))
+        elif not line.startswith("    "):
+            ours = False
+        if not ours:
+            kept.append(FOLDERS.sub(r"…/\1/", line))
+    return "\n".join(kept)
+
+
+def _around(logs: Sequence[str], decisive: str) -> Sequence[str]:
+    """The lines of a log about the one that says why, or its last ones."""
+    lines = [line for text in logs for line in text.splitlines() if not line.startswith(("simmatrix:", "DEBUG "))]
+    place = next((n for n, line in reversed([*enumerate(lines)]) if decisive and decisive[:60] in line), len(lines))
+    return lines[max(place - BEFORE, 0) : place + AFTER]

@@ -1,0 +1,282 @@
+"""A red cell as a report for its upstream."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from specimens import HERE, MACHINES, case, cell, phase, record, step
+
+from harness import document, reproducing, upstream
+from harness.__main__ import main
+from harness.model import Case, CellRecord, Outcome, Phase, Plan, Question, Verdict
+from harness.reporttypes import DiagnosisEntry
+from harness.store import Store
+
+LOCK = f"gymnasium==1.2.3 \\\n    --hash=sha256:{'1' * 64}\nnumpy==2.2.6 \\\n    --hash=sha256:{'2' * 64}\n"
+LINE = "AttributeError: module 'numpy' has no attribute 'bool8'"
+TRACEBACK = f"""Traceback (most recent call last):
+  File "$INCELL/cell_run.py", line 144, in _attempt
+    self._phase(check)
+  File "$HOME/.pyenv/versions/3.11.7/lib/python3.11/contextlib.py", line 137, in __enter__
+    return next(self.gen)
+           ^^^^^^^^^^^^^^
+  File "$ENV/lib/python3.11/site-packages/gymnasium/core.py", line 3, in step
+    numpy.bool8
+  File "/home/jane/robots/lib/python3.11/site-packages/numpy/__init__.py", line 4, in __getattr__
+    raise AttributeError
+{LINE}
+"""
+REPLY = [
+    {"check": "single.check_env", "outcome": None, "raised": {"traceback": "Traceback\nKeyError: 'of a finding'"}},
+    {"check": "single.loop", "outcome": "failed", "raised": {"traceback": TRACEBACK}},
+]
+
+
+def red(**more: Any) -> CellRecord:
+    """A cell whose loop fails."""
+    single = phase(Phase.SINGLE, Outcome.FAILED, LINE, evidence="evidence/1")
+    return record(case("pfnn", single=single), lock="locks/1.txt", **more)
+
+
+@pytest.fixture
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
+    """A store with the red cell, its lock and its evidence."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
+    monkeypatch.setenv("HARNESS_SIGNATURES", "")
+    store = Store(tmp_path / "state")
+    store.save_cell(red())
+    store.save_machine(HERE, MACHINES[HERE])
+    for name, text in {
+        "locks/1.txt": LOCK,
+        "evidence/1/reply.jsonl": "".join(json.dumps(line) + "\n" for line in REPLY),
+        "evidence/1/log.txt": "token=letmein\n",
+    }.items():
+        (store.folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (store.folder / name).write_text(text)
+    return store
+
+
+def shown(capsys: pytest.CaptureFixture[str]) -> str:
+    """What `show --issue` prints."""
+    assert main(["show", "quick/*", "--issue"]) == 0
+    return capsys.readouterr().out
+
+
+# --- the report ------------------------------------------------------------------------------------------------
+
+
+def test_the_report_is_whole(state: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    """Title, line, traceback from site-packages on, versions, script, commands, the full lock."""
+    text = shown(capsys)
+
+    assert text.startswith(f"# gymnasium 1.2.3: {LINE}\n")
+    assert "make, reset and step of `Ant-v5`: failed (`single.loop`)." in text
+    assert re.findall(r'File "(.*)"', text) == [
+        "…/site-packages/gymnasium/core.py", "…/site-packages/numpy/__init__.py",
+    ]  # fmt: skip
+    assert "| Python | 3.11.7 |\n| OS | Debian 12 |" in text
+    assert "| gymnasium | 1.2.3 |\n| numpy | 2.2.6 |" in text
+    assert "uv venv --python 3.11 repro\nuv pip install --python repro --require-hashes -r requirements.txt\n" in text
+    assert text.count(LOCK.rstrip()) == 1
+    assert "## Cause" not in text
+
+
+def test_nothing_private_is_in_it(state: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither folders nor people nor the harness's own frames; secrets in variables of the cell neither."""
+    state.save_cell(red(cell=cell(environment={"WANDB_API_KEY": "0123", "MUJOCO_GL": "egl"})))
+
+    text = shown(capsys)
+
+    assert not re.search(r"/home|jane|\$INCELL|\$HOME|contextlib|letmein|0123|robots", text)
+    assert "| WANDB_API_KEY | <redacted> |" in text
+    assert "\nMUJOCO_GL=egl WANDB_API_KEY='<redacted>' repro/bin/python repro.py\n" in text
+
+
+KNOWN = """
+[[signature]]
+id = "bool8"
+phases = ["single"]
+pattern = '''has no attribute 'bool8\''''
+cause = "numpy 2 took it out."
+examples = ["has no attribute 'bool8'", "module 'numpy' has no attribute 'bool8'"]
+references = ["https://github.com/openai/gym/issues/3294"]
+remedy = { requirements = ["numpy<2"] }
+"""
+
+
+def test_a_known_cause_is_told_and_a_remedy_only_if_proven(
+    state: Store, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What was not measured here is not handed to anybody as a cure."""
+    (tmp_path / "signatures").mkdir()
+    (tmp_path / "signatures" / "a.toml").write_text(KNOWN)
+    monkeypatch.setenv("HARNESS_SIGNATURES", str(tmp_path / "signatures"))
+    assert "## Cause\n\nnumpy 2 took it out.\n\n- <https://github.com/openai/gym/issues/3294>" in (
+        text := shown(capsys)
+    )
+    assert "it works" not in text
+
+    entry = document.build([red()], [Plan(matrix="quick", cells=(cell(),), axes=())], MACHINES, "now").cells[0]
+    found = {
+        "signature": "bool8",
+        "cause": "c",
+        "remedy": {"requirements": ["numpy<2"]},
+        "masks": False,
+        "references": (),
+    }
+    proven = DiagnosisEntry(**found, proven=True, proof="quick/cured")
+    text = upstream.issue(failing(msgspec.structs.replace(entry, diagnoses=(proven,))))
+    assert "it works (measured): install `numpy<2`" in text
+
+
+def failing(entry: Any, **more: Any) -> upstream.Failing:
+    """The cell as its judge has it."""
+    values = {"cell": cell(), "entry": entry, "machine": {}, "lock": LOCK, "instant": None, "texts": {}, **more}
+    return upstream.Failing(**values)
+
+
+def built(made: CellRecord) -> Any:
+    """The entry of a record."""
+    plan = Plan(matrix="quick", cells=(made.cell,), axes=())
+    return document.build([made], [plan], MACHINES, "now").cells[0]
+
+
+def test_what_does_not_install_is_asked_for(tmp_path: Path) -> None:
+    """Without a lock the requirements stand in the command, as the index stood."""
+    asked = replace(cell(), question=Question(requirements=("gym==0.21.0",), constraints=("numpy<2",)))
+    made = record(of=asked, installed=None, install=step(Phase.INSTALL, Outcome.FAILED, "error: no way"))
+    logs = "\n".join([*(f"line {n}" for n in range(50)), "error: no way", "DEBUG x", "hint: none", *["after"] * 30])
+
+    text = upstream.issue(
+        failing(built(made), cell=asked, lock=None, instant="2026-11-22T00:00:00Z", texts={"uv.log": logs})
+    )
+
+    assert text.startswith("# gym==0.21.0: error: no way\n")
+    assert "uv pip install --python repro --exclude-newer 2026-11-22T00:00:00Z gym==0.21.0\n" in text
+    assert "numpy<2  # constraint" in text
+    assert "line 49\nerror: no way\nhint: none\nafter" in text
+    assert "line 10\n" not in text
+    assert "DEBUG" not in text
+
+
+def test_an_environment_of_its_own_has_no_script() -> None:
+    """What the matrix brings itself cannot be run by others: it says so, and claims no reproduction."""
+    own = replace(cell(), files={"own.py": "1"})
+
+    text = upstream.issue(failing(built(red(cell=own)), cell=own))
+
+    assert upstream.NO_SCRIPT in text
+    assert "repro.py" not in text
+
+
+@pytest.mark.parametrize(
+    ("made", "verdict"),
+    [
+        (record(case("pppp")), Verdict.WORKS),
+        (record(of=cell(), resolve=None, install=None, unavailable="no Python"), Verdict.UNAVAILABLE),
+    ],
+)
+def test_what_is_not_red_is_refused(
+    state: Store, capsys: pytest.CaptureFixture[str], made: CellRecord, verdict: Verdict
+) -> None:
+    """There is nothing to tell an upstream of a green cell, or of what this machine lacks."""
+    state.save_cell(made)
+
+    assert main(["show", "quick/*", "--issue"]) == 2
+    said = capsys.readouterr().err
+    assert said == f"simmatrix: show {made.cell.id} --issue: it is {verdict}: there is nothing to report to anybody\n"
+
+
+# --- the script ------------------------------------------------------------------------------------------------
+
+MODERN, OLD = {"gym": "0.26.2"}, {"gym": "0.21.0"}
+
+
+@pytest.mark.parametrize(
+    ("env", "api", "at", "check", "installed", "lines"),
+    [
+        ("Ant-v5", "gymnasium", "single", "single.loop", {}, ['gymnasium.make("Ant-v5")', "terminated or truncated"]),
+        (
+            "Ant-v5",
+            "gymnasium",
+            "render",
+            "render.rgb_array",
+            {},
+            ['make("Ant-v5", render_mode="rgb_array")', "env.render()"],
+        ),
+        ("gym:CartPole-v1", "gym", "single", "single.loop", MODERN, ['gym.make("CartPole-v1")', "env.reset(seed=7)"]),
+        ("CartPole-v1", "gym", "single", "single.loop", OLD, ["env.seed(7)", "observation, reward, done, info ="]),
+        (
+            "CartPole-v1",
+            "gym",
+            "render",
+            "render.rgb_array",
+            OLD,
+            ['make("CartPole-v1")', 'env.render(mode="rgb_array")'],
+        ),
+        ("CartPole-v1", "gym", "vector", "vector.sync", OLD, ["SyncVectorEnv([make] * 2)", "envs.reset()"]),
+        ("Ant-v5", "gymnasium", "vector", "vector.async.spawn", {}, ['AsyncVectorEnv([make] * 2, context="spawn")']),
+        ("Ant-v5", "gymnasium", "vector", "vector.async.unshared", {}, ["shared_memory=False", "envs.reset(seed=7)"]),
+        ("m:Ant-v5", "gymnasium", "import", "import.modules", {}, ["import gymnasium\nimport m\n"]),
+        (
+            "dm_control:cheetah/run",
+            "dm_control",
+            "render",
+            "render.rgb_array",
+            {},
+            ['suite.load("cheetah", "run")', "physics.render()"],
+        ),
+        (
+            "robosuite:Lift",
+            "robosuite",
+            "render",
+            "render.rgb_array",
+            {},
+            ['make("Lift", robots="Panda"', "use_camera_obs=True"],
+        ),
+        (
+            "robosuite:Lift",
+            "robosuite",
+            "vector",
+            "vector.sync",
+            {"gymnasium": "1"},
+            ["GymWrapper(env)", "from gymnasium.vector"],
+        ),
+    ],
+)
+def test_the_script_does_what_failed(
+    env: str, api: str, at: str, check: str, installed: dict[str, str], lines: list[str]
+) -> None:
+    """The calls of the release, in Python that parses."""
+    text = reproducing.script(Case(id="a", env=env, api=api), Phase(at), check, installed)
+
+    assert text is not None
+    ast.parse(text)
+    assert [line for line in lines if line not in text] == []
+
+
+def test_arguments_and_imports_are_those_of_the_case() -> None:
+    """Keyword arguments of make, and modules that register environments."""
+    made = Case(id="a", env="A-v0", api="gymnasium", kwargs={"size": 3, "name": "x"}, imports=("register_all",))
+
+    text = reproducing.script(made, Phase.SINGLE, "single.loop", {})
+
+    assert text
+    assert text.startswith("import register_all\nimport gymnasium\n")
+    assert """gymnasium.make("A-v0", size=3, name='x')""" in text
+
+
+@pytest.mark.parametrize(
+    "made", [Case(id="a", env="isaacgym:x", api="isaacgym"), Case(id="a", env=None, api="gymnasium")]
+)
+def test_what_has_no_script(made: Case) -> None:
+    """No calls that everybody could make, no script."""
+    assert reproducing.script(made, Phase.SINGLE, "single.loop", {}) is None
