@@ -19,6 +19,7 @@ SIGNATURES, MEASURED = "signatures.json", "measured.json.gz"
 """What the file carries beside the code."""
 
 INTERRUPTED = 130
+PROVE = "pip install simmatrix; simmatrix doctor --prove --python PATH"
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -62,11 +63,18 @@ def _explain(args: argparse.Namespace, command: Optional[List[str]]) -> int:
 def _add_doctor(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--python", metavar="PATH", help="an interpreter, or the folder of an environment")
     parser.add_argument("--env", metavar="ID", help="the environment that is to run, for the nearest known-good lock")
+    parser.add_argument("--rendering", action="store_true", help="look at the libraries that draw, and the settings")
+    parser.add_argument("--prove", action="store_true", help="needs the harness, and says so")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
 def _doctor(args: argparse.Namespace) -> int:
-    asked = doctor.Asked(args.python, args.env, dict(os.environ), os.getcwd())
+    if args.prove:
+        message = "doctor --prove makes an environment, which needs the harness (Python 3.11 or newer): {}".format(
+            PROVE
+        )
+        raise explain.Bad(message)
+    asked = doctor.Asked(args.python, args.env, dict(os.environ), os.getcwd(), args.rendering)
     made = doctor.document(asked, running.run, doctor.Knowledge(_known(), lambda: _measured() or {}))
     doctor.printed(json.dumps(made) if args.json else "\n".join(doctor.lines(made, wording.in_words)))
     return doctor.code(made)

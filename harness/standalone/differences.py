@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from .probing import USER_SITE, Here, imports
 from .versions import canonical
@@ -14,7 +14,7 @@ FIRST = (
     " MUJOCO_EGL_DEVICE_ID EGL_DEVICE_ID"
 ).split()
 """The variables that make a difference most often."""
-MOST_RUNS = 16
+MOST_RUNS = 32
 
 Told = Mapping[str, Any]
 
@@ -150,33 +150,45 @@ def _kind(one: Told, other: Told) -> str:
 
 
 def _blamed(here: Here, names: Sequence[str], wanted: Mapping[str, Any], seen: Any) -> Dict[str, Tuple[str, ...]]:
-    """What brings each outcome about: one variable alone, found by keeping one at a time, then halves of the rest."""
+    """What brings each outcome about: one variable alone, found by keeping one at a time, else the fewest together."""
     found: Dict[str, Tuple[str, ...]] = dict.fromkeys(wanted, ())
-    runs = [0]
+    trials = [0]
 
-    def tried(kept: Iterable[str]) -> List[str]:
-        """The modules whose outcome these bring about."""
-        runs[0] += 1
-        kept = list(kept)
+    def tried(kept: Sequence[str]) -> List[str]:
+        """The modules whose outcome these bring about; none where enough was tried."""
+        trials[0] += 1
+        if trials[0] > MOST_RUNS:
+            return []
         folder = here.folder if FOLDER in kept else None
         told = imports(here.scrubbed(*kept, folder=folder), names)
         return [name for name in wanted if seen(told[name]) == wanted[name]]
 
     removed = here.removed
-    single = [*(name for name in FIRST if name in removed), FOLDER, USER_SITE]
-    for one in single:
-        if all(found.values()) or runs[0] >= MOST_RUNS:
+    for one in [*(name for name in FIRST if name in removed), FOLDER, USER_SITE]:
+        if all(found.values()):
             return found
         for name in tried([one]):
             found[name] = found[name] or (one,)
-    rest = [name for name in removed if name not in FIRST]
-    while rest and not all(found.values()) and runs[0] < MOST_RUNS:
-        half = rest[: (len(rest) + 1) // 2]
-        hit = [name for name in tried(half) if not found[name]]
-        if hit and len(half) == 1:
-            found.update((name, (half[0],)) for name in hit)
-            return found
-        if not hit and len(rest) == 1:
-            return found
-        rest = half if hit else rest[len(half) :]
+    left = [name for name in wanted if not found[name]]
+    if left:
+        fewest = _fewest([*removed, FOLDER, USER_SITE], lambda kept: set(left) <= set(tried(kept)))
+        found.update((name, fewest) for name in left)
     return found
+
+
+def _fewest(items: Sequence[str], enough: Callable[[Sequence[str]], bool]) -> Tuple[str, ...]:
+    """Few of these that still are enough: parts are left out, half of all first; none where all are not enough."""
+    kept = list(items)
+    if not enough(kept):
+        return ()
+    size = len(kept) // 2
+    while size:
+        place = 0
+        while place < len(kept):
+            rest = kept[:place] + kept[place + size :]
+            if rest and enough(rest):
+                kept = rest
+            else:
+                place += size
+        size = size // 2
+    return tuple(kept)

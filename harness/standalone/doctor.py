@@ -8,11 +8,12 @@ import sys
 import tempfile
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from . import choosing, declared, differences, nearest, reading
+from . import choosing, declared, differences, drawing, nearest, reading
 from .choosing import Choice
 from .declared import NOTE, WARNING, Finding
 from .matching import Seen
 from .probing import Here, probed
+from .probing import seen as seen_here
 from .running import Run
 
 Told = Mapping[str, Any]
@@ -40,12 +41,13 @@ class Knowledge(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What the command line asks for, from where. `more` looks at what only the harness can: findings and evidence."""
+    """What the command line asks for, from where. `rendering` is a look at libraries, all that can be done alone."""
 
     python: Optional[str]
     env: Optional[str]
     variables: Mapping[str, str]
     folder: str
+    rendering: bool = False
 
 
 More = Callable[[Choice, Told], Tuple[List[Finding], List[Seen]]]
@@ -76,6 +78,7 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
     shown = {hit.known.id for hit in causes}
     lurks = [one for one in lurks if one.id not in shown]
     measured = known.measured()
+    told += drawing.findings(seen_here(here), here.variables) if asked.rendering else []
     found += [*told, *map(_lurking, lurks), *nearest.failed(looked, measured)]
     found.sort(key=_rank)
     near = nearest.found(looked, measured, asked.env, reading.versions_asked([*(hit.known for hit in causes), *lurks]))

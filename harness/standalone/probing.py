@@ -73,6 +73,17 @@ def facts(here: Here, name: str, *flags: str) -> Dict[str, Any]:
     return told
 
 
+def seen(here: Here) -> Dict[str, Any]:
+    """What there is to draw with; empty where that cannot be told."""
+    target = os.path.join(here.scratch, "seen.json")
+    here.run([here.python, "-B", _script(here, "seeing.py"), target], here.variables, here.folder, 30.0)
+    try:
+        with open(target, encoding="ascii") as file:
+            return dict(json.load(file))
+    except (OSError, ValueError):
+        return {}
+
+
 def ended(ran: Ran) -> str:
     """How a process ended that should not have, in a line."""
     lines = [line.strip() for line in ran.output.splitlines() if line.strip()]

@@ -173,12 +173,18 @@ def twice(probes: Told) -> List[Finding]:
     paths = sorted({path for one in probes["imports"].values() for path in one["libraries"]})
     groups: Dict[str, Dict[str, str]] = {}
     for path in paths:
-        found = STEM.match(os.path.basename(path))
-        stem = found.group(1) if found else os.path.basename(path)
+        stem = _stem(path)
         kind = KINDS.get(stem, NAMES.get(stem))
         if kind:
             groups.setdefault(kind, {})[path] = stem
     return [_double(kind, those) for kind, those in groups.items() if len(those) > 1]
+
+
+def _stem(path: str) -> str:
+    """What a library is called, whatever its version."""
+    name = os.path.basename(path)
+    found = STEM.match(name)
+    return found.group(1) if found else name
 
 
 def _double(kind: str, those: Mapping[str, str]) -> Finding:
@@ -278,8 +284,10 @@ def _module(by: str, those: Sequence[Difference], _: Told) -> Finding:
 
 
 def _loaded(by: str, those: Sequence[Difference], _: Told) -> Finding:
+    """Another file of the same library is a trouble; one more is what a setting such as MUJOCO_GL=egl is for."""
     first = those[0]
+    stems = [{_stem(path) for path in side.split(", ") if path} for side in (first.as_it_is, first.scrubbed)]
     text = "with {} `import {}` loads {}; without, {}".format(
         by, first.module, first.as_it_is or "less", first.scrubbed or "less"
     )
-    return Finding("probe.difference", WARNING, text)
+    return Finding("probe.difference", WARNING if stems[0] & stems[1] else NOTE, text)

@@ -231,6 +231,16 @@ def test_a_variable_that_breaks_an_import(place: Place, name: str) -> None:
     ]
 
 
+def test_variables_that_break_an_import_together(place: Place) -> None:
+    """Neither does alone: the fewest that do are named, of all that are set."""
+    place.put("mujoco", "3.1.6", "import os\nif {'LEFT', 'RIGHT'} <= {*os.environ}: raise RuntimeError('no')")
+    others = {f"OTHER_{number}": "x" for number in range(9)}
+
+    made = place.look(**others, LEFT="1", RIGHT="2")
+
+    assert made["decisive"] == "with LEFT=1 and RIGHT=2 `import mujoco` fails: RuntimeError: no; without, it works"
+
+
 def test_the_user_site(tmp_path: Path, other: Interpreter) -> None:
     """What lies in ~/.local counts where Python looks there, and is no part of the environment."""
     place = Place(tmp_path, other.path, "--system-site-packages")

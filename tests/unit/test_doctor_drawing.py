@@ -1,0 +1,48 @@
+"""What the single file says of drawing, which it looks at without drawing."""
+
+from __future__ import annotations
+
+import pytest
+
+from harness.standalone import drawing
+
+ALL = {"egl": None, "osmesa": None, "gl": None}
+
+
+@pytest.mark.parametrize(
+    ("libraries", "variables", "said"),
+    [
+        (ALL, {"MUJOCO_GL": "egl"}, []),
+        (ALL, {"DISPLAY": ":0"}, []),
+        (ALL, {}, ["there is no display, and MUJOCO_GL is not set: MuJoCo opens no window here; export MUJOCO_GL=egl"]),
+        (
+            {**ALL, "egl": "gone"},
+            {"MUJOCO_GL": "glfw"},
+            ["there is no display, and MUJOCO_GL is glfw: MuJoCo opens no window here; export MUJOCO_GL=osmesa"],
+        ),
+        (
+            {**ALL, "egl": "gone"},
+            {"MUJOCO_GL": "egl"},
+            [
+                "MUJOCO_GL=egl asks for EGL (libEGL.so.1), which cannot be loaded (gone); "
+                "on Debian it is in libegl1 libgl1-mesa-dri"
+            ],
+        ),
+        (
+            ALL,
+            {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "egl"},
+            ["MUJOCO_GL=osmesa and PYOPENGL_PLATFORM=egl contradict each other: unset PYOPENGL_PLATFORM"],
+        ),
+    ],
+    ids=["egl", "display", "nothing-set", "no-window", "no-egl", "contradiction"],
+)  # fmt: skip
+def test_settings(libraries: dict[str, str | None], variables: dict[str, str], said: list[str]) -> None:
+    """What cannot draw is a warning, with what to set or install."""
+    found = drawing.findings({"libraries": libraries, "devices": []}, variables)
+
+    assert [one.text for one in found if one.level == "warning"] == said
+
+
+def test_what_cannot_be_told() -> None:
+    """Nothing is made up."""
+    assert [one.level for one in drawing.findings({}, {})] == ["note"]
