@@ -212,7 +212,8 @@ def _hits(
 def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
     """What explains the decisive line goes before what was said elsewhere."""
     one = hit.known
-    return one.masks, not one.phases, _where(hit, told), one.generic
+    elsewhere = bool(one.phases) and told.phase is not None and told.phase not in one.phases
+    return one.masks, not one.phases, _where(hit, told), one.generic, elsewhere
 
 
 def _where(hit: Hit, told: Told) -> int:

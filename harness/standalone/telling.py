@@ -9,6 +9,7 @@ import re
 from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from . import lines as said
+from .installers import installer
 from .lines import EXCEPTION, FRAME, MASKS, bounded, strip_ansi
 
 START = "Traceback (most recent call last):"
@@ -52,20 +53,21 @@ def told(text: str, *, surely: bool = False) -> Told:
     lines = _without_ignored(text.splitlines())
     text, whole = "\n".join(lines), text
     picked = list(_tracebacks(lines))
-    installer = _installer(lines)
+    gave_up = installer(lines)
     killed = _signal(text)
-    decisive = _decisive(text, lines, installer, picked)
-    failed = bool(picked or installer or killed or _marked(text) or surely)
+    decisive = _decisive(text, lines, gave_up, picked)
+    failed = bool(picked or gave_up or killed or _marked(text) or surely)
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
+    region = _region(lines, first) if first in picked else ""
     return Told(
         decisive=first,
         lines=tuple(dict.fromkeys(every)),
-        phase=_phase(text, installer),
+        phase=_phase(text, gave_up, region),
         signal=killed,
         failed=failed,
         raised=first in picked and first is not None and first.partition(":")[0].rpartition(".")[2] not in MASKS,
-        region=_region(lines, first) if first in picked else "",
+        region=region,
         text=whole,
         last=next((bounded(line) for line in reversed(lines) if line.strip()), ""),
     )
@@ -184,86 +186,11 @@ def _complaints(lines: Sequence[str]) -> Iterator[str]:
     yield from (bounded(line) for line in reversed(found[-40:]))
 
 
-def _decisive(text: str, lines: Sequence[str], installer: Optional[str], picked: Sequence[str]) -> Optional[str]:
+def _decisive(text: str, lines: Sequence[str], gave_up: Optional[str], picked: Sequence[str]) -> Optional[str]:
     """What a person would quote."""
-    if installer and not picked:
-        return installer
+    if gave_up and not picked:
+        return gave_up
     return said.decisive_line(text)
-
-
-# --- installers ------------------------------------------------------------------------------------------------
-
-CONFLICT = re.compile(r"^ERROR: Cannot install (.+) because these package versions have conflicting dependencies")
-NOT_FOUND = re.compile(
-    r"^(ERROR: Could not find a version that satisfies the requirement .+?)(?: \(from versions: .*)?$"
-)
-OTHER_PYTHON = re.compile(r"^ERROR: Package '.+' requires a different Python: ")
-NOT_FITTING = re.compile(r"^(?:ERROR: )?(\S+ \S+ (?:requires|depends on) .+, but you(?:'ll)? have .+)$")
-CONDA = re.compile(
-    r"^\s*(?:Lib[Mm]amba)?(?:UnsatisfiableError|PackagesNotFoundError|ResolvePackageNotFound|SolverError)\b"
-    r"|^error\s+libmamba Could not solve"
-)
-POETRY = re.compile(r"version solving failed")
-
-
-def _installer(lines: Sequence[str]) -> Optional[str]:
-    """What a resolver or installer says why it gave up; pip's and conda's words in one line."""
-    rules = (_pip_conflict, _conda, _poetry, _pip_not_found, _uv, _not_fitting)
-    found = (rule(lines) for rule in rules)
-    return next((bounded(line) for line in found if line), None)
-
-
-def _pip_conflict(lines: Sequence[str]) -> Optional[str]:
-    """The packages that cannot be together, and what each of them asks for."""
-    place = next((n for n, line in enumerate(lines) if CONFLICT.match(line)), None)
-    if place is None:
-        return None
-    cause = next((n for n in range(place, len(lines)) if lines[n].startswith("The conflict is caused by:")), None)
-    told = [] if cause is None else _paragraph(lines[cause + 1 :])
-    return "{} conflict: {}".format(_found(CONFLICT, lines[place]), "; ".join(told)) if told else lines[place]
-
-
-def _found(pattern: re.Pattern[str], line: str) -> str:
-    match = pattern.match(line)
-    return match.group(1) if match else line
-
-
-def _pip_not_found(lines: Sequence[str]) -> Optional[str]:
-    found = (_found(NOT_FOUND, line) for line in lines if NOT_FOUND.match(line))
-    return next((line for line in lines if OTHER_PYTHON.match(line)), next(found, None))
-
-
-def _not_fitting(lines: Sequence[str]) -> Optional[str]:
-    return next((_found(NOT_FITTING, line) for line in lines if NOT_FITTING.match(line)), None)
-
-
-def _conda(lines: Sequence[str]) -> Optional[str]:
-    place = next((n for n, line in enumerate(lines) if CONDA.match(line)), None)
-    if place is None:
-        return None
-    rest = [line for line in lines[place + 1 :] if not line.startswith(("Could not solve", "The following packages"))]
-    start = next((n for n, line in enumerate(rest) if line.strip()), len(rest))
-    told = _paragraph(rest[start:])
-    return "{} {}".format(lines[place].strip(), "; ".join(one.lstrip("- ") for one in told)).strip()
-
-
-def _poetry(lines: Sequence[str]) -> Optional[str]:
-    place = next((n for n, line in enumerate(lines) if POETRY.search(line)), None)
-    if place is None:
-        return None
-    start = next((n for n in range(place, -1, -1) if lines[n].lstrip().startswith("Because")), place)
-    return " ".join(line.strip() for line in lines[start : place + 1])
-
-
-def _uv(lines: Sequence[str]) -> Optional[str]:
-    if any("No solution found" in line for line in lines):
-        return said.decisive_line("\n".join(lines))
-    return next((line.strip() for line in lines if "we can conclude that your requirements are unsat" in line), None)
-
-
-def _paragraph(lines: Sequence[str]) -> List[str]:
-    end = next((n for n, line in enumerate(lines) if not line.strip()), len(lines))
-    return [line.strip() for line in lines[:end]][:12]
 
 
 # --- where it failed -------------------------------------------------------------------------------------------
@@ -276,33 +203,41 @@ BUILD = re.compile(
 )
 IMPORTING = re.compile(r"^(?:ModuleNotFoundError|ImportError|AttributeError: partially initialized module)\b")
 VECTOR = re.compile(r"vector_env|async_vector|subproc_vec_env|AsyncVectorEnv|SubprocVecEnv|vec_env|ParallelEnv")
+PACKAGE = re.compile(r"(?:site|dist)-packages")
+USING = frozenset({"make", "__init__", "reset", "step", "render"})
+"""Functions in which an import is one of something that is being used."""
+
 RENDER = re.compile(
     r"in render\b|mujoco_rendering|rendering\.py|glfw|EGL|OSMesa|OpenGL|pyglet|GLError|libGL|X11|DISPLAY"
 )
 
 
-def _phase(text: str, installer: Optional[str]) -> Optional[str]:
+def _phase(text: str, gave_up: Optional[str], region: str) -> Optional[str]:
     """Where it may have failed, by what the text is of; None where nothing tells."""
     if BUILD.search(text):
         return "install"
-    if installer:
+    if gave_up:
         return "resolve"
     blocks = [said.root(chain) for chain in said.chains(text.splitlines())]
     telling = [block for block in blocks if block.kind not in MASKS] or blocks
-    if not telling:
-        return None
-    if IMPORTING.match(telling[-1].text) or _while_importing(text):
+    return (
+        _of_traceback(telling[-1].text, region, echoed=any(block.kind in MASKS for block in blocks))
+        if telling
+        else None
+    )
+
+
+def _of_traceback(exception: str, region: str, *, echoed: bool) -> str:
+    """Where an exception was raised, by what stands in its traceback; `echoed` another process saw this one die."""
+    frames = FRAME.findall(region)
+    functions = [function.strip() for _, _, function in frames]
+    if echoed or any(VECTOR.search(path) for path, _, _ in frames):
+        return "vector"
+    loaded = [n for n, (path, _, name) in enumerate(frames) if name.strip() == "<module>" and PACKAGE.search(path)]
+    if (loaded or IMPORTING.match(exception)) and not USING & set(functions[: loaded[0] if loaded else None]):
         return "import"
-    frames = "\n".join(line for line in text.splitlines() if FRAME.search(line))
-    if RENDER.search(telling[-1].text) or re.search(r"in render\b|mujoco_rendering|rendering\.py", frames):
-        return "render"
-    return "vector" if VECTOR.search(frames) or any(block.kind in MASKS for block in blocks) else "single"
-
-
-def _while_importing(text: str) -> bool:
-    """Whether the innermost frames of the last traceback are of modules that are being loaded."""
-    frames = FRAME.findall(text)
-    return bool(frames) and frames[-1][2].strip() == "<module>" and len(frames) > 1
+    drawing = "render" in functions or any("rendering" in path for path, _, _ in frames)
+    return "render" if drawing or RENDER.search(exception) else "single"
 
 
 # --- what was killed -------------------------------------------------------------------------------------------

@@ -1,0 +1,80 @@
+"""What resolvers and installers say why they gave up: pip, uv, conda, poetry; each in one line."""
+
+from __future__ import annotations
+
+import re
+from typing import List, Optional, Sequence
+
+from .lines import bounded, decisive_line
+
+CONFLICT = re.compile(r"^ERROR: Cannot install (.+) because these package versions have conflicting dependencies")
+NOT_FOUND = re.compile(
+    r"^(ERROR: Could not find a version that satisfies the requirement .+?)(?: \(from versions: .*)?$"
+)
+OTHER_PYTHON = re.compile(r"^ERROR: Package '.+' requires a different Python: ")
+NOT_FITTING = re.compile(r"^(?:ERROR: )?(\S+ \S+ (?:requires|depends on) .+, but you(?:'ll)? have .+)$")
+CONDA = re.compile(
+    r"^\s*(?:Lib[Mm]amba)?(?:UnsatisfiableError|PackagesNotFoundError|ResolvePackageNotFound|SolverError)\b"
+    r"|^error\s+libmamba Could not solve"
+)
+POETRY = re.compile(r"version solving failed")
+
+
+def installer(lines: Sequence[str]) -> Optional[str]:
+    """What a resolver or installer says why it gave up; pip's and conda's words in one line."""
+    rules = (_pip_conflict, _conda, _poetry, _pip_not_found, _uv, _not_fitting)
+    found = (rule(lines) for rule in rules)
+    return next((bounded(line) for line in found if line), None)
+
+
+def _pip_conflict(lines: Sequence[str]) -> Optional[str]:
+    """The packages that cannot be together, and what each of them asks for."""
+    place = next((n for n, line in enumerate(lines) if CONFLICT.match(line)), None)
+    if place is None:
+        return None
+    cause = next((n for n in range(place, len(lines)) if lines[n].startswith("The conflict is caused by:")), None)
+    told = [] if cause is None else _paragraph(lines[cause + 1 :])
+    return "{} conflict: {}".format(_found(CONFLICT, lines[place]), "; ".join(told)) if told else lines[place]
+
+
+def _found(pattern: re.Pattern[str], line: str) -> str:
+    match = pattern.match(line)
+    return match.group(1) if match else line
+
+
+def _pip_not_found(lines: Sequence[str]) -> Optional[str]:
+    found = (_found(NOT_FOUND, line) for line in lines if NOT_FOUND.match(line))
+    return next((line for line in lines if OTHER_PYTHON.match(line)), next(found, None))
+
+
+def _not_fitting(lines: Sequence[str]) -> Optional[str]:
+    return next((_found(NOT_FITTING, line) for line in lines if NOT_FITTING.match(line)), None)
+
+
+def _conda(lines: Sequence[str]) -> Optional[str]:
+    place = next((n for n, line in enumerate(lines) if CONDA.match(line)), None)
+    if place is None:
+        return None
+    rest = [line for line in lines[place + 1 :] if not line.startswith(("Could not solve", "The following packages"))]
+    start = next((n for n, line in enumerate(rest) if line.strip()), len(rest))
+    told = _paragraph(rest[start:])
+    return "{} {}".format(lines[place].strip(), "; ".join(one.lstrip("- ") for one in told)).strip()
+
+
+def _poetry(lines: Sequence[str]) -> Optional[str]:
+    place = next((n for n, line in enumerate(lines) if POETRY.search(line)), None)
+    if place is None:
+        return None
+    start = next((n for n in range(place, -1, -1) if lines[n].lstrip().startswith("Because")), place)
+    return " ".join(line.strip() for line in lines[start : place + 1])
+
+
+def _uv(lines: Sequence[str]) -> Optional[str]:
+    if any("No solution found" in line for line in lines):
+        return decisive_line("\n".join(lines))
+    return next((line.strip() for line in lines if "we can conclude that your requirements are unsat" in line), None)
+
+
+def _paragraph(lines: Sequence[str]) -> List[str]:
+    end = next((n for n, line in enumerate(lines) if not line.strip()), len(lines))
+    return [line.strip() for line in lines[:end]][:12]
