@@ -146,7 +146,7 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
 
 
 def _tried(env: str, case: Case, record: CaseRecord) -> Tried:
-    phases = {str(one.phase): str(one.outcome) for one in record.phases if one.phase in SHOWN}
+    phases = {str(one.phase): str(one.outcome) for one in record.phases if one.outcome in TOLD}
     failed = next((one for one in record.phases if one.outcome not in PASSING), None)
     if failed is None:
         said = f"{env} was made and stepped in this environment ({', '.join(phases)} passed)"
@@ -155,7 +155,7 @@ def _tried(env: str, case: Case, record: CaseRecord) -> Tried:
     return Tried(env=env, api=case.api, phases=phases, decisive=failed.decisive if failed else None, said=said)
 
 
-SHOWN = (Phase.IMPORT, Phase.SINGLE, Phase.RENDER)
+TOLD = frozenset(Outcome) - {Outcome.NOT_REACHED, Outcome.SKIPPED}
 PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
 
 
