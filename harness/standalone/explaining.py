@@ -166,9 +166,17 @@ TOOLS = {
 }
 """Whoever prints such lines is there, without a name."""
 
+WORDS = {
+    "mujoco": re.compile(r"\bmj_\w+\(|\bmj[A-Z]\w+|XML Error: "),
+    "pyopengl": re.compile(r"\bOpenGL\b|\begl[A-Z]\w+"),
+    "setuptools": re.compile(r"pkg_resources|distutils"),
+    "torch": re.compile(r"Weights only load failed"),
+}
+"""What only these packages call so."""
+
 
 def _speaks(name: str, text: str) -> bool:
-    if name in TOOLS and TOOLS[name].search(text):
+    if any(name in known and known[name].search(text) for known in (TOOLS, WORDS)):
         return True
     pattern = "[-_.]".join(map(re.escape, name.split("-")))
     return re.search("(?<![A-Za-z0-9])" + pattern + "(?![A-Za-z0-9])", text, re.IGNORECASE) is not None

@@ -164,15 +164,28 @@ def _tracebacks(lines: Sequence[str]) -> Iterator[str]:
     yield from (bounded(block.text) for block in picks if block.kind not in MASKS)
 
 
-MARKED = re.compile(
-    r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: "
-    r"|^\s*what\(\):\s|: Assertion .* failed|^Fatal Python error: |^CMake Error"
-    r"|: (?:fatal )?error: |: command not found$|^\[(?:Error|Fatal)\] \[|^E +\w+.*(?:Error|Exception)"
-    r"|is incompatible\.$|failed with exit code [1-9]|^(?:FAILED|ERROR) \S+::|exit(?:ed with)? code:? [1-9]",
-    re.MULTILINE | re.IGNORECASE,
+MARKS = (
+    r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: ",
+    r"^\s*what\(\):\s",
+    r": Assertion .* failed",
+    r"^Fatal Python error: ",
+    r"^CMake Error",
+    r": (?:fatal )?error: ",
+    r": command not found$",
+    r": No such file or directory$",
+    r": Permission denied$",
+    r"^\[(?:Error|Fatal)\] \[",
+    r"^E +\w+.*(?:Error|Exception)",
+    r"^\*\*\* Error in ",
+    r"^(?:free|malloc|realloc)\(\): |double free or corruption",
+    r"is incompatible\.$",
+    r"failed with exit code [1-9]",
+    r"^(?:FAILED|ERROR) \S+::",
+    r"exit(?:ed with)? code:? [1-9]",
 )
+"""Of lines that tell of a failure; a model's `error: 0.3` is none."""
 
-
+MARKED = re.compile("|".join(MARKS), re.MULTILINE | re.IGNORECASE)
 NAMED = re.compile(r"\b[A-Za-z]*(?:Error|Exception): \D")
 
 
