@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from time import monotonic
@@ -11,7 +12,7 @@ from typing import Self
 
 from harness import changes, knowledge, moves
 from harness.evidence import failures
-from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried
+from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.scheduler import Observer, Settings
 from harness.signatures import Evidence
@@ -24,11 +25,12 @@ ORDER = list(Phase)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Run:
-    """One changed cell as it was measured, in every phase."""
+    """One changed cell as it was measured, up to a phase: the last one, unless a search needs no more."""
 
     change: Change
     why: str
     trial: Trial
+    until: Phase
 
 
 @dataclass
@@ -45,6 +47,7 @@ class Lab:
 
     def __post_init__(self) -> None:
         self.bench = Bench(self.store, self.settings, self.observer, self.bounds)
+        self.until = self.settings.until
 
     def __enter__(self) -> Self:
         self.bench.__enter__()
@@ -86,14 +89,31 @@ class Lab:
     def measure(self, change: Change, why: str, *, again: bool = False) -> Trial:
         """Measure the cell with a change, or take what is known of it. Raises Spent, and ValueError as `cell` does."""
         cell = self.cell(change)
-        before = next((one.trial for one in self.runs if one.change == change), None)
+        before = next((one.trial for one in self.runs if one.change == change and self._tells(one)), None)
         if before and not again:
             return before
         trial = self.bench.measure(cell, again=again)
-        self.runs.append(Run(change=change, why=why, trial=trial))
-        failed = f" in {trial.judged.phase}" if trial.judged.phase and not trial.works else ""
-        self.observer.say(f"run {len(self.runs)}: {why}: {trial.judged.verdict}{failed} ({trial.seconds:.1f} s)")
+        self.runs.append(Run(change=change, why=why, trial=trial, until=self.until))
+        self.observer.say(f"run {len(self.runs)}: {why}: {ended(trial, self.until)} ({trial.seconds:.1f} s)")
         return trial
+
+    def _tells(self, run: Run) -> bool:
+        """Whether a run says what one up to the present phase would: it was one, or it failed before."""
+        return run.until is self.until or not passes(run.trial, run.until)
+
+    @contextmanager
+    def up_to(self, phase: Phase) -> Iterator[None]:
+        """While the block lasts, cells are measured up to a phase."""
+        last = self.until
+        if phase is not last:
+            self.bench.stop_after(phase)
+        self.until = phase
+        try:
+            yield
+        finally:
+            self.until = last
+            if phase is not last:
+                self.bench.stop_after(last)
 
     def prepare(self, *wanted: Change) -> None:
         """Resolve and install changed cells in the background."""
@@ -104,7 +124,8 @@ class Lab:
         if not trial.at_hand:
             return trial
         lock, python = trial.record.lock_sha256, trial.record.python
-        alike = (one.trial for one in reversed(self.runs) if not one.trial.at_hand and one.trial.works)
+        whole = (one.trial for one in reversed(self.runs) if one.until is self.until)
+        alike = (one for one in whole if not one.at_hand and one.works)
         return next((one for one in alike if (one.record.lock_sha256, one.record.python) == (lock, python)
                      and one.cell.environment == trial.cell.environment), None)  # fmt: skip
 
@@ -146,6 +167,25 @@ def _checks(trial: Trial) -> dict[tuple[str, str], Outcome]:
         for phase in case_phases(trial.record, case)
         for check in phase.checks
     }
+
+
+def passes(trial: Trial, until: Phase) -> bool:
+    """Whether a cell that was measured up to a phase came through it."""
+    if trial.works:
+        return True
+    if trial.judged.verdict is not Verdict.NOT_RUN:
+        return False
+    reached = ORDER[: ORDER.index(until) + 1]
+    ended = {trial.judged.phases[phase] for phase in reached if phase in trial.judged.phases}
+    return Outcome.PASSED in ended and ended <= {Outcome.PASSED, Outcome.SKIPPED}
+
+
+def ended(trial: Trial, until: Phase) -> str:
+    """How a run ended, in a few words."""
+    if passes(trial, until) and until is not Phase.SUITE:
+        return f"passes {until}"
+    failed = f" in {trial.judged.phase}" if trial.judged.phase and not trial.works else ""
+    return f"{trial.judged.verdict}{failed}"
 
 
 def further(before: Trial, after: Trial) -> bool:

@@ -12,11 +12,11 @@ from harness.model import Change, Interpreter, Phase
 from harness.moves import together
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import Lab, weaker
+from harness.rootcause.lab import Lab, passes, weaker
 from harness.search import Answer
 
-SINGLES = 3
-"""Packages that the failure names itself, which are tried alone before any search."""
+SINGLES = 2
+"""Packages that are tried alone before any search: those that the failure names, then those that its logs name most."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,8 +59,8 @@ class Narrowing:
         order = clues.suspects([one.name for one in suspects], evidence)
         ranked = sorted(suspects, key=lambda one: (not one.build, order.index(one.name)))
         self.bound += search.bound(len(ranked) + 1)
-        named = [one for one in ranked if clues.named(one.name, evidence)]
-        for one in named[:SINGLES]:
+        builds = [one for one in ranked if one.build]
+        for one in (builds[:1] or ranked)[:SINGLES]:
             if self._held([one]) is Answer.GOOD:
                 return (one,)
         if self._held(ranked) is not Answer.GOOD:
@@ -78,12 +78,18 @@ class Narrowing:
 
     def _answer(self, change: Change, why: str) -> Answer:
         trial = self.lab.measure(together(self.rest, change), why)
-        if trial.works and weaker(self.failing, trial) is None:
+        if self._cured(trial):
             return Answer.GOOD
         failed = trial.failure
         if failed is None or (failed.phase in {Phase.RESOLVE, Phase.INSTALL} and not self._early):
             return Answer.UNTESTABLE
         return Answer.BAD
+
+    def _cured(self, trial: Trial) -> bool:
+        """Whether it came through the phase that matters; where that is the last one, with nothing left out."""
+        if self.lab.until is Phase.SUITE:
+            return trial.works and weaker(self.failing, trial) is None
+        return passes(trial, self.lab.until)
 
     @property
     def _early(self) -> bool:
@@ -117,6 +123,8 @@ class Narrowing:
             self.lab.prepare(*(together(self.rest, each) for each in wanted))
 
         known = {0: [Answer.GOOD]}
+        if moves.empty(others) and not one.asked:
+            known[len(line) - 1] = [Answer.BAD]  # that is what failed
         for place in _likely(line):
             known[place] = [test(line[place])]
             if known[place] != [Answer.BAD]:

@@ -9,10 +9,9 @@ import msgspec
 from harness import changes, machine, pasting
 from harness.model import Change, Phase, Verdict
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import Lab, Run
+from harness.rootcause.lab import Lab, Run, ended
 from harness.rootcause.repairing import Part, Repaired, Status
 from harness.store import now
-
 
 trying = pasting.trying
 
@@ -27,7 +26,7 @@ class CauseEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One cell of the search: what was changed and why, and what it came to in every phase.
+    """One cell of the search: what was changed and why, and what it came to, up to a phase.
 
     `at_hand` is whether it had been measured before; `key` is that of its environment.
     """
@@ -36,6 +35,8 @@ class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
     why: str
     does: tuple[str, ...]
     change: dict[str, Any]
+    until: Phase
+    ended: str
     verdict: Verdict
     phase: Phase | None
     decisive: str | None
@@ -147,6 +148,8 @@ def _run(number: int, one: Run) -> RunEntry:
         why=one.why,
         does=changes.described(one.change),
         change=changes.plain(one.change),
+        until=one.until,
+        ended=ended(one.trial, one.until),
         verdict=judged.verdict,
         phase=judged.phase,
         decisive=judged.decisive,

@@ -6,7 +6,7 @@ cures is made smaller, each part of it is left out once, and the whole is measur
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from heapq import heappop, heappush
@@ -207,24 +207,36 @@ class Search:
         made = found.move.change
         if found.move.way not in {Way.DATE, Way.LOCK, Way.BUILDS}:
             made = Change(as_of=found.change.as_of)
-        rest = moves.without(found.change, made)
-        failing = None if moves.empty(made) else self.lab.measure(rest, "without it")
-        if failing is None or failing.failure is None:
+        if moves.empty(made):
             return None
-        search = Narrowing(self.lab, rest, failing, interpreters.find(failing.cell.python))
+        rest = moves.without(found.change, made)
+        failing = self.before if moves.empty(self._plain(rest)) else self.lab.measure(rest, "without it")
+        if failing.failure is None:
+            return None
         suspects = (*self._of_builds(found.change, failing), *narrowing.differing(self.lab, found.trial, failing))
+        search = Narrowing(self.lab, rest, failing, interpreters.find(failing.cell.python))
+        phases = dict.fromkeys((failing.failure.phase or Phase.SUITE, Phase.SUITE))
         try:
-            chosen = search.fewest(suspects)
-            if chosen is None:
-                self.told.append("no bounds on packages do what it does")
-                return None
-            bounds = together(rest, search.bounded(chosen))
-            exact = together(rest, narrowing.held(chosen))
-            whole = self._take(found, self._plain(bounds), "bounded, in every phase")
-            return found.change if whole or self._take(found, exact, "pinned, in every phase") else None
+            return next((change for phase in phases if (change := self._up_to(phase, found, search, suspects))), None)
         finally:
             self.bound += search.bound
             self.told += search.told
+
+    def _up_to(
+        self, phase: Phase, found: _Found, search: Narrowing, suspects: Sequence[narrowing.Suspect]
+    ) -> Change | None:
+        """The bounds that cure, looked for up to a phase; None where more fails behind that."""
+        search.bound, search.told = 0, []
+        with self.lab.up_to(phase):
+            chosen = search.fewest(suspects)
+            bounds = search.bounded(chosen) if chosen else None
+        if chosen is None or bounds is None:
+            return None
+        if self._take(found, self._plain(together(search.rest, bounds)), "bounded, in every phase"):
+            return found.change
+        exact = together(search.rest, narrowing.held(chosen))
+        pinned = phase is Phase.SUITE and self._take(found, exact, "pinned, in every phase")
+        return found.change if pinned else None
 
     def _by_pins(self, found: _Found) -> bool:
         return found.move.way is Way.PINS and len(found.move.change.requirements) == 1

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from harness import pasting, present
-from harness.model import Verdict
 from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repairing import Status
 
@@ -63,8 +62,7 @@ def _nothing(made: RepairDocument) -> Iterator[str]:
 
 
 def _ended(run: RunEntry) -> str:
-    told = str(run.verdict).replace("_", " ")
-    return f"{told} in {run.phase}" if run.phase and run.verdict is not Verdict.WORKS else told
+    return run.ended.replace("_", " ")
 
 
 def page(made: RepairDocument) -> str:
