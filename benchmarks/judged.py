@@ -1,0 +1,256 @@
+"""How good diagnoses and repairs are: `python benchmarks/judged.py run|repair|score` on the cells of `judged.toml`.
+
+`run` measures the combinations, `repair` repairs red ones, in an order drawn once, for as many minutes as it is given,
+and `score` holds both against `judged-truth.toml` and writes `judged.md`. What was done before is not done again;
+`--folder` is where results lie.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import random
+import statistics
+import subprocess
+import sys
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+HERE = Path(__file__).parent
+MATRIX = HERE / "judged.toml"
+TRUTH = HERE / "judged-truth.toml"
+RED = {"unresolvable", "uninstallable", "import_fails", "broken", "partial"}
+SEED = 6
+MINUTES_EACH = 6
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One failing combination: what is so, and what was said of it."""
+
+    label: str
+    truth: Mapping[str, Any]
+    cell: Mapping[str, Any]
+    proof: Mapping[str, Any] | None
+    log: Mapping[str, Any] | None
+
+    @property
+    def phase(self) -> str | None:
+        """The first phase that failed."""
+        return next((phase for phase, how in self.cell["phases"].items() if how in FAILED), None)
+
+    @property
+    def named(self) -> str | None:
+        """The cause that was named first: a mask only where nothing else was."""
+        return first(self.cell["diagnoses"])
+
+    @property
+    def cause(self) -> str:
+        """How the cause came out, of the cell."""
+        return self.held(self.cell)
+
+    @property
+    def explained(self) -> str | None:
+        """How it came out, of the log alone; None where there is none."""
+        return self.held(self.log) if self.log else None
+
+    def held(self, said: Mapping[str, Any]) -> str:
+        """Whether a document names the right cause, a wrong one, or none beside the right line or another one."""
+        named = first(said["diagnoses"])
+        if named:
+            return "right" if named in self.truth["named"] else "wrong"
+        return "unknown" if self.truth["line"] in (said["decisive"] or "") else "unknown, another line"
+
+
+def first(found: Sequence[Mapping[str, Any]]) -> str | None:
+    """The cause that is named first: a mask only where nothing else is."""
+    return next((one["signature"] for one in found if not one["masks"]), found[0]["signature"] if found else None)
+
+
+FAILED = {"failed", "crashed", "timed_out", "flaky"}
+
+
+def main() -> None:
+    """Do one of the three steps."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("step", choices=["run", "repair", "score"])
+    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--minutes", type=float, default=60, help="of `repair` in all")
+    args = parser.parse_args()
+    {"run": run, "repair": repair, "score": score}[args.step](args.folder.resolve(), args.minutes)
+
+
+def simmatrix(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of ours with the results of this folder."""
+    environment = {**os.environ, "HARNESS_STATE": str(folder / "state")}
+    command = [sys.executable, "-m", "harness", *arguments]
+    return subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=False)
+
+
+def run(folder: Path, _: float) -> None:
+    """Measure all cells; those measured before are judged again by the signatures of today."""
+    simmatrix(folder, "run", str(MATRIX), "-j", "1", "--out", str(folder / "report"))
+
+
+def repair(folder: Path, minutes: float) -> None:
+    """Repair red cells in the drawn order until the time is over."""
+    began = monotonic()
+    for label in drawn(cells(folder)):
+        kept = folder / "repairs" / f"{label}.json"
+        if kept.exists():
+            continue
+        if monotonic() - began > minutes * 60:
+            break
+        found = simmatrix(folder, "repair", f"{MATRIX}/{label}", "--minutes", str(MINUTES_EACH), "--json")
+        if found.stdout.strip():
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            kept.write_text(found.stdout, encoding="utf-8")
+
+
+def drawn(known: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The red cells in an order that says nothing about them."""
+    labels = sorted(label for label, cell in known.items() if cell["verdict"] in RED)
+    random.Random(SEED).shuffle(labels)
+    return labels
+
+
+def cells(folder: Path) -> dict[str, Mapping[str, Any]]:
+    """What was measured, by label."""
+    read = json.loads((folder / "report" / "report.json").read_text(encoding="utf-8"))
+    return {cell["id"].partition("/")[2]: cell for cell in read["cells"]}
+
+
+# --- the score -------------------------------------------------------------------------------------------------
+
+
+def score(folder: Path, _: float) -> None:
+    """Hold what was said against what is so."""
+    known = cells(folder)
+    truths = {one["cell"]: one for one in tomllib.loads(TRUTH.read_text(encoding="utf-8"))["truth"]}
+    if missing := [label for label in drawn(known) if label not in truths]:
+        sys.exit(f"{TRUTH.name}: nothing is said of {', '.join(missing)}")
+    judged = [
+        Judged(
+            label=label,
+            truth=truths[label],
+            cell=known[label],
+            proof=proof(folder, label),
+            log=log(folder, known[label]),
+        )
+        for label in sorted(drawn(known))
+        for cell in [known[label]]
+    ]
+    text = "\n".join(page(judged, known))
+    (HERE / "judged.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+def proof(folder: Path, label: str) -> Mapping[str, Any] | None:
+    """What its repair came to; None where it was not tried."""
+    path = folder / "repairs" / f"{label}.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+
+
+def log(folder: Path, cell: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """What `explain` makes of what a user would have seen: the log, and the tracebacks of what failed."""
+    place = folder / "report" / (cell["evidence"] or "")
+    if not cell["evidence"]:
+        return None
+    files = sorted(place.iterdir()) if place.is_dir() else [place]
+    texts = [path.read_text(encoding="utf-8") for path in files if path.suffix in {".txt", ".log"}]
+    texts += [text for path in files if path.suffix == ".jsonl" for text in tracebacks(path)]
+    seen = folder / "seen.log"
+    seen.write_text("\n".join(texts), encoding="utf-8")
+    return json.loads(simmatrix(folder, "explain", str(seen), "--json").stdout)
+
+
+def tracebacks(path: Path) -> Iterator[str]:
+    """Those of a probe's reply."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        entry = json.loads(line)
+        raised = [one for one in (entry, entry.get("raised")) if isinstance(one, dict)]
+        yield from (one["traceback"] for one in raised if "traceback" in one)
+
+
+def page(judged: Sequence[Judged], known: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """The whole document."""
+    today = datetime.now(UTC).strftime("%Y-%m-%d")
+    yield "# How good diagnoses and repairs are"
+    yield ""
+    yield (
+        f"Made by `python benchmarks/judged.py run`, `repair`, `score` on {today}: Python {platform.python_version()}, "
+        f"Linux {platform.machine()}, {os.cpu_count()} cores, which other work shared. The {len(known)} combinations "
+        "of [judged.toml](judged.toml) were listed before any was run, by a hand that wrote no signature; "
+        "[judged-truth.toml](judged-truth.toml) says of each that fails what is so, from its logs."
+    )
+    yield ""
+    yield from figures(judged)
+    yield ""
+    yield "| cell | fails in | cause | named | of its log | repair | runs | environments built | seconds |"
+    yield "| --- | --- | --- | --- | --- | --- | --: | --: | --: |"
+    yield from map(row, judged)
+
+
+def figures(judged: Sequence[Judged]) -> Iterator[str]:
+    """What the issue asks for."""
+    phases = sum(one.phase == one.truth["phase"] for one in judged)
+    causes = Counter(one.cause for one in judged)
+    logs = Counter(one.explained for one in judged if one.explained)
+    tried = [one for one in judged if one.proof and one.truth["curable"]]
+    cured = [one for one in tried if one.proof and one.proof["status"] == "found"]
+    yield "| of | figure | target |"
+    yield "| --- | --- | --- |"
+    yield f"| first failing phase, right | {share(phases, len(judged))} | 95 of 100 |"
+    yield f"| cause, right | {share(causes['right'], len(judged))} | 75 of 100 |"
+    yield f"| cause, wrong | {share(causes['wrong'], len(judged))} | at most 2 of 100 |"
+    yield f"| cause unknown, with the right line | {share(causes['unknown'], len(judged))} | the rest |"
+    yield f"| cause unknown, with another line | {share(causes['unknown, another line'], len(judged))} | none |"
+    told = f"{share(logs['right'], logs.total())} right, {share(logs['wrong'], logs.total())} wrong"
+    yield f"| cause, of the log alone (`explain`) | {told} | |"
+    yield f"| a proven remedy, of those tried that have one | {share(len(cured), len(tried))} | 80 of 100 |"
+    if cured:
+        seconds = statistics.median(one.proof["seconds"] for one in cured if one.proof)
+        built = statistics.median(one.proof["built"] for one in cured if one.proof)
+        yield f"| median repair | {seconds:.0f} s, {built:.0f} environments built | 90 s, caches warm |"
+
+
+def share(count: int, whole: int) -> str:
+    """A count, and what it is of a hundred."""
+    return f"{count} of {whole} ({100 * count / whole:.0f} of 100)" if whole else "none"
+
+
+def row(one: Judged) -> str:
+    """One line of the table."""
+    phase = one.phase if one.phase == one.truth["phase"] else f"{one.phase}, but it is {one.truth['phase']}"
+    return (
+        "| "
+        + " | ".join((one.label, str(phase), one.cause, one.named or "", one.explained or "", *repaired(one)))
+        + " |"
+    )
+
+
+def repaired(one: Judged) -> Iterable[str]:
+    """How its repair ended."""
+    if one.proof is None:
+        return ("not tried", "", "", "")
+    does = "; ".join((one.proof.get("remedy") or {}).get("does", ()))
+    told = does if one.proof["status"] == "found" else one.proof["status"]
+    if not one.truth["curable"]:
+        told = f"{told} (none is known)"
+    return (
+        told.replace("|", "\\|"),
+        *(str(one.proof[key]) for key in ("measured", "built")),
+        f"{one.proof['seconds']:.0f}",
+    )
+
+
+if __name__ == "__main__":
+    main()
