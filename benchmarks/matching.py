@@ -43,7 +43,8 @@ def main() -> None:
         "# Looking for known failures\n\n"
         f"Made by `python benchmarks/matching.py --runs {runs}` on {datetime.now(UTC):%Y-%m-%d}: {where};"
         f" {len(patterns)} patterns, medians of {runs} runs in turn.\n\n"
-        "| text | characters | found | patterns alone | literals first | ratio |\n| --- | --- | --- | --- | --- | --- |\n"
+        "| text | characters | found | patterns alone | literals first | ratio |\n"
+        "| --- | --- | --- | --- | --- | --- |\n"
     )
     (HERE / "matching.md").write_text(head + "".join(rows))
     print((HERE / "matching.md").read_text())

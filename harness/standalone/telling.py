@@ -165,7 +165,7 @@ def _tracebacks(lines: Sequence[str]) -> Iterator[str]:
 
 
 MARKS = (
-    r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: ",
+    r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\w.-]+ setup command)?: (?![-+]?\d)",
     r"^\s*what\(\):\s",
     r": Assertion .* failed",
     r"^Fatal Python error: ",

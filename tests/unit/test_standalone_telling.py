@@ -166,7 +166,7 @@ def test_what_pytest_prints_is_a_failure() -> None:
     [
         "Episode 12: reward 3.5, loss 0.02\nsaved to run/12.pt\n",
         "Successfully installed gym-0.26.2 numpy-2.2.6\n",
-        "Mean error: 0.12\nmax error: 0.3 over 10 episodes\n",
+        "Mean error: 0.12\nerror: 0.3 over 10 episodes\n",
         "Exception ignored in: <function Env.__del__ at 0x7f>\nTraceback (most recent call last):\n"
         '  File "a.py", line 1, in __del__\nTypeError: no\n\ndone\n',
         "0 errors, 3 warnings\n",
