@@ -62,26 +62,30 @@ def failures(record: CellRecord, logs: Callable[[str], Mapping[str, str]]) -> It
 
 def _of_step(step: Step, logs: Callable[[str], Mapping[str, str]]) -> Evidence:
     said = [found.text for found in step.findings]
-    return _evidence(step.phase, [step.decisive], [*said, *(logs(step.log) if step.log else {}).values()])
+    return gathered(step.phase, [step.decisive], [*said, *(logs(step.log) if step.log else {}).values()])
 
 
 def _of_phase(phase: PhaseRecord, logs: Callable[[str], Mapping[str, str]]) -> Evidence:
     failed = [check for check in phase.checks if check.outcome in FAILING]
     told = [phase.decisive, *(line for check in failed for line in (check.decisive, check.masked_by))]
     said = [found.text for found in phase.findings]
-    kept = logs(phase.evidence) if phase.evidence else {}
-    return _evidence(
-        phase.phase, told, [*said, *(text for name, log in kept.items() for text in _texts(name, log, phase.phase))]
-    )
+    return gathered(phase.phase, told, [*said, *written(logs(phase.evidence) if phase.evidence else {}, phase.phase)])
 
 
-def _evidence(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> Evidence:
+def gathered(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> Evidence:
+    """Evidence of a phase: the lines that say why, each once, all else that was written, and the signal that killed."""
     lines = tuple(dict.fromkeys(line for line in told if line))
     killed = next((found[1] for line in lines if (found := KILLED.search(line))), None)
     return Evidence(phase=phase, told=lines, logs=tuple(logs), signal=killed)
 
 
 # --- what a probe left -----------------------------------------------------------------------------------------
+
+
+def written(kept: Mapping[str, str], phase: Phase) -> Iterator[str]:
+    """The words of what a probe left, by file: of logs all, of replies those on what failed in this phase."""
+    for name, text in kept.items():
+        yield from _texts(name, text, phase)
 
 
 def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:

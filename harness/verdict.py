@@ -288,13 +288,18 @@ def expected(
     told = judgement.verdict not in UNTOLD and not (cell.tried and cell.tried.proving)
     if expect is None:
         return (judgement.verdict is Verdict.WORKS if told else None), None
-    fits = (
+    met = fits(expect, judgement, causes) if told else None
+    return met, outdated(cell.id, judgement.verdict, expect, today)
+
+
+def fits(expect: Expectation | ExpectationEntry, judgement: Judgement, causes: Collection[str]) -> bool:
+    """Whether a judgement, with the known failures that fit it, is what was expected."""
+    return (
         judgement.verdict is expect.verdict
         and expect.phase in {None, judgement.phase}
         and (expect.match is None or re.search(expect.match, judgement.decisive or "") is not None)
         and (expect.signature is None or expect.signature in causes)
     )
-    return (fits if told else None), outdated(cell.id, judgement.verdict, expect, today)
 
 
 def outdated(cell_id: str, verdict: Verdict, expect: Expectation | ExpectationEntry, today: str) -> str | None:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness import document, notices, present, store, tables
+from harness import document, knowledge, notices, present, rediagnosing, store, tables
 from harness.commands import blocks, reporting
 from harness.errors import BadInput
 from harness.reporttypes import SYMBOLS, Document, Report, word
@@ -30,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the small table, down and across")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
     parser.add_argument("--into", type=Path, metavar="FILE", help="make the tables again that a Markdown file holds")
+    parser.add_argument("--diagnose", action="store_true",
+                        help="compare red cells anew with what is known now, by the evidence beside it")  # fmt: skip
     parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
                         help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
@@ -42,7 +44,7 @@ def main(args: argparse.Namespace) -> int:
     sources = [found(name) for name in args.sources] or _all()
     if args.out:
         store.writable(args.out)
-    whole = _read(sources, args.out)
+    whole = _read(sources, args.out, diagnose=args.diagnose)
     report = tables.report(whole, tuple(args.pivot) if args.pivot else None)
     for form in ["json"] if args.json else args.format or (["md", "json"] if args.out else ["terminal"]):
         if args.out and form in {"md", "json"}:
@@ -88,9 +90,12 @@ def found(name: str) -> Path:
     raise BadInput(message)
 
 
-def _read(sources: Sequence[Path], out: Path | None) -> Document:
+def _read(sources: Sequence[Path], out: Path | None, *, diagnose: bool = False) -> Document:
     """The documents as one. A single one keeps its paths, so that its page comes out the same to the byte."""
     documents = [document.read(source.read_bytes(), str(source)) for source in sources]
+    if diagnose:
+        beside = [knowledge.beside(source.parent) for source in sources]
+        documents = [rediagnosing.diagnosed(made, known) for made, known in zip(documents, beside, strict=True)]
     if len(sources) == 1:
         return document.moved(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
     placed = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]

@@ -97,15 +97,15 @@ def rank(known: Any, phase: Optional[str], *, told: bool) -> Tuple[Any, ...]:
 
 
 def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tuple[Hit, ...]:
-    """The known failures that fit, the deepest cause first, each once."""
+    """The known failures that fit, the deepest cause first, each once; of equal ones that of what failed first."""
     look = _looking(around)
-    found: Dict[str, Hit] = {}
+    found: List[Tuple[Any, int, Hit]] = []
     for one in known:
         if not one.silent and _fits(one, around, look):
-            hits = [hit for hit in (_hit(one, each) for each in evidence) if hit]
+            hits = [(hit.rank, place, hit) for place, hit in enumerate(_hit(one, each) for each in evidence) if hit]
             if hits:
-                found[one.id] = min(hits, key=lambda hit: hit.rank)
-    return tuple(sorted(found.values(), key=lambda each: each.rank))
+                found.append(min(hits, key=lambda each: each[:2]))
+    return tuple(hit for _, _, hit in sorted(found, key=lambda each: each[:2]))
 
 
 def lurking(known: Iterable[Any], around: Any) -> Tuple[Any, ...]:

@@ -16,9 +16,9 @@ FLOORS = {
         "accepting", "advising", "cameras", "changes", "clues", "distilling", "document", "drafts", "evidence",
         "expansion", "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile",
         "mending", "merging", "moves", "nativesays", "normalise", "notices", "outcomes", "pages", "pasting",
-        "pipelines", "plan", "present", "proving", "pytestsays", "recommending", "redacting", "remedies", "rendering",
-        "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures", "strategy", "tables",
-        "trust", "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "pipelines", "plan", "present", "proving", "pytestsays", "recommending", "redacting", "rediagnosing",
+        "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",
+        "strategy", "tables", "trust", "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows",
     },
     2: {
         "alone", "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing",

@@ -187,6 +187,15 @@ def test_the_deepest_cause_comes_first() -> None:
         assert found(known[turn:] + known[:turn], vector, texts, installed={"gym": "1"}) == order
 
 
+def test_of_equal_ones_that_of_what_failed_first() -> None:
+    """Two failures of one cell, each known: the one whose line stands first, however the files are ordered."""
+    first, second = (Evidence(phase=Phase.SINGLE, told=(word,)) for word in ("it broke", "it burst"))
+    known = [one("a", "it burst", phases=(Phase.SINGLE,)), one("b", "it broke", phases=(Phase.SINGLE,))]
+
+    assert found(known, first, second) == ["b", "a"]
+    assert found(known, second, first) == ["a", "b"]
+
+
 def test_each_is_said_once_where_it_was_told_best() -> None:
     """Of several phases the first, of told and logged what was told."""
     twice = one(phases=(Phase.IMPORT, Phase.SINGLE))
