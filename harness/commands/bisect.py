@@ -98,7 +98,8 @@ def main(args: argparse.Namespace) -> int:
         progress.Progress(0, 1, reporting.headline) as board,
         Bench(opened, settings, scheduler.Beside(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
-        line, task = _task(asked, bench.measure(cell, keep=True))
+        base = bench.measure(cell, keep=True) if args.date or not args.bad else None
+        line, task = _task(asked, base)
         search = Bisection(task, bench, board.say)
         done = search.run()
         made = certificates.document(done, search, left_out=line.left_out, command=_again(asked, done))
@@ -127,7 +128,7 @@ def _check(args: argparse.Namespace) -> None:
 # --- the line and its ends -------------------------------------------------------------------------------------
 
 
-def _task(asked: Asked, base: Trial) -> tuple[Candidates, Task]:
+def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
     """The line of candidates, and what is to be searched on it."""
     args = asked.args
     held = _held(asked, base)
@@ -158,12 +159,13 @@ def _task(asked: Asked, base: Trial) -> tuple[Candidates, Task]:
         any=args.any,
         confidence=args.confidence,
         recipes=catalog.recipes(Path("matrices")),
+        base=base,
     )
 
 
-def _held(asked: Asked, base: Trial) -> dict[str, str]:
+def _held(asked: Asked, base: Trial | None) -> dict[str, str]:
     """What the cell's lock holds; else what it asks for."""
-    if base.record.lock:
+    if base and base.record.lock:
         text = (asked.opened.folder / base.record.lock).read_text(encoding="utf-8")
         return {name: version for name, (version, _) in locks.pinned(text).items()}
     return moves.pins(asked.cell)

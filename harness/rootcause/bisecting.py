@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from harness import changes
-from harness.model import Cell, Question, Repair, Tried
+from harness.model import Cell, Change, Question, Repair, Tried
 from harness.rootcause.bench import Bench, Spent, Trial
 from harness.rootcause.candidates import Candidate
 from harness.rootcause.predicate import Predicate, Said, failing, plain
@@ -59,7 +59,8 @@ class Bisected:
 class Task:
     """What is asked: the cell, its line (oldest first), the ends by their places, and when it is sure enough.
 
-    `good` is None where a good end is to be found; `hints` are places near which to look for it first.
+    `good` is None where a good end is to be found; `hints` are places near which to look for it first. `base` is the
+    cell as it stands, where it was measured.
     """
 
     cell: Cell
@@ -71,6 +72,7 @@ class Task:
     any: bool = False
     confidence: float = 0.99
     recipes: Mapping[str, tuple[Repair, ...]] = field(default_factory=dict)
+    base: Trial | None = None
 
 
 class Bisection:
@@ -101,7 +103,9 @@ class Bisection:
     def _bad_end(self) -> Status | None:
         """Look at the bad end: its failure is the one that is looked for."""
         candidate = self.task.line[self.task.bad]
-        whole = self.bench.measure(self.cell(candidate))
+        base, same = self.task.base, candidate.change == Change()
+        self.say(f"{self.task.axis} {candidate.name}, the bad end")
+        whole = base if base and same else self.bench.measure(self.cell(candidate))
         self.predicate = Predicate(failure=None if self.task.any else plain(whole.failure))
         if whole.untold:
             self._note(candidate, "bad end", whole, Said(answer=Answer.UNTESTABLE, why=None, words=_line(whole)))

@@ -200,7 +200,7 @@ def boundary(
     *,
     rules: Rules = USUAL,
     known: Mapping[int, Sequence[Answer]] | None = None,
-    watch: Callable[[Progress[T]], None] = lambda _: None,
+    watch: Callable[[Progress[T]], None] | None = None,
 ) -> Boundary[T]:
     """Where candidates turn from good to bad; the first is said to be good, the last to be bad.
 
@@ -211,7 +211,8 @@ def boundary(
         for answer in answers:
             search.note(place, answer, free=True)
     while (index := search.next()) is not None:
-        after = tuple(candidates[each] for each in search.upcoming())
-        watch(Progress(candidate=candidates[index], upcoming=after, left=search.left))
+        if watch:
+            after = tuple(candidates[each] for each in search.upcoming())
+            watch(Progress(candidate=candidates[index], upcoming=after, left=search.left))
         search.note(index, test(candidates[index]))
     return search.result()

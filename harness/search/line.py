@@ -48,7 +48,8 @@ class Line:
             self.good[index] += answer is not Answer.BAD
             self.bad[index] += {Answer.GOOD: 0, Answer.FLAKY: 1}.get(answer, self.rules.looks)
             self.untestable.pop(index, None)
-        self.__dict__.pop("places", None)
+        for kept in ("places", "contradiction", "gaps"):
+            self.__dict__.pop(kept, None)
         self._give_up()
 
     def next(self) -> int | None:
@@ -58,7 +59,7 @@ class Line:
             return forced
         if self.stands:
             return None
-        suspects = self._contradiction()
+        suspects = self.contradiction
         if suspects is not None:
             return self._suspect(suspects)
         gains = self.places.gains()
@@ -86,7 +87,7 @@ class Line:
         ends = sum(not self._asked(index) for index in {0, self.length - 1})
         if self.refused or (not ends and self.stands):
             return 0
-        masses = [gap.mass for gap in self._gaps() if gap.mass > 0]
+        masses = [gap.mass for gap in self.gaps if gap.mass > 0]
         return ends + max(1, math.ceil(-sum(mass * math.log2(mass) for mass in masses) - 0.2))
 
     @cached_property
@@ -97,14 +98,14 @@ class Line:
     @property
     def gap(self) -> Gap:
         """The likeliest place."""
-        return max(self._gaps(), key=lambda gap: gap.mass)
+        return max(self.gaps, key=lambda gap: gap.mass)
 
     @property
     def stands(self) -> bool:
         """Whether the likeliest place is as likely as asked for, and both its sides were seen."""
         gap = self.gap
         sides = gap.good < 0 or self.good[gap.good] > 0, gap.bad >= self.length or self.bad[gap.bad] > 0
-        return all(sides) and gap.mass >= self.rules.confidence and self._contradiction() is None
+        return all(sides) and gap.mass >= self.rules.confidence and self.contradiction is None
 
     @property
     def refused(self) -> Refused | None:
@@ -123,7 +124,7 @@ class Line:
     @property
     def split(self) -> tuple[int, int] | None:
         """A bad candidate before a good one, both of which stand: there are several boundaries."""
-        suspects = self._contradiction()
+        suspects = self.contradiction
         return suspects if suspects and all(self._count(each) >= self._enough for each in suspects) else None
 
     # --- parts -----------------------------------------------------------------------------------------------------
@@ -142,7 +143,9 @@ class Line:
     def _open(self, index: int) -> bool:
         return index not in self.untestable and index not in self.given_up
 
-    def _gaps(self) -> list[Gap]:
+    @cached_property
+    def gaps(self) -> list[Gap]:
+        """The places between candidates that can be tested, with how likely each is."""
         stops = [index for index in range(self.length) if self._asked(index) or self._open(index)]
         pairs = zip([-1, *stops], [*stops, self.length], strict=True)
         return [Gap(good=low, bad=high, mass=self.places.within(low + 1, high)) for low, high in pairs]
@@ -161,7 +164,8 @@ class Line:
         """How many like answers stand against a single boundary."""
         return 1 + math.ceil(math.log(max(1 - self.rules.confidence, 1e-9)) / math.log(FLAKIEST))
 
-    def _contradiction(self) -> tuple[int, int] | None:
+    @cached_property
+    def contradiction(self) -> tuple[int, int] | None:
         """The nearest two, bad before good, neither of which ever answered otherwise."""
         found: list[tuple[int, int]] = []
         last: int | None = None
@@ -190,6 +194,7 @@ class Line:
             low, high = sorted((index, other))
             if why is not None and cause == why and not any(map(self._asked, range(low, high))):
                 self.given_up |= {each for each in range(low, high) if self._open(each)}
+                self.__dict__.pop("gaps", None)
 
     def _give_up(self) -> None:
         """Where too many on the way could not be tested, what lies between these is not tried."""
@@ -199,3 +204,4 @@ class Line:
         inside = [each for each in self.untestable if low < each < high]
         if len(inside) >= self.rules.patience:
             self.given_up |= {each for each in range(min(inside), max(inside)) if self._open(each)}
+            self.__dict__.pop("gaps", None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -10,6 +11,9 @@ from harness.search.answers import USUAL, Answer, Asked, Rules
 from harness.search.boundaries import bound, boundary
 
 T = TypeVar("T")
+
+MOST = 9
+"""Answers of one set, however they differ."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -97,13 +101,15 @@ class _Search(Generic[T]):
         return len(sets) - 1 - sets.index(found.bad), len(sets) - 1 - sets.index(found.good)
 
     def _good(self, indices: frozenset[int]) -> bool:
-        """Whether a set cures: more often than not, of as many answers as it takes."""
-        answers = self.answers.get(indices, [])
-        while abs(lead := answers.count(Answer.GOOD) - answers.count(Answer.BAD)) < 2 and len(answers) < 7:
-            if self._ask(indices) is Answer.UNTESTABLE:
-                return False
-            answers = self.answers[indices]
-        return lead > 0
+        """Whether a set cures: asked until one side is ahead by as much as the confidence wants."""
+        wanted = max(1, round(-math.log10(max(1 - self.rules.confidence, 1e-9))))
+        while True:
+            answers = self.answers.get(indices, [])
+            bad = self.rules.looks * answers.count(Answer.BAD) + answers.count(Answer.FLAKY)
+            lead = answers.count(Answer.GOOD) - bad
+            if abs(lead) >= wanted or len(answers) >= MOST or Answer.UNTESTABLE in answers:
+                return lead > 0
+            self._ask(indices)
 
     def _spared(self, needed: frozenset[int]) -> tuple[frozenset[int], tuple[int, ...]]:
         """What is left once every item that is not needed is left out; and those of which that could not be told."""

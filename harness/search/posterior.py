@@ -16,7 +16,7 @@ END = 0.05
 """What is given beforehand to an end that is not what it was said to be."""
 
 SELDOM = 0.001
-BAD_LOOKS_GOOD = {SELDOM: 0.84, 0.05: 0.04, 0.1: 0.07, 0.2: 0.03, 0.4: 0.02}
+BAD_LOOKS_GOOD = {SELDOM: 0.50, 0.05: 0.12, 0.1: 0.22, 0.2: 0.10, 0.4: 0.06}
 GOOD_LOOKS_BAD = {SELDOM: 0.90, 0.05: 0.03, 0.1: 0.05, 0.2: 0.02}
 """Rates of flakiness, with how likely each is taken to be before anything was seen."""
 
@@ -27,17 +27,19 @@ RATES = tuple((b, g, p * q) for b, p in BAD_LOOKS_GOOD.items() for g, q in GOOD_
 class Posterior:
     """How likely each place is, and how likely `bad` is seen there: of a bad candidate, and of a good one.
 
-    `rates` are those of flakiness, as far as they can be told: a bad one looks good, a good one bad.
+    `rates` are those of flakiness, as far as they can be told: a bad one looks good, a good one bad. `sums` are those
+    of `mass` up to each place.
     """
 
     mass: tuple[float, ...]
     bad_if_bad: tuple[float, ...]
     bad_if_good: tuple[float, ...]
     rates: tuple[float, float]
+    sums: tuple[float, ...]
 
     def within(self, first: int, last: int) -> float:
         """How likely the place is one of these."""
-        return sum(self.mass[first : last + 1])
+        return self.sums[last + 1] - self.sums[first]
 
     def bad(self, index: int) -> float:
         """How likely a candidate is bad."""
@@ -73,9 +75,11 @@ def weighed(good: Sequence[int], bad: Sequence[int]) -> Posterior:
     prior = [END, *[inner] * (count - 1), END]
     mass = [chance * weight for chance, weight in zip(prior, _spread(sums, sizes), strict=True)]
     total = sum(mass)
+    shown = [each / total for each in mass]
     shares = [sum(row) for row in weights]
     return Posterior(
-        mass=tuple(each / total for each in mass),
+        mass=tuple(shown),
+        sums=tuple(accumulate(shown, initial=0.0)),
         bad_if_bad=tuple(_spread(yes, sizes)),
         bad_if_good=tuple(_spread(no, sizes)),
         rates=(
