@@ -1,0 +1,106 @@
+"""The wheel that users install: on a fresh machine, with no checkout in sight, it answers from what was measured."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import uv
+
+from harness import distilling, measured
+
+UV = uv.find_uv_bin()
+ROOT = Path(__file__).parents[2]
+MOST = 2_000_000
+"""Bytes of measured results in a wheel."""
+
+TRACEBACK = """Traceback (most recent call last):
+  File "train.py", line 3, in <module>
+    env.step(env.action_space.sample())
+AttributeError: module 'numpy' has no attribute 'bool8'
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of this checkout."""
+    folder = tmp_path_factory.mktemp("dist")
+    done = subprocess.run([UV, "build", "--wheel", "-o", folder, ROOT], capture_output=True, text=True, check=False)
+    if done.returncode and "Failed to fetch" in done.stderr:
+        pytest.skip("unavailable: package index")
+    assert done.returncode == 0, done.stderr
+    (found,) = folder.glob("*.whl")
+    return found
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run the installed command in an empty folder, with an empty home, cache and state."""
+    folder = tmp_path_factory.mktemp("fresh")
+    for command in (
+        [UV, "venv", "-q", "--python", sys.executable, folder / "venv"],
+        [UV, "pip", "install", "-q", "--python", folder / "venv", wheel],
+    ):
+        subprocess.run(command, check=True)
+
+    def run(*arguments: str, said: str = "") -> subprocess.CompletedProcess[str]:
+        (folder / "empty").mkdir(exist_ok=True)
+        return subprocess.run(
+            [folder / "venv" / "bin" / "simmatrix", *arguments],
+            cwd=folder / "empty",
+            env={"PATH": os.defpath, "HOME": str(folder / "home"), "COLUMNS": "200"},
+            input=said,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+
+    return run
+
+
+def test_it_carries_what_was_measured(wheel: Path) -> None:
+    """One file, below 2 MB, with all that the reports of the checkout hold, and equal when it is made again."""
+    with zipfile.ZipFile(wheel) as archive:
+        packed = archive.read("harness/measured.json.gz")
+        names = archive.namelist()
+
+    assert len(packed) < MOST
+    assert distilling.unpacked(packed) == measured.shipped()
+    assert packed == distilling.packed(measured.shipped())
+    assert not [name for name in names if name.startswith(("reports", "harness/reports"))]
+
+
+def test_it_recommends_on_a_fresh_machine(installed: Callable[..., subprocess.CompletedProcess[str]]) -> None:
+    """With an empty store: the same answer as in the checkout, with locks that installers take."""
+    done = installed("recommend", "robosuite", "gymnasium", "--python", "3.11", "--needs", "render", "--json")
+
+    told = json.loads(done.stdout)
+    assert done.returncode == 0, done.stderr
+    assert told["measured"]
+    assert all(one["lock"].count("--hash=sha256:") >= one["lock"].count("==") for one in told["measured"])
+
+
+def test_it_explains_on_a_fresh_machine(installed: Callable[..., subprocess.CompletedProcess[str]]) -> None:
+    """A traceback is known by the signatures that came with it."""
+    done = installed("explain", "-", "--json", said=TRACEBACK)
+
+    told = json.loads(done.stdout)
+    assert [one["signature"] for one in told["diagnoses"]][:1] == ["numpy2-bool8-gym-checker"]
+    assert done.returncode == 0
+
+
+def test_it_examines_an_environment_on_a_fresh_machine(
+    installed: Callable[..., subprocess.CompletedProcess[str]],
+) -> None:
+    """`doctor` looks at its own environment, and knows measured results to compare it with."""
+    done = installed("doctor", "--python", sys.executable, "--json")
+
+    assert done.returncode in {0, 1}, done.stderr
+    assert json.loads(done.stdout)["schema"] == 1
