@@ -16,6 +16,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from harness import distilling
+from harness.failure import CHANGING
 from harness.model import CASE_PHASES, Phase
 from harness.tables import settings
 from harness.vocabulary import parsed_requirement, required_name
@@ -268,17 +269,26 @@ def red(cells: Sequence[Known], query: Query) -> list[Red]:
     """
     asked = fitting(cells, query)
     fine = {one.cell["lock"] for one in cells if one.works}
+    reds = [one for one in asked if one.cell["verdict"] != WORKS and not one.cell.get("own")]
+    reds = [one for one in reds if one.cell["lock"] is None or one.cell["lock"] not in fine]
+    said: dict[Any, set[str]] = {}
+    for one in reds:
+        said.setdefault(_line(one), set()).update(filter(None, [one.cell.get("reason")]))
     groups: dict[tuple[Any, ...], list[Known]] = {}
-    for one in asked:
-        cell = one.cell
-        if cell["verdict"] != WORKS and not cell.get("own") and (cell["lock"] is None or cell["lock"] not in fine):
-            causes = tuple(cell["causes"])
-            groups.setdefault((cell["phase"], causes or cell.get("reason") or cell["decisive"]), []).append(one)
+    for one in sorted(reds, key=lambda one: not one.cell.get("reason")):
+        elsewhere = said[_line(one)] if len(said[_line(one)]) == 1 else ()
+        cause = tuple(one.cell["causes"]) or one.cell.get("reason") or next(iter(elsewhere), None) or _line(one)
+        groups.setdefault((one.cell["phase"], cause), []).append(one)
     told = [_red(found, query) for found in groups.values()]
     together = [{name: one.version(name) for name in query.names} for one in asked if one.works]
     return sorted(
         told, key=lambda one: (one.versions[0] not in together, newness(one.versions[0].values())), reverse=True
     )
+
+
+def _line(one: Known) -> tuple[str | None, str]:
+    """The phase and the line, without what differs between two lines about the same."""
+    return one.cell["phase"], CHANGING.sub("…", one.cell["decisive"] or "")
 
 
 def _red(found: Sequence[Known], query: Query) -> Red:

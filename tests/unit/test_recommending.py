@@ -293,6 +293,19 @@ def test_red_ones_of_one_cause_are_one(world: World) -> None:
     assert (second.line, second.beside) == ("another", {"bb": ("1.0",)})
 
 
+def test_unknown_red_ones_by_what_a_matrix_says_of_their_line() -> None:
+    """Measured here without a word, the same line is what the matrix says of it elsewhere; of two reasons neither."""
+    world = World()
+    world.add("3.11", {"aa": "1.1"}, "broken", decisive="no attribute 1.1", reason="it went", link="https://e.org")
+    world.add("3.11", {"aa": "1.2"}, "broken", decisive="no attribute 1.2", matrix="try")
+    (one,) = world.red("aa")
+    assert (one.reason, len(one.cells)) == ("it went", 2)
+
+    world.add("3.11", {"aa": "1.3"}, "broken", decisive="no attribute 1.3", reason="another")
+
+    assert sorted(one.reason or "" for one in world.red("aa")) == ["", "another", "it went"]
+
+
 @pytest.mark.parametrize("more", [{"own": True}, {"suffix": "-again", "environment": {"A": "b"}}])
 def test_what_is_no_matter_of_versions_is_no_neighbour(world: World, more: dict[str, Any]) -> None:
     """A cell that a matrix broke on purpose, and one whose very lock works elsewhere, say nothing of versions."""
