@@ -155,8 +155,8 @@ def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: Measur
         "[Error] [carb.gym.plugin] Failed to fill rigid body state tensor",
     )
     named = [known["signature"] for known in cell["diagnoses"]]
-    assert named[:3] == ["isaacgym-camera-error-101", "isaacgym-camera-error-801", "isaacgym-lavapipe"]
-    assert {"isaacgym-camera-none", "isaacgym-rigid-body-state-tensor"} <= {*named[3:]}
+    assert named[:3] == ["isaacgym-map-external-memory-101", "isaacgym-import-external-memory-801", "isaacgym-lavapipe"]
+    assert {"isaacgym-camera-none-masking", "isaacgym-rigid-body-state-tensor"} <= {*named[3:]}
 
 
 def test_a_device_that_is_not_there_is_no_failure(measured: Measured) -> None:
