@@ -70,6 +70,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
         proofs=tuple(dict.fromkeys(proof for why in explanations for one in why.causes[:1] for proof in one.proofs)),
         references=tuple(dict.fromkeys((*(known.references if known else ()), *links))),
         explanations=explanations,
+        proven=len({cell.id for cell in found if (held := explaining.counting(cell)) and held[0].proof}),
         also=tuple(_also(explanations)),
     )
 

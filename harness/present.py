@@ -32,6 +32,9 @@ TEMPLATE = "report.md.j2"
 LISTED = 60
 """Cells, or rows of the small table, of which every one is shown on a terminal; of more, the green are counted."""
 
+REFERENCES = 3
+"""Links of a cause that a terminal shows; the Markdown report has all."""
+
 PIPED_WIDTH = 100
 """Columns where the output is no terminal."""
 
@@ -130,9 +133,9 @@ def _first_sentence(text: str) -> str:
 
 
 def _proven(one: Trouble) -> str:
-    """By which cell the remedy is proven, or that it is not."""
+    """By which cell the remedy is proven, and for how many of them where not for all; or that it is not."""
     if one.proofs:
-        return f"by `{one.proofs[0][0]}`"
+        return f"by `{one.proofs[0][0]}`" + (f", for {one.proven} of {one.cells}" if one.proven < one.cells else "")
     return "no" if one.applicable else "-"
 
 
@@ -302,9 +305,9 @@ def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
         known = f"{one.known}: {one.cause}" if one.known else _cause_in_short(one)
         parts = [head, (f"\n{known}", "")]
         if one.remedy:
-            proof = f" (proven by {one.proofs[0][0]})" if one.proofs else " (not proven here)" if one.applicable else ""
-            parts.append((f"\nremedy: {one.remedy}{proof}", GREEN if one.proofs else ""))
-        parts += [(f"\n{link}", GREY) for link in one.references]
+            proof = f" (proven {_proven(one)})" if one.proofs else " (not proven here)" if one.applicable else ""
+            parts.append((f"\nremedy: {one.remedy}{proof}".replace("`", ""), GREEN if one.proofs else ""))
+        parts += [(f"\n{link}", GREY) for link in one.references[:REFERENCES]]
         yield Padding(_styled(*parts), (0, 0, 0, INDENT))
     yield ""
 

@@ -374,7 +374,8 @@ class Trouble:
     """One cause and all the cells that have it; `known` is its signature, empty where none fits.
 
     `where` says which `cells` these are, as values of axes. The `cause` of an unknown one is what the matrix says of
-    it, if anything. `also` are known failures that fit some of the cells, too, after the deepest one.
+    it, if anything. `proofs` are changed cells that work, by which the remedy is proven for `proven` of the cells.
+    `also` are known failures that fit some of the cells, too, after the deepest one.
     """
 
     known: str
@@ -389,6 +390,7 @@ class Trouble:
     proofs: tuple[tuple[str, str], ...]
     references: tuple[str, ...]
     explanations: tuple[Explanation, ...]
+    proven: int = 0
     also: tuple[Cause, ...] = ()
 
 

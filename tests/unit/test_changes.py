@@ -455,7 +455,7 @@ def test_the_page_shows_before_after_and_proof() -> None:
     (line,) = [line for line in page.splitlines() if line.startswith("| 2 |")]
     assert line == (
         f"| 2 | {cells} | ◐ partial in render | [`solver`](#solver): because | install `mujoco&lt;3` |"
-        " by `py3.11-gymnasium1.2.3-with-cure` | - |"
+        " by `py3.11-gymnasium1.2.3-with-cure`, for 1 of 2 | - |"
     )
 
 

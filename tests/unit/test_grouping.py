@@ -100,7 +100,7 @@ def test_one_broken_release_is_one_line() -> None:
     assert one.verdicts == ((Verdict.BROKEN, 1), (Verdict.PARTIAL, 2))
     assert (one.cause, one.remedy, one.applicable) == ("cause of gone", "install `mujoco<4`", True)
     assert [name for name, _ in one.proofs] == ["py3.9-mujoco4.0.0-with-cure"]
-    assert one.references == ("https://e.org",)
+    assert (one.proven, one.references) == (1, ("https://e.org",))
     assert len(one.explanations) == 3
 
 

@@ -136,8 +136,8 @@ def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
     assert "the model gives its outermost default class a name <https://example.org/issues/1>" in page
     assert f"- Proven: {base[:-1]}-with-cure` works, with the lock [locks/" in page
     out = changed.ran.out
-    assert "cause: the model gives its outermost default class a name" in out
-    assert f"remedy: install `fake-layers>=3` (proven by {base[1:-1]}-with-cure)" in out
+    assert "default-renamed: the model gives its outermost default class a name" in out
+    assert f"remedy: install fake-layers>=3 (proven by {base[1:-1]}-with-cure)" in out
     assert "cures: cure: install `fake-layers>=3` " in out
 
 
