@@ -37,9 +37,13 @@ class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Nearest(msgspec.Struct, frozen=True, kw_only=True):
-    """The nearest combination that was measured to work: `changes` lead to it, `also` differ and seldom matter."""
+    """The nearest combination that was measured to work: `changes` lead to it, `also` differ and seldom matter.
+
+    `env` is the environment that was asked for, where it was made and stepped there.
+    """
 
     cell: str
+    env: str | None = None
     python: str
     machine: str
     measured: str

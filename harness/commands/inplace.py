@@ -15,7 +15,6 @@ import msgspec
 from harness import cellrun, launch, machine, plan, process
 from harness.commands import drawn
 from harness.commands.drawn import Looked
-from harness.errors import BadInput
 from harness.evidence import KILLED
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
 from harness.standalone.choosing import Choice
@@ -84,7 +83,10 @@ class Looks:
         return found, self.seen
 
     def _stepped(self, env: str, facts: Mapping[str, Any]) -> list[Finding]:
-        case = _case(env, versions(facts))
+        try:
+            case = _case(env, versions(facts))
+        except _Unmade as error:
+            return [Finding("env.import", WARNING, f"{env} cannot be made: {error}")]
         with tempfile.TemporaryDirectory(prefix="simmatrix-") as scratch:
             store = Store(Path(scratch))
             until = Phase.RENDER if self.rendering else Phase.SINGLE
@@ -108,18 +110,22 @@ def _rendering(looked: Looked, installed: Mapping[str, str]) -> list[Finding]:
 # --- an environment in place -----------------------------------------------------------------------------------
 
 
+class _Unmade(Exception):
+    """No case can be made of an environment; the text says why."""
+
+
 def _case(env: str, installed: Mapping[str, str]) -> Case:
     """The case that tries an environment, by what is installed."""
     pins = tuple(f"{name}=={version}" for name, version in installed.items() if name in SIMULATORS)
     if not pins:
-        message = f"--env {env}: nothing that is installed there has environments that are known here"
-        raise BadInput(message)
+        message = "nothing that is installed has environments that are known here"
+        raise _Unmade(message)
     brought = next((name for name in ("gymnasium", "gym") if name in installed), None)
     (case,) = plan.cases_for(plan.Asked(requirements=pins, python="host", envs=(env,), brought=brought))
     package = BRINGS.get(case.api, case.api)
     if package not in installed and case.api in {"gym", "gymnasium"}:
-        message = f"--env {env}: {package} is not installed there"
-        raise BadInput(message)
+        message = f"{package} is not installed"
+        raise _Unmade(message)
     return case
 
 
@@ -160,10 +166,18 @@ PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
 
 
 def _seen(phase: PhaseRecord, store: Store) -> Seen:
-    """The evidence of a phase that failed, as known failures are held against it."""
-    told = tuple(filter(None, (phase.decisive, *(check.decisive for check in phase.checks))))
-    place = store.folder / phase.evidence if phase.evidence else None
-    files = sorted(place.iterdir()) if place and place.is_dir() else []
-    logs = tuple(one.read_text(encoding="utf-8", errors="replace") for one in files if one.suffix in {".txt", ".log"})
+    """The errors of a phase that failed, with their tracebacks, as known failures are held against them."""
+    lines = (phase.decisive, *(check.decisive for check in phase.checks))
+    reply = store.folder / (phase.evidence or "") / "reply.jsonl"
+    replies = reply.read_text(encoding="utf-8", errors="replace").splitlines() if reply.is_file() else []
+    told = tuple(filter(None, (*lines, *map(_traceback, replies))))
     killed = next((found[1] for line in told if (found := KILLED.search(line))), None)
-    return Seen(phase=str(phase.phase), told=told, logs=logs, signal=killed)
+    return Seen(phase=str(phase.phase), told=told, signal=killed)
+
+
+def _traceback(line: str) -> str | None:
+    try:
+        record = msgspec.json.decode(line)
+    except msgspec.DecodeError:
+        return None
+    return str(record["traceback"]) if isinstance(record, dict) and record.get("traceback") else None

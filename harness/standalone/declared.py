@@ -174,7 +174,7 @@ def _twice(facts: Told) -> Iterator[Finding]:
     for one in facts["distributions"]:
         groups.setdefault((one["location"], canonical(one["name"])), []).append(one)
     for (location, name), those in groups.items():
-        if len(those) > 1:
+        if len({one["version"] for one in those if one["version"]}) > 1:
             folders = ", ".join(one["folder"] for one in those)
             text = (
                 "{} is there {} times in {} ({}): its files are a mixture; uninstall it until none is left, then"

@@ -12,6 +12,7 @@ from . import choosing, declared, differences, drawing, nearest, reading
 from .choosing import Choice
 from .declared import NOTE, WARNING, Finding
 from .matching import Seen
+from .nearest import Near
 from .probing import Here, probed
 from .probing import seen as seen_here
 from .running import Run
@@ -81,7 +82,9 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
     told += drawing.findings(seen_here(here), here.variables) if asked.rendering else []
     found += [*told, *map(_lurking, lurks), *nearest.failed(looked, measured)]
     found.sort(key=_rank)
-    near = nearest.found(looked, measured, asked.env, reading.versions_asked([*(hit.known for hit in causes), *lurks]))
+    remedies = reading.versions_asked([*(hit.known for hit in causes), *lurks])
+    near = nearest.found(looked, measured, asked.env, remedies)
+    other = None if near or asked.env is None else nearest.found(looked, measured, None, remedies)
     return {
         "schema": 1,
         "decisive": next((one.text for one in found if one.level == WARNING), None),
@@ -91,8 +94,18 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
         "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},
         "differences": [one.plain() for one in apart],
         "lurking": [reading.diagnosis(one) for one in lurks],
-        "nearest": nearest.plain(looked, near, installer(choice, looked)) if near else None,
+        "nearest": _near(looked, near or other, installer(choice, looked), (asked.env, near is not None)),
     }
+
+
+def _near(looked: Told, near: Optional[Near], how: str, env: Tuple[Optional[str], bool]) -> Optional[Dict[str, Any]]:
+    """The nearest as the document holds it; `env` is what was asked for, and whether that was made there."""
+    if near is None:
+        return None
+    name, there = env
+    made = nearest.plain(looked, near, how, name if there else None)
+    said = ["{} was made in nothing that was measured".format(name)] if name and not there else []
+    return dict(made, remarks=[*said, *made["remarks"]])
 
 
 def _found(here: Here, probes: Told, looked: Told, apart: Sequence[Any]) -> List[Finding]:
@@ -121,7 +134,9 @@ def _lurking(one: Any) -> Finding:
     if one.silent and not one.pattern:
         return Finding("silent", WARNING, "{} ({})".format(one.plain["cause"], one.id))
     phases = ", ".join(one.phases)
-    return Finding("known", WARNING, "known to fail ({}): {} ({})".format(phases, one.plain["cause"], one.id))
+    return Finding(
+        "known", WARNING, "known of these versions (shows in {}): {} ({})".format(phases, one.plain["cause"], one.id)
+    )
 
 
 def _import(one: Told) -> Dict[str, Any]:
@@ -233,6 +248,8 @@ def _remedy(made: Told, text: str, in_words: Callable[[Told], str]) -> Iterable[
 
 def _nearest(made: Told) -> Iterable[str]:
     near = made["nearest"]
+    if "packages" not in made["environment"]:
+        return
     yield ""
     if near is None:
         yield "nearest known-good: nothing that is installed here was measured"
@@ -240,7 +257,7 @@ def _nearest(made: Told) -> Iterable[str]:
     where = "{}, {}, {}".format(near["cell"], near["machine"], near["measured"][:10])
     if not near["command"]:
         yield "these versions were measured together, and work ({})".format(where)
-    elif not any(one["level"] == WARNING and one["check"] in OF_VERSIONS for one in made["findings"]):
+    elif not _of_versions(made, near):
         changes = ", ".join("{} {}, here {}".format(one["name"], one["then"], one["now"]) for one in near["changes"])
         yield "these versions were not measured together; the nearest that work ({}) have {}".format(where, changes)
     else:
@@ -250,6 +267,12 @@ def _nearest(made: Told) -> Iterable[str]:
     if near["also"]:
         count = len(near["also"])
         yield "  {} more package(s) differ there, which seldom matters (--json lists them)".format(count)
+
+
+def _of_versions(made: Told, near: Told) -> bool:
+    """Whether something was found that other versions may mend; of an environment, where it was made with them."""
+    checks = {one["check"] for one in made["findings"] if one["level"] == WARNING} & OF_VERSIONS
+    return any(near["env"] or not check.startswith("env.") for check in checks)
 
 
 def printed(text: str) -> None:

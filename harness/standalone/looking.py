@@ -265,8 +265,8 @@ looked_at: List[str] = []
 
 
 def _missing(entry: Any, files: Any) -> Any:
-    """The files of RECORD that are gone; compiled ones and scripts do not count."""
-    plain = [one for one in files if not one.startswith(("..", "/")) and not one.endswith(".pyc")]
+    """The files of code that RECORD lists and that are gone."""
+    plain = [one for one in files if not one.startswith(("..", "/")) and one.endswith(CODE)]
     if len(looked_at) + len(plain) > MOST_FILES:
         return []
     looked_at.extend(plain)

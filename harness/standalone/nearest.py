@@ -137,9 +137,15 @@ def _order(one: Near, facts: Told) -> Tuple[Any, ...]:
     newest = tuple(-part for part in version(numpy).release) if is_version(numpy) else ()
     settings = len(one.cell.get("environment", {}))
     return (
-        one.distance + PYTHON * away + UNCOVERED * len(one.uncovered), len(one.foreign), away, settings,
+        one.distance + PYTHON * away + UNCOVERED * len(one.uncovered), _old(one), len(one.foreign), away, settings,
         len(one.also), newest, one.cell["id"],
     )  # fmt: skip
+
+
+def _old(one: Near) -> List[Any]:
+    """What has to be installed that is not there at all: gymnasium before others, the newest of them."""
+    new = [each for each in one.changes if each.now is None]
+    return [(each.name != "gymnasium", each.name, [-part for part in version(each.then).release]) for each in new]
 
 
 def _against(one: Near, asked: Sequence[Requirement]) -> int:
@@ -254,11 +260,12 @@ def remarks(facts: Told, one: Near) -> List[str]:
     return told + ["afterwards " + text for text in hurt(facts, one)]
 
 
-def plain(facts: Told, one: Near, installer: str) -> Dict[str, Any]:
-    """As documents hold it."""
+def plain(facts: Told, one: Near, installer: str, env: Optional[str] = None) -> Dict[str, Any]:
+    """As documents hold it; `env` is the environment that was made and stepped there, as far as one was asked for."""
     cell = one.cell
     return {
         "cell": cell["id"],
+        "env": env,
         "python": cell["python"],
         "machine": cell["machine"],
         "measured": cell["measured"],

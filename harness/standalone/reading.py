@@ -51,8 +51,8 @@ def evidence(probes: Told) -> Iterator[Seen]:
     """What the imports that fail have written."""
     for one in (probes["imports"] or probes["clean_imports"]).values():
         if one["error"]:
-            logs = tuple(filter(None, (one.get("traceback"), one.get("output"))))
-            yield Seen(phase="import", told=(one["error"],), logs=logs, signal=one.get("signal"))
+            told = tuple(filter(None, (one["error"], one.get("traceback"))))
+            yield Seen(phase="import", told=told, signal=one.get("signal"))
 
 
 def skipped(probes: Told) -> List[Finding]:
@@ -72,8 +72,9 @@ def around(facts: Told) -> Around:
 
 
 def known_causes(known: Iterable[Any], probes: Told, facts: Told, more: Sequence[Seen] = ()) -> Tuple[Hit, ...]:
-    """The known failures that the failing imports show, the deepest cause first."""
-    return diagnose(known, [*evidence(probes), *more], around(facts))
+    """The known failures that the errors themselves show, the deepest cause first; a log has much that is none."""
+    hits = diagnose(known, [*evidence(probes), *more], around(facts))
+    return tuple(hit for hit in hits if hit.told)
 
 
 def quiet(known: Iterable[Any], facts: Told) -> List[Any]:
