@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Seq
 
 from . import matching, telling
 from .hinting import Hints, hints
-from .lines import bounded
+from .lines import MASKS, bounded
 from .matching import Around, Hit, Seen
 from .requirements import requirement
 from .telling import Told
@@ -19,6 +19,13 @@ CHANGING = re.compile(r"\bline \d+|0x[0-9a-f…]+|\d+(?:\.\d+)+|(?:/[\w.+-]+){2,
 
 DECISIVE, ELSEWHERE, LOG = 0, 1, 2
 """Where a failure was told: in the decisive line, in another one that says why, or anywhere."""
+
+TROUBLE = re.compile(
+    r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
+    r"|dns error|Temporary failure in name resolution|Name or service not known|Network is unreachable"
+    r"|Request failed after|Connection refused|NewConnectionError|ReadTimeoutError"
+)
+"""What a machine or a network lacks: no verdict about packages."""
 
 SHOWN = 3
 INSTALLING = ("resolve", "install")
@@ -60,8 +67,20 @@ class Explained(NamedTuple):
 
     @property
     def cause(self) -> Optional[Hit]:
-        """The deepest cause; None where none is known but masks."""
-        return next((hit for hit in self.diagnoses if not hit.known.masks), None)
+        """The deepest cause; None where none is known but that another process has died, or what stands elsewhere.
+
+        A failure that hides others counts where nothing is found behind it.
+        """
+        deepest = next((hit for hit in self.diagnoses if not hit.known.masks), None)
+        first = next(iter(self.diagnoses), None)
+        if deepest or first is None or self.echoed or _where(first, self.told) is not DECISIVE:
+            return deepest
+        return first
+
+    @property
+    def echoed(self) -> bool:
+        """Whether the line that says why is what one process sees of the death of another."""
+        return (self.told.decisive or "").partition(":")[0].rpartition(".")[2] in MASKS
 
     def plain(self) -> Dict[str, Any]:
         """The document of `explain --json`."""
@@ -110,6 +129,10 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
             findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
     if not told.failed and hits:
         told = told._replace(failed=True, decisive=hits[0].seen)
+    if TROUBLE.search(told.decisive or "") and not any(not hit.known.masks for hit in hits):
+        findings.append(
+            ("machine", WARNING, "this machine or its network is at fault, and no package: mend that first")
+        )
     findings += _others(told, hits)
     findings += _measured(told, hits, here.measured)
     return Explained(told, said, hits, tuple(findings))

@@ -17,12 +17,13 @@ CONDA = re.compile(
     r"^\s*(?:Lib[Mm]amba)?(?:UnsatisfiableError|PackagesNotFoundError|ResolvePackageNotFound|SolverError)\b"
     r"|^error\s+libmamba Could not solve"
 )
+UV_CAUSE = re.compile(r"^\s+(?:cause|Caused by): (.*)")
 POETRY = re.compile(r"version solving failed")
 
 
 def installer(lines: Sequence[str]) -> Optional[str]:
     """What a resolver or installer says why it gave up; pip's and conda's words in one line."""
-    rules = (_pip_conflict, _conda, _poetry, _pip_not_found, _uv, _not_fitting)
+    rules = (_pip_conflict, _conda, _poetry, _pip_not_found, _uv, _uv_causes, _not_fitting)
     found = (rule(lines) for rule in rules)
     return next((bounded(line) for line in found if line), None)
 
@@ -73,6 +74,21 @@ def _uv(lines: Sequence[str]) -> Optional[str]:
     if any("No solution found" in line for line in lines):
         return decisive_line("\n".join(lines))
     return next((line.strip() for line in lines if "we can conclude that your requirements are unsat" in line), None)
+
+
+def _uv_causes(lines: Sequence[str]) -> Optional[str]:
+    """uv's headline and the last of its causes, which is the system's own word."""
+    places = [n for n, line in enumerate(lines) if line.startswith("error: ")]
+    for place in places:
+        causes = []
+        for line in lines[place + 1 :]:
+            cause = UV_CAUSE.match(line)
+            if not cause:
+                break
+            causes.append(cause.group(1))
+        if causes:
+            return "{}: {}".format(lines[place][len("error: ") :], causes[-1])
+    return None
 
 
 def _paragraph(lines: Sequence[str]) -> List[str]:

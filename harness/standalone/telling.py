@@ -214,6 +214,9 @@ BUILD = re.compile(
     r"|metadata-generation-failed|CMake Error|has invalid metadata|fatal error: |(?:setup\.py|egg_info) \S+ did not run"
     r"|CompileError|command .* failed with exit"
 )
+FAILED = re.compile(r"Failed to (?!resolve)|Request failed")
+"""How what uv says begins where it had a solution."""
+
 IMPORTING = re.compile(r"^(?:ModuleNotFoundError|ImportError|AttributeError: partially initialized module)\b")
 VECTOR = re.compile(r"vector_env|async_vector|subproc_vec_env|AsyncVectorEnv|SubprocVecEnv|vec_env|ParallelEnv")
 PACKAGE = re.compile(r"(?:site|dist)-packages")
@@ -230,7 +233,7 @@ def _phase(text: str, gave_up: Optional[str], region: str) -> Optional[str]:
     if BUILD.search(text):
         return "install"
     if gave_up:
-        return "resolve"
+        return "install" if FAILED.match(gave_up) else "resolve"
     blocks = [said.root(chain) for chain in said.chains(text.splitlines())]
     telling = [block for block in blocks if block.kind not in MASKS] or blocks
     return (

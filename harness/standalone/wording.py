@@ -108,7 +108,7 @@ def _cause(hit: Hit) -> Iterator[str]:
 
 def _unknown(made: Explained) -> Iterator[str]:
     yield "failed:    {}{}".format(made.told.decisive or "without a word", _where(made))
-    if made.diagnoses and _echo(made):
+    if made.diagnoses and made.echoed:
         yield "that is:   {}".format(made.diagnoses[0].known.plain["cause"])
         yield "remedy:    {}".format(in_words(made.diagnoses[0].known.plain.get("remedy", {})))
     else:
@@ -121,13 +121,9 @@ def _unknown(made: Explained) -> Iterator[str]:
 
 def _hidden(made: Explained) -> Iterator[str]:
     """What stands before the cause, each line once."""
-    for line in dict.fromkeys(hit.seen for hit in made.diagnoses if hit.known.masks):
+    shown = made.cause.seen if made.cause else made.told.decisive
+    for line in dict.fromkeys(hit.seen for hit in made.diagnoses if hit.known.masks and hit.seen != shown):
         yield "hidden by: {}".format(line)
-
-
-def _echo(made: Explained) -> bool:
-    """Whether all that is known is that another process has died."""
-    return made.cause is None and any(hit.known.masks and hit.seen == made.told.decisive for hit in made.diagnoses)
 
 
 def _where(made: Explained) -> str:
@@ -144,7 +140,7 @@ def following(made: Explained, place: Place) -> Iterator[str]:
         return
     if made.cause is not None:
         yield from _applied(made.cause.known.plain.get("remedy", {}), place)
-    elif _echo(made):
+    elif made.echoed:
         command = " ".join(map(shlex.quote, place.command)) or "COMMAND"
         yield "{} explain -- env {}=1 {}".format(place.program, FAULTS, command)
         yield "  so that a worker that crashes says where, and all that the workers write is kept"

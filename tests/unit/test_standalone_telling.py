@@ -124,10 +124,29 @@ So, because lab depends on robotics (1.3), version solving failed.
             "ERROR: Could not find a version that satisfies the requirement gym==9",
             "resolve",
         ),
+        (
+            "error: Failed to download and build `gym==0.21.0`\n  cause: Invalid tar file\n"
+            "  cause: No space left on device (os error 28)\n",
+            "Failed to download and build `gym==0.21.0`: No space left on device (os error 28)",
+            "install",
+        ),
         ("Segmentation fault (core dumped)\n", "Segmentation fault (core dumped)", None),
         ("bash: python3.6: command not found\n", "bash: python3.6: command not found", None),
     ],
-    ids=["trace", "worker", "notebook", "pip", "build", "uv", "conda", "poetry", "not-found", "signal", "shell"],
+    ids=[
+        "trace",
+        "worker",
+        "notebook",
+        "pip",
+        "build",
+        "uv",
+        "conda",
+        "poetry",
+        "not-found",
+        "disk",
+        "signal",
+        "shell",
+    ],
 )
 def test_what_is_told(text: str, decisive: str, phase: str | None) -> None:
     """Of every kind of text the line that a person would quote, and where it failed."""
@@ -248,6 +267,20 @@ def test_the_deepest_cause_comes_first_and_its_mask_last() -> None:
     """The worker's exception goes before what its parent saw."""
     assert named(CHAIN, ECHO, MODEL) == ["model", "echo"]
     assert explaining.explained(CHAIN, [ECHO]).cause is None
+
+
+def test_a_failure_that_hides_others_counts_where_nothing_is_behind_it() -> None:
+    """But a process that only saw another die knows nothing."""
+    hides = known("hides", "no wings", masks=True)
+    assert explaining.explained(TRACE, [hides]).cause is not None
+    assert explaining.explained(CHAIN.replace("OSError", "EOFError"), [ECHO]).cause is None
+    assert explaining.explained("no wings\n\n" + TRACE.replace("no wings", "no wheels"), [hides]).cause is None
+
+
+def test_a_trouble_of_the_machine_is_no_package_s() -> None:
+    """Nor is it called an unknown failure of one alone."""
+    made = explaining.explained("OSError: [Errno 28] No space left on device\n", [])
+    assert [(check, level) for check, level, _ in made.findings] == [("machine", "warning")]
 
 
 def test_a_specific_cause_goes_before_a_broad_one() -> None:
