@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import msgspec
 
 from harness import locks, machine, present, search
 from harness.model import Cell, Phase, Verdict
+from harness.reporttypes import number
 from harness.rootcause.bench import Bench, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Step
 from harness.rootcause.candidates import Candidate, differing
@@ -131,7 +132,7 @@ def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], c
         good=_neighbour(done.good, search_),
         bad=_neighbour(done.bad, search_),
         between=tuple(one.name for one in found.between) if found and told else (),
-        chain=tuple(map(_turn, found.chain)) if found else (),
+        chain=tuple(_turn(turn, done) for turn in found.chain) if found else (),
         moved=_moved(bench, done.good.trial, done.bad.trial) if done.good and done.bad else (),
         confidence=round(found.confidence, 6) if found and told else None,
         flakiness=(round(found.rates[0], 4), round(found.rates[1], 4)) if found else None,
@@ -193,12 +194,15 @@ def _neighbour(step: Step | None, done: Bisection) -> NeighbourEntry | None:
     )
 
 
-def _turn(turn: Turn[Candidate]) -> TurnEntry:
+def _turn(turn: Turn[Candidate], done: Bisected) -> TurnEntry:
+    failed = done.predicate.failure if done.predicate else None
+    bad = f"{failed.phase}: {failed.causes[0] if failed.causes else failed.line}" if failed else "fails"
+    words: dict[Hashable, str] = {Answer.GOOD: "works", Answer.BAD: bad}
     return TurnEntry(
         before=turn.before.name,
         after=turn.after.name,
-        was=str(turn.was),
-        becomes=str(turn.becomes),
+        was=words.get(turn.was, str(turn.was)),
+        becomes=words.get(turn.becomes, str(turn.becomes)),
         untested=len(turn.between),
     )
 
@@ -230,9 +234,20 @@ def claim(done: Bisected, cell: Cell, axis: str) -> str:
     works = "works" if good.trial.works else f"is without this failure ({good.said.words})"
     failing = done.predicate.failure if done.predicate else None
     what = f"fails with {failing.line}" if failing and failing.line else "fails"
-    between = done.boundary.between if done.boundary else ()
-    gap = f"; {len(between)} between them could not be tested or were not tried" if between else ""
+    gap = _gap(done)
     return f"{names[0]} is the {last} that {works} and {names[1]} the {first} that {what}{gap}"
+
+
+def _gap(done: Bisected) -> str:
+    """What lies between the neighbours."""
+    found = done.boundary
+    if found is None or not found.between:
+        return ""
+    others = [turn for turn in found.chain if turn.becomes not in set(Answer)]
+    count = number(len(found.between), "candidate")
+    if others:
+        return f"; between them {count} of other failures, the first of {others[0].after.name}: {others[0].becomes}"
+    return f"; between them {count} that could not be tested or were not tried"
 
 
 def _thing(axis: str) -> str:
