@@ -193,7 +193,7 @@ WORDS = {
     "mujoco": re.compile(r"\bmj_\w+\(|\bmj[A-Z]\w+|XML Error: "),
     "pyopengl": re.compile(r"\bOpenGL\b|\begl[A-Z]\w+"),
     "setuptools": re.compile(r"pkg_resources|distutils"),
-    "torch": re.compile(r"Weights only load failed"),
+    "torch": re.compile(r"Weights only load failed|^RuntimeError: CUDA error: |\bcuda:\d+ device type", re.MULTILINE),
 }
 """What only these packages call so."""
 

@@ -214,6 +214,7 @@ BUILD = re.compile(
     r"|metadata-generation-failed|CMake Error|has invalid metadata|fatal error: |(?:setup\.py|egg_info) \S+ did not run"
     r"|CompileError|command .* failed with exit"
 )
+BUILDING = re.compile(r"(?:^|/)setup\.py$|/(?:setuptools|distutils|_distutils|pip/_internal|pyproject_hooks)/")
 FAILED = re.compile(r"Failed to (?!resolve)|Request failed")
 """How what uv says begins where it had a solution."""
 
@@ -247,6 +248,8 @@ def _of_traceback(exception: str, region: str, *, echoed: bool) -> str:
     """Where an exception was raised, by what stands in its traceback; `echoed` another process saw this one die."""
     frames = FRAME.findall(region)
     functions = [function.strip() for _, _, function in frames]
+    if any(BUILDING.search(path) for path, _, _ in frames):
+        return "install"
     if echoed or any(VECTOR.search(path) for path, _, _ in frames):
         return "vector"
     loaded = [n for n, (path, _, name) in enumerate(frames) if name.strip() == "<module>" and PACKAGE.search(path)]
