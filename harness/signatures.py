@@ -87,7 +87,7 @@ class Specifier(Word):
         return text
 
 
-EXAMPLES = 2
+EXAMPLES = 3
 
 
 class PartTaking:

@@ -21,7 +21,7 @@ pattern = "ValueError: no wings"
 packages = ["flyer<2"]
 cause = "flyer 1 has none"
 references = ["https://example.org/wings"]
-examples = ["ValueError: no wings", "ValueError: no wings at all"]
+examples = ["ValueError: no wings", "ValueError: no wings at all", "again: ValueError: no wings"]
 [signature.remedy]
 requirements = ["flyer>=2"]
 
@@ -33,7 +33,7 @@ masks = true
 generic = true
 cause = "a worker ended"
 references = ["https://example.org/reset"]
-examples = ["ConnectionResetError", "ConnectionResetError: it is gone"]
+examples = ["ConnectionResetError", "ConnectionResetError: it is gone", "again: ConnectionResetError"]
 [signature.remedy]
 text = "look at the worker"
 """

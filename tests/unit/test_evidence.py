@@ -24,7 +24,7 @@ phases = ["vector"]
 pattern = "ConnectionResetError"
 masks = true
 cause = "a worker is gone"
-examples = ["ConnectionResetError", "builtins.ConnectionResetError"]
+examples = ["ConnectionResetError", "builtins.ConnectionResetError", "again: ConnectionResetError"]
 remedy = { text = "look at the worker" }
 [[signature]]
 id = "xml"
@@ -32,14 +32,14 @@ phases = ["vector"]
 pattern = "XML Error"
 packages = ["gymnasium<2"]
 cause = "the model is wrong"
-examples = ["XML Error", "ValueError: XML Error"]
+examples = ["XML Error", "ValueError: XML Error", "again: XML Error"]
 references = ["https://example.org/1"]
 remedy = { requirements = ["mujoco<3"], text = "or mend it" }
 [[signature]]
 id = "crash"
 signal = "SIGSEGV"
 cause = "something broke"
-examples = ["killed by SIGSEGV", "worker killed by SIGSEGV"]
+examples = ["killed by SIGSEGV", "worker killed by SIGSEGV", "again: killed by SIGSEGV"]
 remedy = { text = "who knows" }
 """
     }

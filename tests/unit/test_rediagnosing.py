@@ -25,7 +25,7 @@ phases = ["render"]
 pattern = "solver_iter"
 packages = ["gymnasium<2"]
 cause = "because"
-examples = ["solver_iter", "no solver_iter"]
+examples = ["solver_iter", "no solver_iter", "again: solver_iter"]
 remedy = { requirements = ["mujoco<3"] }
 
 [[signature]]
@@ -33,7 +33,7 @@ id = "written"
 phases = ["vector", "install", "resolve"]
 pattern = "deep in a log"
 cause = "deep"
-examples = ["deep in a log", "so deep in a log"]
+examples = ["deep in a log", "so deep in a log", "again: deep in a log"]
 remedy = { text = "dig" }
 """
     }
@@ -149,7 +149,7 @@ def test_on_the_command_line(
     (tmp_path / "signatures").mkdir()
     (tmp_path / "signatures" / "a.toml").write_text(
         '[[signature]]\nid = "written"\nphases = ["vector"]\npattern = "deep in a log"\ncause = "deep"\n'
-        'examples = ["deep in a log", "so deep in a log"]\nremedy = { text = "dig" }\n'
+        'examples = ["deep in a log", "so deep in a log", "again: deep in a log"]\nremedy = { text = "dig" }\n'
     )
     monkeypatch.setenv(knowledge.VARIABLE, str(tmp_path / "signatures"))
     vector = phase(Phase.VECTOR, Outcome.FAILED, "silence", evidence="evidence/1")

@@ -20,7 +20,7 @@ pattern = '''has no attribute '(bool8|float_)\\''''
 packages = ["numpy>=2", ["gym", "gymnasium<1"]]
 python = ">=3.9"
 cause = "numpy 2 took the name away"
-examples = ["AttributeError: module 'numpy' has no attribute 'bool8'", "`np` has no attribute 'float_'"]
+examples = ["AttributeError: module 'numpy' has no attribute 'bool8'", "`np` has no attribute 'float_'", "again: AttributeError: module 'numpy' has no attribute 'bool8'"]
 references = ["https://example.org/1"]
 [signature.remedy]
 requirements = ["numpy<2"]
@@ -102,7 +102,9 @@ def test_mistakes_are_told_at_their_place(old: str, new: str, message: str) -> N
 def test_a_remedy_says_something() -> None:
     """An empty one is a mistake."""
     with pytest.raises(BadInput, match='"x" has an empty remedy; say in words'):
-        signatures.read({"x.toml": '[[signature]]\nid="x"\npattern="x"\ncause="x"\nexamples=["x","xx"]\nremedy={}\n'})
+        signatures.read(
+            {"x.toml": '[[signature]]\nid="x"\npattern="x"\ncause="x"\nexamples=["x","xx","again: x"]\nremedy={}\n'}
+        )
 
 
 def test_an_id_is_there_once() -> None:

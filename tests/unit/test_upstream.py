@@ -106,7 +106,7 @@ id = "bool8"
 phases = ["single"]
 pattern = '''has no attribute 'bool8\''''
 cause = "numpy 2 took it out."
-examples = ["has no attribute 'bool8'", "module 'numpy' has no attribute 'bool8'"]
+examples = ["has no attribute 'bool8'", "module 'numpy' has no attribute 'bool8'", "again: has no attribute 'bool8'"]
 references = ["https://github.com/openai/gym/issues/3294"]
 remedy = { requirements = ["numpy<2"] }
 """

@@ -22,6 +22,7 @@ cause = "the model gives its outermost default class a name"
 examples = [
     "XML Error: top-level default class 'main' cannot be renamed",
     "ValueError: XML Error: top-level default class 'main' cannot be renamed",
+    "XML Error: top-level default class 'main' cannot be renamed / Element 'default', line 0",
 ]
 references = ["https://example.org/issues/1"]
 remedy = { requirements = ["fake-layers>=3"] }
@@ -31,7 +32,7 @@ phases = ["vector"]
 pattern = '''(?:ConnectionReset|BrokenPipe)Error|^EOFError'''
 masks = true
 cause = "a worker is gone"
-examples = ["ConnectionResetError", "BrokenPipeError"]
+examples = ["ConnectionResetError", "BrokenPipeError", "again: ConnectionResetError"]
 remedy = { text = "look at the worker" }
 """
 MATRIX = """
