@@ -380,3 +380,60 @@ def test_known_failures_are_named(place: Place) -> None:
     assert lines[3:5] == ["cause: there is no libGL", "remedy: do this"]
     assert "warning: it computes wrongly (quiet)" in lines
     assert "  remedy: do this" in lines
+
+
+CELL = {
+    "id": "m/cell",
+    "python": ".".join(map(str, sys.version_info[:3])),
+    "machine": "here",
+    "measured": "2026-11-22T00:00:00Z",
+    "verdict": "works",
+    "phases": {"single": "passed"},
+    "cases": [{"env": "Ant-v4", "api": "gym", "phases": {"single": "passed"}}],
+    "axes": {},
+    "lock": "l",
+}
+MEASURED = {"cells": [CELL], "locks": {"l": [["gym", "0.26.2"], ["numpy", "1.26.4"]]}}
+
+
+@pytest.mark.parametrize(
+    ("env", "numpy", "said"),
+    [
+        (None, "2.2.6", "these versions were not measured together; the nearest that work (m/cell, here, 2026-11-22)"),
+        (None, "1.26.4", "these versions were measured together, and work (m/cell, here, 2026-11-22)"),
+        ("Other-v0", "2.2.6", "  Other-v0 was made in nothing that was measured"),
+    ],
+    ids=["other-versions", "these-versions", "another-environment"],
+)  # fmt: skip
+def test_what_was_measured_is_said(place: Place, env: str | None, numpy: str, said: str) -> None:
+    """Where nothing is wrong nothing is to be typed; what was asked for and never measured is said so."""
+    place.put("gym", "0.26.2")
+    place.put("numpy", numpy)
+    asked = doctor.Asked(str(place.folder), env, BASE, str(place.here))
+
+    made = doctor.document(asked, running.run, NOTHING._replace(measured=lambda: MEASURED))
+
+    lines = list(doctor.lines(made, str))
+    assert any(line.startswith(said) for line in lines)
+    assert not any("pip install" in line for line in lines)
+    assert made["nearest"]["env"] is None
+
+
+def test_the_one_file(place: Place, other: Interpreter) -> None:
+    """Made by `--standalone`, it looks at an environment with another Python, and names what only the harness does."""
+    place.put("gym", "0.26.2")
+    place.put("numpy", "2.2.6")
+    file = place.here / "simmatrix-doctor.pyz"
+    made = subprocess.run((sys.executable, "-m", "harness", "doctor", "--standalone", file), env=BASE, check=False)
+
+    def typed(*arguments: str) -> subprocess.CompletedProcess[str]:
+        argv = (other.path, file, "doctor", "--python", str(place.folder), *arguments)
+        return subprocess.run(argv, cwd=place.here, env=BASE, capture_output=True, text=True, check=False)
+
+    people, document, proof = typed("--rendering"), typed("--json"), typed("--prove")
+
+    assert (made.returncode, people.stderr, document.stderr) == (0, "", "")
+    assert "pip install simmatrix; simmatrix doctor --rendering" in people.stdout
+    assert json.loads(document.stdout)["environment"]["packages"] == {"gym": "0.26.2", "numpy": "2.2.6"}
+    assert (proof.returncode, proof.stdout) == (2, "")
+    assert "needs the harness" in proof.stderr

@@ -9,7 +9,7 @@ from facts import SITE, distribution, facts, installed
 
 from harness.standalone import declared, reading
 from harness.standalone.differences import Difference
-from harness.standalone.matching import Known, read
+from harness.standalone.matching import Known, Seen, read
 from harness.standalone.probing import Here
 from harness.standalone.running import Ran
 
@@ -237,6 +237,14 @@ def test_known_failures_of_an_import() -> None:
     ]
 
     assert hits == [["bool8"], []]
+
+
+def test_a_log_is_no_cause() -> None:
+    """What an error says counts, with its traceback; what else was printed does not."""
+    seen = [Seen(phase="single", told=("ValueError: other",), logs=("warning: bool8 is gone",))]
+    probes: dict[str, Any] = {"imports": {}, "clean_imports": {}}
+
+    assert reading.known_causes([known("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()
 
 
 def test_known_failures_that_these_versions_have() -> None:

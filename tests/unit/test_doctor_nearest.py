@@ -90,6 +90,18 @@ def test_the_environment_asked_for() -> None:
     assert (found["cell"], found["changes"]) == ("m/ant", [{"name": "gym", "now": None, "then": "0.26.2"}])
 
 
+def test_of_what_is_not_there_the_newest() -> None:
+    """Where nothing is installed that has environments, gymnasium and the newest release are the answer."""
+    cells = (
+        cell("old", env="Ant-v4", gym="0.15.7"),
+        cell("new", env="Ant-v4", gym="0.26.2"),
+        {**cell("next", env="Ant-v4", gymnasium="1.0.0"), "axes": {"gymnasium": "1.0.0"}},
+    )
+
+    assert near(installed(pip="23"), *cells, env="Ant-v4")["changes"][0]["name"] == "gymnasium"
+    assert near(installed(pip="23"), *cells[:2], env="Ant-v4")["cell"] == "m/new"
+
+
 def test_remedies_are_heeded() -> None:
     """A cell that does what a remedy asks for is nearer than one with fewer changes."""
     made = installed(gym="0.26.2", numpy="2.2.6")
