@@ -11,6 +11,7 @@ import msgspec
 from harness import failure, repairs
 from harness.model import FAILING, Cell, Change, Phase, Question, Repair, Verdict
 from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry, Effect
+from harness.standalone import remedies
 from harness.vocabulary import parsed_requirement, required_name
 
 NEVER = "python_version < '0'"
@@ -121,34 +122,12 @@ def plain(change: Change) -> dict[str, Any]:
 
 def in_words(remedy: Mapping[str, Any]) -> str:
     """The remedy of a document: what a machine can do, then what none can."""
-    known = {one.name for one in fields(Change)}
-    said: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in remedy.items() if name in known
-    }
-    return ". ".join(filter(None, ("; ".join(described(Change(**said))), str(remedy.get("text", "")))))
+    return remedies.in_words(remedy)
 
 
 def described(change: Change) -> tuple[str, ...]:
     """What a change does, in a few words each."""
-    words = {
-        "install": change.requirements,
-        "keep to": change.constraints,
-        "override": change.overrides,
-        "build with": change.build_constraints,
-        "set for builds": _variables(change.build_variables),
-        "wheels only of": change.only_binary,
-        "repair": change.overlay,
-        "remove": change.uninstall,
-        "set": [one for one in _variables(change.environment) if not one.endswith("=")],
-        "unset": [name for name, value in change.environment.items() if not value],
-    }
-    told = [f"{verb} {', '.join(f'`{one}`' for one in what)}" for verb, what in words.items() if what]
-    told += [f"Python {change.python}"] if change.python else []
-    return (*told, *([f"resolved as of {change.as_of}"] if change.as_of else []))
-
-
-def _variables(variables: Mapping[str, str]) -> list[str]:
-    return [f"{name}={value}" for name, value in variables.items()]
+    return tuple(remedies.does(plain(change)))
 
 
 # --- what came of it -------------------------------------------------------------------------------------------

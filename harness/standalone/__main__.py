@@ -10,7 +10,7 @@ import pkgutil
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
-from . import doctor, explain, running, wording
+from . import doctor, explain, remedies, running
 from .choosing import NoEnvironment
 from .matching import Known, read
 from .wording import Place
@@ -76,7 +76,7 @@ def _doctor(args: argparse.Namespace) -> int:
         raise explain.Bad(message)
     asked = doctor.Asked(args.python, args.env, dict(os.environ), os.getcwd(), args.rendering)
     made = doctor.document(asked, running.run, doctor.Knowledge(_known(), lambda: _measured() or {}))
-    doctor.printed(json.dumps(made) if args.json else "\n".join(doctor.lines(made, wording.in_words)))
+    doctor.printed(json.dumps(made) if args.json else "\n".join(doctor.lines(made, remedies.in_words)))
     return doctor.code(made)
 
 

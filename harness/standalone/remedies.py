@@ -1,0 +1,47 @@
+"""A remedy, as documents hold it, in words."""
+
+from __future__ import annotations
+
+from typing import Any, Iterator, List, Mapping
+
+VERBS = (
+    ("install", "requirements"),
+    ("keep to", "constraints"),
+    ("override", "overrides"),
+    ("build with", "build_constraints"),
+    ("set for builds", "build_variables"),
+    ("wheels only of", "only_binary"),
+    ("repair", "overlay"),
+    ("remove", "uninstall"),
+)
+"""The keys of a remedy that a machine can apply, in words."""
+
+
+def in_words(remedy: Mapping[str, Any]) -> str:
+    """A remedy: what a machine can do, then what none can."""
+    return ". ".join(filter(None, ("; ".join(does(remedy)), str(remedy.get("text", "")))))
+
+
+def does(remedy: Mapping[str, Any]) -> Iterator[str]:
+    """What a machine can do of it, in a few words each."""
+    for verb, key in VERBS:
+        said = remedy.get(key) or ()
+        if said:
+            yield "{} {}".format(verb, ", ".join("`{}`".format(each) for each in _each(said)))
+    variables = remedy.get("environment") or {}
+    for verb, names in (
+        ("set", [one for one in _each(variables) if not one.endswith("=")]),
+        ("unset", [name for name, value in variables.items() if not value]),
+    ):
+        if names:
+            yield "{} {}".format(verb, ", ".join("`{}`".format(each) for each in names))
+    if remedy.get("python"):
+        yield "Python {}".format(remedy["python"])
+    if remedy.get("as_of"):
+        yield "resolved as of {}".format(remedy["as_of"])
+
+
+def _each(said: Any) -> List[str]:
+    if isinstance(said, Mapping):
+        return ["{}={}".format(name, value) for name, value in said.items()]
+    return [str(each) for each in said]
