@@ -1,6 +1,6 @@
 """`repair`: the smallest change that turns a red cell green, found by experiment and proven by a rerun.
 
-The least costly change that was not tried is tried next, also on top of one behind which another failure showed. What
+The least costly change that was not tried is tried next, first on top of one behind which another failure showed. What
 cures is made smaller, each part of it is left out once, and the whole is measured in every phase.
 """
 
@@ -68,13 +68,13 @@ class Repaired:
 
 @dataclass(order=True)
 class _Entry:
-    """A stage to be gone through at a place."""
+    """A stage to be gone through at a place; of two of the same kind that of the place that came further is first."""
 
     cost: float
+    above: int
     number: int
     place: Place = field(compare=False)
     way: Way = field(compare=False)
-    depth: int = field(compare=False)
 
 
 @dataclass
@@ -110,7 +110,7 @@ class Search:
             return Repaired(status=Status.UNTOLD, before=before)
         stopped = None
         try:
-            self._open(Change(), before, 0.0, 0)
+            self._open(Change(), before, 0)
             self._look()
             if self.found:
                 self._settle(self.found)
@@ -135,13 +135,12 @@ class Search:
 
     # --- looking ---------------------------------------------------------------------------------------------------
 
-    def _open(self, change: Change, trial: Trial, cost: float, depth: int) -> None:
+    def _open(self, change: Change, trial: Trial, depth: int) -> None:
         """Put all stages of a place on the list of what is to be tried."""
         phase = trial.failure.phase if trial.failure else None
         place = Place(lab=self.lab, change=change, trial=trial, phase=phase or Phase.SUITE)
         for way in STAGES:
-            entry = _Entry(cost + moves.COSTS[way], next(self.numbers), place, way, depth)
-            heappush(self.queue, entry)
+            heappush(self.queue, _Entry(moves.COSTS[way], -depth, next(self.numbers), place, way))
 
     def _look(self) -> None:
         while self.queue and self.found is None:
@@ -168,8 +167,9 @@ class Search:
                 return False
             self.found = _Found(change=change, move=move, trial=trial)
             return True
-        if entry.depth + 1 < DEEPEST and further(place.trial, trial):
-            self._open(change, trial, entry.cost, entry.depth + 1)
+        depth = 1 - entry.above
+        if depth < DEEPEST and further(place.trial, trial):
+            self._open(change, trial, depth)
         return False
 
     # --- making it smaller -----------------------------------------------------------------------------------------

@@ -1,0 +1,89 @@
+"""Remedies of real failures, found by experiment alone and proven: what people meet, from the real index.
+
+Those of `LONG` are looked for where `ENDURANCE` is set.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness import catalog, interpreters, scheduler, store
+from harness.commands.repair import MINUTES, RUNS, repair
+from harness.model import Cell
+from harness.rootcause.bench import Bounds
+from harness.rootcause.proofs import RepairDocument
+from harness.rootcause.repairing import Status
+
+MATRIX = Path(__file__).parents[2] / "matrices" / "breakages.toml"
+LONG = pytest.mark.skipif("ENDURANCE" not in os.environ, reason="unavailable: ENDURANCE=1, in which it is looked for")
+
+
+class Silent:
+    """Is told of everything, and says nothing."""
+
+    def started(self, cell: Cell) -> None:
+        """Not shown."""
+
+    def step(self, cell: Cell, text: str) -> None:
+        """Not shown."""
+
+    def done(self, record: object) -> None:
+        """Not shown."""
+
+    def say(self, text: str) -> None:
+        """Not shown."""
+
+
+@pytest.fixture(autouse=True)
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty state, and no known failures; the user's own index settings and caches stay."""
+    monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
+    monkeypatch.setenv("HARNESS_SIGNATURES", "")
+
+
+@pytest.fixture(scope="module")
+def cells() -> dict[str, Cell]:
+    """The cells of the matrix by their labels."""
+    return {cell.label: cell for cell in catalog.load(str(MATRIX), print).cells}
+
+
+def repaired(cell: Cell) -> RepairDocument:
+    """What comes of a repair; where nothing can be told of the cell here, it is passed over."""
+    if interpreters.find(cell.python) is None:
+        pytest.skip(f"unavailable: python{cell.python}")
+    bounds = Bounds(runs=RUNS, minutes=MINUTES)
+    made, _ = repair(cell, store.open_store(), scheduler.Settings(), bounds, Silent(), command="-")
+    if made.status is Status.UNTOLD:
+        pytest.skip("unavailable: package index")
+    return made
+
+
+@pytest.mark.parametrize(
+    ("label", "change"),
+    [
+        pytest.param("py3.10-gym0.26-numpy", {"constraints": ["numpy<2"]}, id="numpy 2 beside gym 0.26"),
+        pytest.param(
+            "py3.11-gymnasium1.4-packaging",
+            {"requirements": ["imageio", "packaging"]},
+            id="two packages that only an extra names",
+        ),
+        pytest.param(
+            "py3.10-gym0.25-numpy", {"constraints": ["numpy<1.24"]}, id="two things that numpy took", marks=LONG
+        ),
+        pytest.param("py3.12-mujoco2.3-sdist", {"python": "3.11"}, id="no wheel, and no MUJOCO_PATH", marks=LONG),
+        pytest.param(
+            "py3.11-human-mujoco3", {"requirements": ["mujoco==2.3.7"]}, id="a window beside MuJoCo 3", marks=LONG
+        ),
+    ],
+)
+def test_remedy_is_found_and_proven(cells: dict[str, Cell], label: str, change: dict[str, Any]) -> None:
+    """Without any known failure; each part is needed, and the whole passes every check."""
+    made = repaired(cells[label])
+    assert made.remedy is not None, (made.status, made.decisive)
+    assert (made.status, made.remedy.change) == (Status.FOUND, change)
+    assert made.remedy.necessary
+    assert made.remedy.sufficient
