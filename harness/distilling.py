@@ -145,8 +145,12 @@ SAID = frozenset({*COPIED, *LATER, "cases", "lock", "causes", "repairs"})
 
 
 def _counting(cell: Plain) -> list[Plain]:
-    """The known failures that count: masks only among themselves."""
-    return [one for one in cell["diagnoses"] if not one["masks"]] or list(cell["diagnoses"])
+    """The known failures that count: masks only among themselves, and where one is what the cell says."""
+    causes = [one for one in cell["diagnoses"] if not one["masks"]]
+    through = {mask for case in cell["cases"] for mask in case.get("masked", {}).values()}
+    said = [cell["decisive"] or "", *(line for case in cell["cases"] for line in case.get("reasons", {}).values())]
+    seen = [(one, one.get("seen", "")) for one in cell["diagnoses"]]
+    return causes or [one for one, mask in seen if mask not in through and any(mask in line for line in said)]
 
 
 def _machine(facts: Plain) -> dict[str, Any]:

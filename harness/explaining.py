@@ -55,10 +55,16 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
 
 
 def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
-    """The known failures that count in a cell: masks only among themselves, and where nothing was found behind them."""
-    seen_through = {mask for case in cell.cases for mask in case.masked.values()}
+    """The known failures that count in a cell: masks only where there is nothing else, and one of them is what it says.
+
+    Of a mask that stands in a log alone, or behind which a reason was found, the reason is told already.
+    """
     causes = tuple(one for one in cell.diagnoses if not one.masks)
-    return causes or tuple(one for one in cell.diagnoses if one.seen not in seen_through)
+    seen_through = {mask for case in cell.cases for mask in case.masked.values()}
+    said = [cell.decisive or "", *(line for case in cell.cases for line in case.reasons.values())]
+    return causes or tuple(
+        one for one in cell.diagnoses if one.seen not in seen_through and any(one.seen in line for line in said)
+    )
 
 
 def told(cell: CellEntry) -> dict[str, Any]:

@@ -111,3 +111,19 @@ def test_what_was_packed_comes_out_equal() -> None:
     assert content == distilling.packed(json.loads(json.dumps(made)))
     assert distilling.unpacked(content) == made
     assert distilling.combined([distilling.again(made)]) == made
+
+
+def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:
+    """As a report tells it: known failures that are no masks, else a mask that is the line itself."""
+    plain = report()
+    red = next(one for one in plain["cells"] if one["decisive"] and one["verdict"] == "partial")
+    mask = {"signature": "mask", "masks": True, "seen": "EOFError"}
+
+    def causes(line: str, *found: dict[str, Any]) -> list[str]:
+        told = red | {"decisive": line, "cases": [], "diagnoses": list(found)}
+        (made,) = distilling.layer(plain | {"cells": [told]}, lambda _: None).cells
+        return list(made["causes"])
+
+    assert causes("EOFError: ", mask) == ["mask"]
+    assert causes("KeyError: 1", mask) == []
+    assert causes("EOFError: ", {"signature": "deep", "masks": False, "seen": "x"}, mask) == ["deep"]

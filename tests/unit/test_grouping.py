@@ -40,8 +40,13 @@ def broken(found: Iterable[tuple[str, str]], line: str = "no such field", **more
 
 def known(signature: str, **more: object) -> DiagnosisEntry:
     """A known failure."""
-    values = {"remedy": {"requirements": ["mujoco<4"]}, "references": ("https://e.org",), "proven": False, **more}
-    return DiagnosisEntry(signature=signature, cause=f"cause of {signature}", masks=False, **values)
+    plain = {
+        "remedy": {"requirements": ["mujoco<4"]},
+        "references": ("https://e.org",),
+        "proven": False,
+        "masks": False,
+    }
+    return DiagnosisEntry(signature=signature, cause=f"cause of {signature}", **{**plain, **more})
 
 
 def only(cells: list[CellEntry]) -> Trouble:
@@ -112,6 +117,18 @@ def test_the_deepest_cause_counts() -> None:
     one = only([first, second])
 
     assert (one.known, [(also.signature, bool(also.proofs)) for also in one.also]) == ("deep", [("other", True)])
+
+
+def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:
+    """A mask that a log has beside the true reason is no cause of the cell, and neither is one seen through."""
+    mask = known("mask", masks=True, seen="EOFError")
+
+    said = only([cell("3.9", "4.0.0", "EOFError: ", diagnoses=(mask,))])
+    reason = only([cell("3.9", "4.0.0", "KeyError: the true reason", diagnoses=(mask,))])
+    deeper = only([cell("3.9", "4.0.0", "KeyError: the true reason", diagnoses=(known("deep"), mask))])
+
+    assert (said.known, reason.known, deeper.known) == ("mask", "", "deep")
+    assert deeper.also == ()
 
 
 def test_unknown_ones_by_their_line() -> None:

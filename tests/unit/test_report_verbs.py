@@ -236,6 +236,7 @@ class TestSchema:
             "lock",
             "gc",
             "init",
+            "bisect",
             "doctor",
             "explain",
             "recommend",
