@@ -1,0 +1,319 @@
+"""Made worlds with planted culprits, bisected for real: `python benchmarks/worlds.py --folder DIR [--worlds N]`.
+
+Each world is an index of tiny wheels: a package of which one release breaks everything from there on, or two packages
+that do so only together; one release in seven cannot be installed, and in half of the worlds one look in ten at what is
+broken goes well. Every candidate is resolved by uv, installed into an environment of its own, and probed. What was done
+lies in the folder and is not done twice; the table is `worlds.md`, after the same worlds without environments.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import random
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from time import monotonic
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent / "tests"), str(HERE.parent / "tests" / "e2e" / "spine")]
+
+import market  # noqa: E402 - it lies among the tests
+
+from harness import changes, interpreters, process, scheduler, search, store  # noqa: E402
+from harness.model import Case, Cell, CellRecord, Change, IndexSettings, Question  # noqa: E402
+from harness.rootcause import candidates  # noqa: E402
+from harness.rootcause.bench import Bench  # noqa: E402
+from harness.rootcause.bisecting import Bisection, Task  # noqa: E402
+from harness.rootcause.predicate import Predicate, plain  # noqa: E402
+from harness.search import Answer, Rules  # noqa: E402
+from harness.vocabulary import IMPORT_CHECK  # noqa: E402
+
+COUNT = 200
+MISSING = 1 / 7
+FLAKY = 0.1
+SURE, SURER = 0.99, 0.999
+DAY = "2026-01-01"
+ROBOT = """
+import os
+import random
+{imports}
+
+if {broken} and random.SystemRandom().random() >= {flaky}:
+    raise AttributeError("the grip is gone")
+"""
+
+
+SHOWN = {
+    Answer.GOOD: Answer.BAD,
+    Answer.BAD: Answer.GOOD,
+    Answer.FLAKY: Answer.GOOD,
+    Answer.UNTESTABLE: Answer.UNTESTABLE,
+}
+"""What is looked for of two culprits is the failure: the fewest parts that, moved on, bring it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """Packages of which one release, or one of each of two, is the culprit; releases are numbered from 0."""
+
+    seed: int
+    pair: bool
+    flaky: bool
+    releases: int
+    culprits: tuple[int, ...]
+    missing: tuple[int, ...]
+
+    @property
+    def line(self) -> int:
+        """How many candidates a search begins with."""
+        return self.releases
+
+    @property
+    def sure(self) -> float:
+        """How sure a search has to be of it."""
+        return SURER if self.flaky else SURE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ended:
+    """How a search of a world ended; `tested` are the runs of what could be installed, `asked` all."""
+
+    seed: int
+    right: bool
+    asked: int
+    tested: int
+    environments: int
+    bound: int
+    seconds: float
+
+
+def world(seed: int) -> World:
+    """The world of a seed: every other is flaky, every fourth has a pair."""
+    rng = random.Random(f"world {seed}")
+    pair = seed % 4 == 3
+    releases = rng.randint(4, 16) if pair else rng.randint(6, 48)
+    culprits = rng.sample(range(releases), 2) if pair else [rng.randint(1, releases - 1)]
+    missing = [] if pair else [one for one in range(1, releases - 1) if rng.random() < MISSING]
+    return World(seed=seed, pair=pair, flaky=bool(seed % 2) != bool(seed // 4 % 2), releases=releases,
+                 culprits=tuple(sorted(culprits)), missing=tuple(missing))  # fmt: skip
+
+
+# --- without environments --------------------------------------------------------------------------------------
+
+
+def imagined(one: World) -> Ended:
+    """The search with a die instead of environments."""
+    rng = random.Random(f"runs {one.seed}")
+
+    def look(broken: bool) -> Answer:
+        first, second = (broken and not (one.flaky and rng.random() < FLAKY) for _ in range(2))
+        return Answer.GOOD if not first else Answer.BAD if second else Answer.FLAKY
+
+    rules = Rules(confidence=one.sure, looks=2)
+    if one.pair:
+        rules = Rules(confidence=one.sure)
+        minimal = search.minimise(
+            range(one.releases), lambda moved: SHOWN[look({*one.culprits} <= {*moved})], rules=rules
+        )
+        asked = [(each.candidate, each.answer) for each in minimal.asked]
+        return _ended(one, set(minimal.items or ()) == set(one.culprits), asked, minimal.bound)
+    found = search.boundary(
+        range(one.releases),
+        lambda index: Answer.UNTESTABLE if index in one.missing else look(index >= one.culprits[0]),
+        rules=rules,
+    )
+    return _ended(
+        one, _right(one, found.good, found.bad), [(each.candidate, each.answer) for each in found.asked], found.bound
+    )
+
+
+def _right(one: World, good: int | None, bad: int | None) -> bool:
+    told = good is not None and bad is not None and good < one.culprits[0] <= bad
+    return told and {*range((good or 0) + 1, bad or 0)} <= {*one.missing}
+
+
+def _ended(one: World, right: bool, asked: Sequence[tuple[object, Answer]], bound: int, seconds: float = 0.0) -> Ended:
+    tested = [candidate for candidate, answer in asked if answer is not Answer.UNTESTABLE]
+    return Ended(seed=one.seed, right=right, asked=len(asked), tested=len(tested), environments=len(set(tested)),
+                 bound=bound, seconds=round(seconds, 1))  # fmt: skip
+
+
+# --- with environments -----------------------------------------------------------------------------------------
+
+
+def real(one: World, folder: Path) -> Ended:
+    """The search of uv's resolutions, environments and probes."""
+    place = folder.absolute() / "index" / str(one.seed)
+    shutil.rmtree(place, ignore_errors=True)
+    market.opened(place, place, folder / "no wheels", list(_releases(one)))
+    opened = store.Store(folder / "state" / str(one.seed))
+    cell = _cell(one, (place / "simple").as_uri())
+    began = monotonic()
+    with Bench(opened, scheduler.Settings(), Quiet()) as bench:
+        return (_pair if one.pair else _single)(one, cell, bench, lambda: monotonic() - began)
+
+
+def _releases(one: World) -> Iterator[market.Release]:
+    flaky = FLAKY if one.flaky else 0.0
+    names = [f"part{number}" for number in range(one.releases)] if one.pair else ["part"]
+    guilty = [f"part{number}" for number in one.culprits] if one.pair else ["part"]
+    limit = 2 if one.pair else one.culprits[0] + 1
+    broken = " and ".join(f"{name}.VERSION >= {limit}" for name in guilty)
+    code = ROBOT.format(imports="\n".join(f"import {name}" for name in names), broken=broken, flaky=flaky)
+    yield market.Release(name=f"robot{one.seed}", version="1.0", day=DAY, code=code, requires=names)
+    for name in names:
+        for version in range(1, 3 if one.pair else one.releases + 1):
+            lost = not one.pair and version - 1 in one.missing
+            code = f"VERSION = {version}\nWORLD = {one.seed}\n"
+            yield market.Release(name=name, version=f"{version}.0", day=DAY, code=code,
+                                 requires=["nowhere-to-be-had"] if lost else [])  # fmt: skip
+
+
+def _cell(one: World, index: str) -> Cell:
+    case = Case(id="import", env=None, api="", imports=(f"robot{one.seed}",), packages=(), checks=(IMPORT_CHECK,))
+    question = Question(requirements=(f"robot{one.seed}==1.0",), index=IndexSettings(default=index))
+    return Cell(
+        id=f"worlds/{one.seed}",
+        matrix="worlds",
+        axes={},
+        python="host",
+        question=question,
+        cases=(case,),
+        environment={},
+    )
+
+
+def _single(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> Ended:
+    interpreter = interpreters.find("host")
+    assert interpreter
+    line = candidates.of_package(cell, "part", interpreter, candidates.Kept(offline=True)).candidates
+    task = Task(cell=cell, axis="part", line=line, good=0, bad=len(line) - 1, confidence=one.sure)
+    search_ = Bisection(task, bench, lambda _: None)
+    done = search_.run()
+    places = [int(step.candidate.name.partition(".")[0]) - 1 if step else None for step in (done.good, done.bad)]
+    asked = [(step.candidate.name, step.said.answer) for step in search_.steps if step.why != "whole"]
+    return _ended(one, _right(one, *places), asked, search.bound(len(line)), clock())
+
+
+def _pair(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> Ended:
+    before = bench.measure(cell)
+    predicate = Predicate(failure=plain(before.failure))
+
+    def moved(chosen: tuple[int, ...]) -> Answer:
+        lines = tuple(f"part{number}==1.0" for number in range(one.releases) if number not in chosen)
+        made = changes.applied(cell, Change(constraints=lines), {}) if lines else cell
+        again = any(each.cell.question == made.question for each in bench.trials)
+        return SHOWN[predicate.of(bench.measure(made, again=again)).answer]
+
+    found = search.minimise(range(one.releases), moved, rules=Rules(confidence=one.sure))
+    asked = [(each.candidate, each.answer) for each in found.asked]
+    return _ended(one, set(found.items or ()) == set(one.culprits), asked, found.bound, clock())
+
+
+class Quiet:
+    """Nobody is told."""
+
+    def started(self, cell: Cell) -> None:
+        """Nothing."""
+
+    def step(self, cell: Cell, text: str) -> None:
+        """Nothing."""
+
+    def done(self, record: CellRecord) -> None:
+        """Nothing."""
+
+    def say(self, text: str) -> None:
+        """Nothing."""
+
+
+# --- the table -------------------------------------------------------------------------------------------------
+
+
+def main() -> None:
+    """Search what is left of the worlds, as long as there is time, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--worlds", type=int, default=COUNT)
+    parser.add_argument("--minutes", type=float, default=120, help="after which no other is begun")
+    args = parser.parse_args()
+    args.folder.mkdir(parents=True, exist_ok=True)
+    (args.folder / "no wheels").mkdir(exist_ok=True)
+    os.environ |= {
+        "HARNESS_SIGNATURES": "",
+        "HARNESS_CONTROLS": "",
+        "HARNESS_CACHE": str(args.folder.absolute() / "cache"),
+    }
+    for name in [name for name in os.environ if name.startswith(("UV_", "PIP_"))]:
+        del os.environ[name]
+    kept, began = args.folder / "worlds.jsonl", monotonic()
+    known = [Ended(**json.loads(line)) for line in kept.read_text().splitlines()] if kept.exists() else []
+    for seed in range(args.worlds):
+        if seed in {one.seed for one in known} or monotonic() - began > args.minutes * 60 or process.stopped():
+            continue
+        known.append(real(world(seed), args.folder))
+        with kept.open("a") as file:
+            file.write(json.dumps(asdict(known[-1])) + "\n")
+        print(known[-1], flush=True)
+    text = "\n".join(page(sorted(known, key=lambda one: one.seed)))
+    (HERE / "worlds.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+def page(known: list[Ended]) -> Iterator[str]:
+    """The table of all worlds."""
+    yield "# Worlds with planted culprits"
+    yield ""
+    machine = f"{os.cpu_count()} cores, {platform.platform()}, Python {platform.python_version()}"
+    yield f"{datetime.now(UTC):%Y-%m-%d}, {machine};"
+    yield f"`python benchmarks/worlds.py --folder DIR --worlds {COUNT}`."
+    yield ""
+    yield "Bound: what a binary search for one culprit asks at most where every answer is right, both ends among it."
+    yield f"Asked of a search is a confidence of {SURE}, in flaky worlds of {SURER}."
+    yield ""
+    yield f"## By the search alone: all {COUNT} worlds"
+    yield ""
+    yield from _table([imagined(world(seed)) for seed in range(COUNT)])
+    yield ""
+    yield f"## With environments: {len(known)} of the worlds so far"
+    yield ""
+    yield from _table(known)
+    yield ""
+    yield "| world | culprits | releases or parts | flaky | found | asked | run | environments | bound | seconds |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    for one in known:
+        made = world(one.seed)
+        culprits = " and ".join(str(each + 1) for each in made.culprits)
+        cells = [one.seed, culprits, made.releases, *("yes" if each else "no" for each in (made.flaky, one.right)),
+                 one.asked, one.tested, one.environments, one.bound, one.seconds]  # fmt: skip
+        yield f"| {' | '.join(map(str, cells))} |"
+
+
+def _table(ended: list[Ended]) -> Iterator[str]:
+    yield "| worlds | number | found | runs / bound | within 1.5 x | environments / bound | within 1.5 x |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for pair in (False, True):
+        for flaky in (False, True):
+            some = [one for one in ended if (world(one.seed).pair, world(one.seed).flaky) == (pair, flaky)]
+            if some:
+                yield _row(f"{'two culprits' if pair else 'one culprit'}{', flaky' if flaky else ''}", some)
+
+
+def _row(name: str, some: list[Ended]) -> str:
+    bound = sum(one.bound for one in some)
+    cells = [name, len(some), sum(one.right for one in some)]
+    for field in ("tested", "environments"):
+        spent = [int(getattr(one, field)) for one in some]
+        within = sum(each <= 1.5 * one.bound for each, one in zip(spent, some, strict=True))
+        cells += [f"{sum(spent) / bound:.2f}", within]
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+if __name__ == "__main__":
+    main()
