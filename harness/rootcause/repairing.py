@@ -13,7 +13,7 @@ from heapq import heappop, heappush
 from itertools import count
 
 from harness import interpreters, moves
-from harness.model import Change, Phase
+from harness.model import Change, Phase, Verdict
 from harness.moves import Move, Way, together
 from harness.rootcause import narrowing, stages
 from harness.rootcause.bench import Spent, Trial
@@ -290,7 +290,10 @@ class Search:
         waiting = [*([self.now] if self.now else []), *sorted(self.queue)]
         left = tuple(dict.fromkeys(str(entry.way) for entry in waiting)) if stopped and not found else ()
         if found is None or (not found.proven and not stopped):
-            status = Status.STOPPED if stopped else Status.NOT_FOUND
+            unclear = [one.trial.judged for one in self.lab.runs if one.trial.judged.verdict is Verdict.INCONCLUSIVE]
+            if unclear:
+                self.told.append(f"{len(unclear)} of the runs tell nothing: {unclear[0].decisive}")
+            status = Status.STOPPED if stopped else Status.UNTOLD if unclear else Status.NOT_FOUND
             told = tuple(self.told)
             return Repaired(status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, told=told)
         parts = found.parts or tuple(Part(change=one, without=None) for one in moves.parts(found.change))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from harness import pasting, present
+from harness.reporttypes import number
 from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repairing import Status
 
@@ -20,7 +21,7 @@ def lines(made: RepairDocument) -> Iterator[str]:
     yield f"{made.cell}: {_ended(before)}"
     if before.decisive:
         yield f"  {before.decisive}"
-    if made.status is Status.UNTOLD:
+    if made.status is Status.UNTOLD and len(made.runs) == 1:
         yield "this says nothing about the packages, so there is nothing to repair; mend that and type the same again"
         return
     for cause in made.causes[:1]:
@@ -28,7 +29,7 @@ def lines(made: RepairDocument) -> Iterator[str]:
     yield ""
     yield from _found(made, made.remedy) if made.remedy else _nothing(made)
     yield from (f"note: {one}" for one in made.told)
-    spent = f"{made.measured} runs, {made.built} environments built"
+    spent = f"{number(made.measured, 'run')}, {number(made.built, 'environment')} built"
     bounded = f" (binary searches need {made.bound} tests at most)" if made.bound else ""
     yield f"{spent}{bounded}, {made.seconds:.0f} s"
     yield from (f"written: {name}" for name in made.files)
@@ -36,7 +37,7 @@ def lines(made: RepairDocument) -> Iterator[str]:
 
 def _found(made: RepairDocument, remedy: RemedyEntry) -> Iterator[str]:
     if remedy.moved:
-        yield f"cannot be cured without moving {' and '.join(remedy.moved)}, which you bounded; the nearest that works:"
+        yield f"nothing else that was tried cures it: {' and '.join(remedy.moved)} has to move, which you bounded"
     yield f"remedy: {'; '.join(remedy.does)}"
     yield from pasting.lines(remedy.paste)
     for part in remedy.parts:
@@ -54,7 +55,9 @@ def _found(made: RepairDocument, remedy: RemedyEntry) -> Iterator[str]:
 
 
 def _nothing(made: RepairDocument) -> Iterator[str]:
-    if made.status is Status.STOPPED:
+    if made.status is Status.UNTOLD:
+        yield "nothing that could be told cures it; mend what stands in the note and type the same again"
+    elif made.status is Status.STOPPED:
         yield f"stopped short: {made.stopped}; not tried yet: {', '.join(made.left)}"
     else:
         tried = max(len(made.runs) - 1, 0)

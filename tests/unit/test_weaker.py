@@ -1,0 +1,70 @@
+"""A change is never a weaker test: what a repaired cell has to show, and how far a failing one came."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from specimens import case, record, step
+
+from harness import verdict
+from harness.model import CaseRecord, CellRecord, Outcome, Phase
+from harness.rootcause.bench import Trial
+from harness.rootcause.lab import ended, further, passes, weaker
+
+
+def trial(*cases: CaseRecord, **more: object) -> Trial:
+    """A cell with these cases, as it was judged."""
+    made: CellRecord = record(*cases, **more)
+    return Trial(cell=made.cell, record=made, judged=verdict.judge(made), found=(), seconds=1.0, at_hand=False)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "why"),
+    [
+        pytest.param("pfnn", "pppp", None, id="all that was asked for"),
+        pytest.param(
+            "ppfp", "ppsp", "vector.sync of ant was failed before and is skipped now", id="what failed is left out"
+        ),
+        pytest.param(
+            "pppf", "pppu", "render.rgb_array of ant was failed before and is unavailable now", id="cannot be shown"
+        ),
+        pytest.param("ppfp", "pppu", "render.rgb_array of ant was passed before and is unavailable now", id="is lost"),
+        pytest.param("pfnn", "pppu", None, id="what nobody had come to before"),
+    ],
+)
+def test_weaker(before: str, after: str, why: str | None) -> None:
+    """What failed or passed before has to pass; what was never reached counts as the verdict counts it."""
+    one, other = trial(case(before)), trial(case(after))
+    assert other.works
+    assert weaker(one, other) == why
+
+
+def test_a_case_that_is_gone_is_a_weaker_test() -> None:
+    """However well the others do."""
+    before, after = trial(case("pfnn"), case("pppp", "hopper")), trial(case("pppp"))
+    assert weaker(before, after) == "import.modules of hopper was passed before and is not_reached now"
+
+
+def test_further() -> None:
+    """Another failure counts as one behind the first only where it is not met earlier."""
+    single, vector, render = trial(case("pfnn")), trial(case("ppfp")), trial(case("pppf"))
+    assert further(single, vector)
+    assert further(vector, render)
+    assert not further(vector, single)
+    assert not further(single, trial(case("pfnn")))
+    assert not further(single, trial(case("pppp")))
+    assert not further(single, trial(case("pinn")))
+
+
+def test_passing_up_to_a_phase() -> None:
+    """A run that stopped early says how far it came, and no more."""
+    unasked = replace(step(Phase.INSTALL), outcome=Outcome.FAILED, decisive="no wheel")
+    assert passes(trial(case("ppnn")), Phase.SINGLE)
+    assert passes(trial(case("pnnn")), Phase.IMPORT)
+    assert not passes(trial(case("pfnn")), Phase.SINGLE)
+    assert not passes(trial(install=unasked), Phase.INSTALL)
+    assert (ended(trial(case("pnnn")), Phase.IMPORT), ended(trial(case("pfnn")), Phase.SINGLE)) == (
+        "passes import",
+        "broken in single",
+    )
