@@ -92,7 +92,10 @@ def _data(name: str) -> Optional[bytes]:
 
 def _known() -> List[Known]:
     content = _data(SIGNATURES)
-    return [read(plain) for plain in json.loads((content or b"[]").decode())]
+    if content is None:
+        message = "this file carries no known failures; make it by `simmatrix doctor --standalone FILE`"
+        raise explain.Bad(message)
+    return [read(plain) for plain in json.loads(content.decode())]
 
 
 def _measured() -> Optional[Mapping[str, Any]]:

@@ -80,6 +80,9 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
     if not command:
         message = "explain: names no command after --"
         raise Bad(message)
+    if os.name == "nt":
+        message = "explain: cannot run a command on Windows; redirect its output into a file (2>&1), and give that"
+        raise Bad(message)
     if args.file is not None:
         message = "explain: a FILE or a command, not both: {} stands before --".format(args.file)
         raise Bad(message)

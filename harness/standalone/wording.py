@@ -104,7 +104,9 @@ def following(made: Explained, place: Place) -> Iterator[str]:
         yield "{} explain -- env {}=1 {}".format(place.program, FAULTS, command)
         yield "  so that a worker that crashes says where, and all that the workers write is kept"
     yield "{} doctor --python {}{}".format(
-        place.program, shlex.quote(place.python or "PATH"), " --prove" if made.cause is not None else ""
+        place.program,
+        shlex.quote(place.python or "PATH"),
+        " --prove" if made.cause is not None and not place.alone else "",
     )
     yield from _tried(made, place)
     if made.cause is None:

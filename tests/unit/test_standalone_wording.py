@@ -1,0 +1,96 @@
+"""What `explain` says to people: cause, remedy, reference, and the commands that help from there."""
+
+from __future__ import annotations
+
+from harness.standalone import explaining, matching, remedies, wording
+from harness.standalone.explaining import Here
+from harness.standalone.wording import Place
+
+TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.9/site-packages/gym/a.py", line 5, in step\n'
+REMEDY = {"requirements": ["numpy<2"], "environment": {"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": ""}, "text": "or wait"}
+
+
+def known(remedy: dict[str, object], **more: object) -> matching.Known:
+    """A known failure."""
+    plain = {"id": "wings", "cause": "it has none", "remedy": remedy, "phases": ["single"], "pattern": "no wings"}
+    return matching.read({**plain, "references": ["https://example.org/1"], **more})
+
+
+def said(text: str, place: Place, *those: matching.Known, **here: object) -> list[str]:
+    """What is said of a text."""
+    return list(wording.lines(explaining.explained(text, those, Here(**here)), place))  # type: ignore[arg-type]
+
+
+def test_a_known_cause() -> None:
+    """With the remedy as it is typed for this interpreter, and where the output lies."""
+    place = Place(python="/e/bin/python", kept="out.log")
+    assert said(TRACE + "ValueError: no wings\n", place, known(REMEDY)) == [
+        "failed:    ValueError: no wings",
+        "cause:     it has none",
+        "remedy:    install `numpy<2`; set `MUJOCO_GL=egl`; unset `PYOPENGL_PLATFORM`. or wait",
+        "reference: https://example.org/1",
+        "known as:  wings",
+        "next:      /e/bin/python -m pip install 'numpy<2'",
+        "           export MUJOCO_GL=egl",
+        "           unset PYOPENGL_PLATFORM",
+        "           simmatrix doctor --python /e/bin/python --prove",
+        "output:    out.log",
+    ]
+
+
+def test_an_unknown_one() -> None:
+    """With what to look at, what to try, and what to search for."""
+    text = f"gym==0.21.0\n{TRACE}OSError: /home/me/a/b.xml is gone at 0x7fff12\n"
+    assert said(text, Place()) == [
+        "failed:    OSError: /home/me/a/b.xml is gone at 0x7fff12 (in single)",
+        "cause:     unknown: no known failure fits",
+        "next:      simmatrix doctor --python PATH",
+        "           simmatrix repair gym==0.21.0 --python 3.9",
+        "           search for: OSError: is gone at gym",
+    ]
+
+
+def test_the_file_that_stands_alone_names_itself() -> None:
+    """And no verb that it has not."""
+    told = said(TRACE + "ValueError: no wings\n", Place(program="python a.pyz", alone=True), known({"text": "wait"}))
+    assert told[-1] == "next:      python a.pyz doctor --python PATH"
+
+
+def test_a_worker_that_died_without_a_word_is_asked_to_speak() -> None:
+    """The command is run again, so that a crash says where."""
+    mask = known({"text": "look"}, pattern="EOFError", masks=True, phases=["vector"])
+    told = said(TRACE + "EOFError\n", Place(command=("python", "my train.py")), mask, failed=True)
+    assert told[:4] == [
+        "failed:    EOFError (in vector)",
+        "that is:   it has none",
+        "remedy:    look",
+        "cause:     unknown: no known failure fits",
+    ]
+    assert "next:      simmatrix explain -- env PYTHONFAULTHANDLER=1 python 'my train.py'" in told
+
+
+def test_nothing_failed() -> None:
+    """The last line is shown, and how to catch what does."""
+    assert said("Episode 1\nall done\n", Place(), known(REMEDY)) == [
+        "no failure: nothing in this text says that anything failed",
+        "last line: all done",
+        "next:      simmatrix explain -- COMMAND, which keeps all that a command writes",
+    ]
+
+
+def test_a_release_that_is_repaired_is_tried_so() -> None:
+    """By the verb that can."""
+    told = said("gym==0.21.0\nValueError: no wings\n", Place(), known({"overlay": ["gym"]}))
+    assert told[-1] == "           simmatrix try gym==0.21.0 --overlay"
+
+
+def test_every_key_of_a_remedy_has_words() -> None:
+    """Those that a machine can apply, then the text."""
+    remedy = {
+        "constraints": ["a<1"], "overrides": ["b"], "build_constraints": ["c<2"], "build_variables": {"V": "1"},
+        "only_binary": ["d"], "overlay": ["e"], "uninstall": ["f"], "python": "3.10", "as_of": "2024-01-01T00:00:00Z",
+    }  # fmt: skip
+    assert remedies.in_words(remedy) == (
+        "keep to `a<1`; override `b`; build with `c<2`; set for builds `V=1`; wheels only of `d`; repair `e`;"
+        " remove `f`; Python 3.10; resolved as of 2024-01-01T00:00:00Z"
+    )
