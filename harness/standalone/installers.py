@@ -17,6 +17,9 @@ CONDA = re.compile(
     r"^\s*(?:Lib[Mm]amba)?(?:UnsatisfiableError|PackagesNotFoundError|ResolvePackageNotFound|SolverError)\b"
     r"|^error\s+libmamba Could not solve"
 )
+BACKEND = re.compile(r"^Call to `|build backend returned")
+"""What uv says where a build says why."""
+
 UV_CAUSE = re.compile(r"^\s+(?:cause|Caused by): (.*)")
 POETRY = re.compile(r"version solving failed")
 
@@ -86,7 +89,7 @@ def _uv_causes(lines: Sequence[str]) -> Optional[str]:
             if not cause:
                 break
             causes.append(cause.group(1))
-        if causes:
+        if causes and not BACKEND.search(causes[-1]):
             return "{}: {}".format(lines[place][len("error: ") :], causes[-1])
     return None
 

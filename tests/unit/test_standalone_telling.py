@@ -130,6 +130,13 @@ So, because lab depends on robotics (1.3), version solving failed.
             "Failed to download and build `gym==0.21.0`: No space left on device (os error 28)",
             "install",
         ),
+        (
+            "error: Failed to build `gym==0.21.0`\n  cause: The build backend returned an error\n"
+            "  cause: Call to `setuptools.build_meta.build_wheel` failed (exit status: 1)\n\n[stderr]\n"
+            "error in gym setup command: 'extras_require' must be a dictionary\n",
+            "error in gym setup command: 'extras_require' must be a dictionary",
+            "install",
+        ),
         ("Segmentation fault (core dumped)\n", "Segmentation fault (core dumped)", None),
         ("bash: python3.6: command not found\n", "bash: python3.6: command not found", None),
     ],
