@@ -39,7 +39,8 @@ class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
 class Nearest(msgspec.Struct, frozen=True, kw_only=True):
     """The nearest combination that was measured to work: `changes` lead to it, `also` differ and seldom matter.
 
-    `env` is the environment that was asked for, where it was made and stepped there.
+    `env` is the environment that was asked for, where it was made and stepped there; `uncovered` is installed, and
+    was not there.
     """
 
     cell: str
@@ -52,6 +53,7 @@ class Nearest(msgspec.Struct, frozen=True, kw_only=True):
     changes: tuple[ChangeEntry, ...]
     also: tuple[ChangeEntry, ...]
     command: str | None
+    uncovered: tuple[str, ...] = ()
     remarks: tuple[str, ...]
 
 

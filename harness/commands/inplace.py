@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import msgspec
 from harness import cellrun, launch, machine, plan, process
 from harness.commands import drawn
 from harness.commands.drawn import Looked
-from harness.evidence import KILLED
+from harness.evidence import KILLED, WRITTEN
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
 from harness.standalone.choosing import Choice
 from harness.standalone.declared import NOTE, WARNING, Finding
@@ -170,14 +170,26 @@ def _seen(phase: PhaseRecord, store: Store) -> Seen:
     lines = (phase.decisive, *(check.decisive for check in phase.checks))
     reply = store.folder / (phase.evidence or "") / "reply.jsonl"
     replies = reply.read_text(encoding="utf-8", errors="replace").splitlines() if reply.is_file() else []
-    told = tuple(filter(None, (*lines, *map(_traceback, replies))))
+    words = [text for line in replies for text in _words(line)]
+    told = tuple(dict.fromkeys(filter(None, (*lines, *words))))
     killed = next((found[1] for line in told if (found := KILLED.search(line))), None)
     return Seen(phase=str(phase.phase), told=told, signal=killed)
 
 
-def _traceback(line: str) -> str | None:
+def _words(line: str) -> Iterator[str]:
+    """The tracebacks of a check that failed, from its line of a reply."""
     try:
         record = msgspec.json.decode(line)
-    except msgspec.DecodeError:
-        return None
-    return str(record["traceback"]) if isinstance(record, dict) and record.get("traceback") else None
+    except msgspec.DecodeError:  # it was cut
+        return
+    if isinstance(record, dict) and record.get("outcome") != Outcome.PASSED:
+        yield from _written(record)
+
+
+def _written(plain: Any) -> Iterator[str]:
+    parts = plain.items() if isinstance(plain, dict) else enumerate(plain) if isinstance(plain, list) else ()
+    for key, value in parts:
+        if key in WRITTEN and isinstance(value, str):
+            yield value
+        else:
+            yield from _written(value)

@@ -256,7 +256,8 @@ def _nearest(made: Told) -> Iterable[str]:
         return
     where = "{}, {}, {}".format(near["cell"], near["machine"], near["measured"][:10])
     if not near["command"]:
-        yield "these versions were measured together, and work ({})".format(where)
+        beside = ", apart from {},".format(", ".join(near["uncovered"])) if near["uncovered"] else ""
+        yield "these versions{} were measured together, and work ({})".format(beside, where)
     elif not _of_versions(made, near):
         changes = ", ".join("{} {}, here {}".format(one["name"], one["then"], one["now"]) for one in near["changes"])
         yield "these versions were not measured together; the nearest that work ({}) have {}".format(where, changes)

@@ -15,7 +15,7 @@ from .requirements import Requirement, requirement
 from .versions import is_version, version
 
 Told = Mapping[str, Any]
-PYTHON, UNCOVERED, FARTHEST = 8, 12, 2
+PYTHON, UNCOVERED, FARTHEST = 8, 20, 2
 """What it weighs that a cell was measured on the next minor version of Python, and that it says nothing of a package
 that is here; and from how many minor versions away nothing is taken."""
 MOST = 40
@@ -149,8 +149,8 @@ def _old(one: Near) -> List[Any]:
 
 
 def _against(one: Near, asked: Sequence[Requirement]) -> int:
-    """How many remedies it does not heed."""
-    return sum(each.name in one.lock and not each.specifiers.admits(one.lock[each.name]) for each in asked)
+    """How many remedies it does not heed, or says nothing of."""
+    return sum(each.name not in one.lock or not each.specifiers.admits(one.lock[each.name]) for each in asked)
 
 
 def _away(one: Optional[str], other: str) -> int:
@@ -274,5 +274,6 @@ def plain(facts: Told, one: Near, installer: str, env: Optional[str] = None) -> 
         "changes": [each.plain() for each in one.changes],
         "also": [each.plain() for each in one.also],
         "command": command(one, installer),
+        "uncovered": list(one.uncovered),
         "remarks": remarks(facts, one),
     }

@@ -67,6 +67,7 @@ def test_this_python_goes_before_its_neighbours() -> None:
     other = near(made, there, far)
 
     assert same["cell"] == "m/same"
+    assert near(made, there, cell("more", gym="0.26.1", numpy="1.26.4"))["cell"] == "m/more"
     assert other["remarks"][0] == "it was measured on Python 3.10: nothing near was measured on 3.11"
     assert near(made, far) is None
 
