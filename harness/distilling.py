@@ -145,8 +145,10 @@ SAID = frozenset({*COPIED, *LATER, "cases", "lock", "causes", "repairs"})
 
 
 def _counting(cell: Plain) -> list[Plain]:
-    """The known failures that count: masks only among themselves, and where one is what the cell says."""
-    causes = [one for one in cell["diagnoses"] if not one["masks"]]
+    """The known failures that count: the specific ones of a line, and masks only where one is what the cell says."""
+    told = [one for one in cell["diagnoses"] if not one["masks"]]
+    specific = {one["seen"] for one in told if not one.get("generic") and one.get("seen")}
+    causes = [one for one in told if not (one.get("generic") and one.get("seen") in specific)]
     through = {mask for case in cell["cases"] for mask in case.get("masked", {}).values()}
     said = [cell["decisive"] or "", *(line for case in cell["cases"] for line in case.get("reasons", {}).values())]
     seen = [(one, one.get("seen", "")) for one in cell["diagnoses"]]

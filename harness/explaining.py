@@ -57,9 +57,11 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
 def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
     """The known failures that count in a cell: masks only where there is nothing else, and one of them is what it says.
 
-    Of a mask that stands in a log alone, or behind which a reason was found, the reason is told already.
+    Of a mask that stands in a log alone, or behind which a reason was found, the reason is told already; and of a line
+    of which something specific is known, nothing general is told.
     """
-    causes = tuple(one for one in cell.diagnoses if not one.masks)
+    specific = {one.seen for one in cell.diagnoses if not one.masks and not one.generic and one.seen}
+    causes = tuple(one for one in cell.diagnoses if not one.masks and not (one.generic and one.seen in specific))
     seen_through = {mask for case in cell.cases for mask in case.masked.values()}
     said = [cell.decisive or "", *(line for case in cell.cases for line in case.reasons.values())]
     return causes or tuple(

@@ -131,6 +131,18 @@ def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:
     assert deeper.also == ()
 
 
+def test_of_a_line_that_is_known_nothing_general_is_told() -> None:
+    """Unless it is of another line, or nothing specific is known."""
+    special, broad = known("special", seen="no field"), known("broad", seen="no field", generic=True)
+    elsewhere = known("broad", seen="no file", generic=True)
+
+    assert only([cell("3.9", "4.0.0", "no field", diagnoses=(special, broad))]).also == ()
+    assert [one.signature for one in only([cell("3.9", "4.0.0", "x", diagnoses=(special, elsewhere))]).also] == [
+        "broad"
+    ]
+    assert only([cell("3.9", "4.0.0", "no field", diagnoses=(broad,))]).known == "broad"
+
+
 def test_unknown_ones_by_their_line() -> None:
     """Versions and lines of files may differ; another phase is another failure."""
     one, two, three = (
