@@ -151,6 +151,7 @@ So, because lab depends on robotics (1.3), version solving failed.
         "poetry",
         "not-found",
         "disk",
+        "backend",
         "signal",
         "shell",
     ],
