@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from harness import knowledge, measured, store
-from harness.errors import BadInput
+from harness.errors import BadInput, HarnessError
 from harness.reporttypes import DiagnosisEntry, FindingEntry
 from harness.standalone import explain, matching
 from harness.standalone.explain import HELP, add_arguments, split
@@ -45,7 +45,7 @@ def main(args: argparse.Namespace) -> int:
     try:
         if args.after is None:
             return explain.of_text(args, knows, Place())
-        return explain.of_command(args, args.after, knows, Place(kept=str(_output(args.after))))
+        return explain.of_command(args, args.after, knows, Place(kept=_output(args.after)))
     except explain.Bad as error:
         raise BadInput(str(error)) from None
 
@@ -55,11 +55,16 @@ def known() -> list[matching.Known]:
     return [matching.read(one.as_file) for one in knowledge.known()]
 
 
-def _output(command: Sequence[str]) -> Path:
-    """The file that a command's output goes to; the oldest ones are removed."""
-    folder = store.open_store().folder / FOLDER
-    folder.mkdir(exist_ok=True)
-    for old in sorted(folder.glob("*.log"))[: -MOST + 1]:
-        old.unlink(missing_ok=True)
+def _output(command: Sequence[str]) -> str | None:
+    """The file that a command's output goes to; the oldest ones are removed. None where none can be made there."""
     name = re.sub(r"[^A-Za-z0-9.-]+", "-", Path(command[0]).name if command else "none")[:40]
-    return folder / f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.getpid()}-{name}.log"
+    file = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.getpid()}-{name}.log"
+    try:
+        folder = store.open_store().folder / FOLDER
+        folder.mkdir(exist_ok=True)
+        for old in sorted(folder.glob("*.log"))[: -MOST + 1]:
+            old.unlink(missing_ok=True)
+        (folder / file).touch()
+    except (OSError, HarnessError):
+        return None
+    return str(folder / file)

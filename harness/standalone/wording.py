@@ -79,10 +79,14 @@ def _unknown(made: Explained) -> Iterator[str]:
 
 
 def _hidden(made: Explained) -> Iterator[str]:
-    """What stands before the cause, each line once."""
+    """What stands before the cause, each line once; of a cause that is unknown what that line is known for."""
     shown = made.cause.seen if made.cause else made.told.decisive
-    for line in dict.fromkeys(hit.seen for hit in made.diagnoses if hit.known.masks and hit.seen != shown):
+    masks = [hit for hit in made.diagnoses if hit.known.masks and hit.seen != shown]
+    for line in dict.fromkeys(hit.seen for hit in masks):
         yield "hidden by: {}".format(line)
+    named = [hit for hit in masks if hit.known.packages] if made.cause is None else []
+    for hit in named[:1]:
+        yield "           {}".format(hit.known.plain["cause"])
 
 
 def _where(made: Explained) -> str:

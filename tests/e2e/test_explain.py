@@ -160,6 +160,16 @@ def test_options_of_the_command_are_the_command_s(place: Path) -> None:
     assert done.stdout == b"['--json', '--python', 'x', '--', '-h']\n"
 
 
+def test_where_no_state_can_be_the_command_runs_all_the_same(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its output is kept in a temporary file then."""
+    monkeypatch.setenv("HARNESS_STATE", os.devnull + "/state")
+    monkeypatch.setenv("TMPDIR", str(place))
+    done = explain(*python("print('out'); raise SystemExit(5)"))
+    assert (done.returncode, done.stdout) == (5, b"out\n")
+    kept = Path(done.stderr.decode().rpartition("output:")[2].strip())
+    assert (kept.parent, kept.read_text()) == (place, "out\n")
+
+
 @pytest.mark.usefixtures("place")
 def test_big_output_passes_whole() -> None:
     """Every byte is shown and kept; nothing of it has to be text."""
