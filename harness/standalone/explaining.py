@@ -27,6 +27,9 @@ TROUBLE = re.compile(
 )
 """What a machine or a network lacks: no verdict about packages."""
 
+QUOTED = 4
+"""Lines of a text that is no log: somebody asks what they mean."""
+
 SHOWN = 3
 INSTALLING = ("resolve", "install")
 
@@ -117,6 +120,8 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
     said = hints(told.text)
     killed = here.signal or told.signal
     sure, could = _candidates(known, _around(here, said, told), here.python or said.python)
+    if not told.failed and len(told.text.split("\n", QUOTED)) > QUOTED:
+        sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, told, killed)
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, _besides(hit)) for hit in aside[:SHOWN]]
     if not any(not hit.known.masks for hit in hits):
@@ -228,14 +233,16 @@ def _hits(
 ) -> Tuple[Tuple[Hit, ...], Tuple[Hit, ...]]:
     """The known failures that the text tells, the deepest cause first; and those that it mentions without failing so.
 
-    What is written somewhere in a log, and in no line that says why, is no cause of an exception.
+    What is written somewhere in a log, and in no line that says why, is no cause of an exception, nor of a command
+    that failed without a word.
     """
     if not told.failed:
         known = [one for one in known if one.pattern is not None and not one.generic]
     seen = Seen(phase=None, told=told.lines, logs=(told.text,), signal=killed)
     found = sorted(matching.matches(known, seen), key=lambda hit: _rank(hit, told))
     best = min([_where(hit, told) for hit in found if not hit.known.masks], default=LOG)
-    most = ELSEWHERE if told.raised or best is not LOG else LOG
+    wordless = told.failed and not told.marked and killed is None
+    most = ELSEWHERE if told.raised or wordless or best is not LOG else LOG
     kept = tuple(hit for hit in found if hit.known.masks or _where(hit, told) <= most)
     return kept, tuple(hit for hit in found if hit not in kept)
 

@@ -32,8 +32,9 @@ PREFIXES = 20
 class Told(NamedTuple):
     """A failure as its text tells it: `lines` say why, the decisive one first; `phase` is where it may have failed.
 
-    `failed` is whether there is a failure at all, `raised` whether the decisive line is an exception, of the
-    traceback `region`. `text` is all of it, its tracebacks in one form; its last line is `last`.
+    `failed` is whether there is a failure at all, `marked` whether the text itself says so, `raised` whether the
+    decisive line is an exception, of the traceback `region`. `text` is all of it, its tracebacks in one form; its last
+    line is `last`.
     """
 
     decisive: Optional[str]
@@ -41,6 +42,7 @@ class Told(NamedTuple):
     phase: Optional[str]
     signal: Optional[str]
     failed: bool
+    marked: bool
     raised: bool
     region: str
     text: str
@@ -56,7 +58,8 @@ def told(text: str, *, surely: bool = False) -> Told:
     gave_up = installer(lines)
     killed = _signal(text)
     decisive = _decisive(text, lines, gave_up, picked)
-    failed = bool(picked or gave_up or killed or _marked(text) or surely)
+    marked = bool(picked or gave_up or killed or _marked(text))
+    failed = marked or surely
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
     region = _region(lines, first) if first in picked else ""
@@ -66,6 +69,7 @@ def told(text: str, *, surely: bool = False) -> Told:
         phase=_phase(text, gave_up, region),
         signal=killed,
         failed=failed,
+        marked=marked,
         raised=first in picked and first is not None and first.partition(":")[0].rpartition(".")[2] not in MASKS,
         region=region,
         text=whole,
@@ -171,9 +175,8 @@ MARKS = (
     r"^Fatal Python error: ",
     r"^CMake Error",
     r": (?:fatal )?error: ",
-    r": command not found$",
-    r": No such file or directory$",
-    r": Permission denied$",
+    r"^(?:\S*sh|env|\S+: line \d+): .*(?:command not found|No such file or directory|Permission denied)$",
+    r"^\S+: can't open file '",
     r"^\[(?:Error|Fatal)\] \[",
     r"^E +\w+.*(?:Error|Exception)",
     r"^\*\*\* Error in ",

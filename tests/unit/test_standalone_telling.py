@@ -197,8 +197,9 @@ def test_what_pytest_prints_is_a_failure() -> None:
         "Exception ignored in: <function Env.__del__ at 0x7f>\nTraceback (most recent call last):\n"
         '  File "a.py", line 1, in __del__\nTypeError: no\n\ndone\n',
         "0 errors, 3 warnings\n",
+        "ALSA lib conf.c:5180:(_snd_config_evaluate) function returned error: No such file or directory\n",
     ],
-    ids=["training", "installed", "errors-of-a-model", "ignored", "counts"],
+    ids=["training", "installed", "errors-of-a-model", "ignored", "counts", "sound"],
 )
 def test_where_nothing_failed_that_is_said(text: str) -> None:
     """An honest answer to a log of something that went well."""
@@ -335,6 +336,15 @@ def test_what_a_log_mentions_is_no_cause_of_an_exception() -> None:
     made = explaining.explained("gym is unmaintained\n" + TRACE, [notice])
     assert (made.diagnoses, made.findings[0][0]) == ((), "besides")
     assert named("gym is unmaintained\n" + TRACE, notice, KNOWN) == ["wings"]
+
+
+def test_a_log_of_what_went_well_has_no_cause() -> None:
+    """Though it mentions what is known; a line alone is looked up."""
+    notice = known("notice", "is unmaintained")
+    assert named("gym is unmaintained\n", notice) == ["notice"]
+    assert named("gym is unmaintained\n" + "Episode 1: reward 2\n" * 9, notice) == []
+    wordless = explaining.explained("gym is unmaintained\n" + "Episode 1: reward 2\n" * 9, [notice], Here(failed=True))
+    assert (wordless.diagnoses, wordless.findings[0][0]) == ((), "besides")
 
 
 def test_a_pattern_over_frames_belongs_to_their_exception() -> None:
