@@ -149,10 +149,8 @@ def _counting(cell: Plain) -> list[Plain]:
     told = [one for one in cell["diagnoses"] if not one["masks"]]
     specific = {one["seen"] for one in told if not one.get("generic") and one.get("seen")}
     causes = [one for one in told if not (one.get("generic") and one.get("seen") in specific)]
-    through = {mask for case in cell["cases"] for mask in case.get("masked", {}).values()}
     said = [cell["decisive"] or "", *(line for case in cell["cases"] for line in case.get("reasons", {}).values())]
-    seen = [(one, one.get("seen", "")) for one in cell["diagnoses"]]
-    return causes or [one for one, mask in seen if mask not in through and any(mask in line for line in said)]
+    return causes or [one for one in cell["diagnoses"] if any(one.get("seen", "") in line for line in said)]
 
 
 def _machine(facts: Plain) -> dict[str, Any]:

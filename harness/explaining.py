@@ -62,11 +62,8 @@ def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
     """
     specific = {one.seen for one in cell.diagnoses if not one.masks and not one.generic and one.seen}
     causes = tuple(one for one in cell.diagnoses if not one.masks and not (one.generic and one.seen in specific))
-    seen_through = {mask for case in cell.cases for mask in case.masked.values()}
     said = [cell.decisive or "", *(line for case in cell.cases for line in case.reasons.values())]
-    return causes or tuple(
-        one for one in cell.diagnoses if one.seen not in seen_through and any(one.seen in line for line in said)
-    )
+    return causes or tuple(one for one in cell.diagnoses if any(one.seen in line for line in said))
 
 
 def told(cell: CellEntry) -> dict[str, Any]:

@@ -137,6 +137,18 @@ def test_an_environment_has_to_have_been_tried(world: World) -> None:
     assert not world.found("aa", env="Ant-v5")
 
 
+def test_of_an_environment_its_own_phases_count(world: World) -> None:
+    """What another case of the cell could not show is nothing to it."""
+    other = {"case": "b", "env": "Window-v0", "api": "gymnasium", "phases": {**ALL, "render": "unavailable"}}
+    mine = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL}
+    phases = {**ALL, "render": "unavailable"}
+    world.add("3.11", {"aa": "1.0"}, cases=[mine, other], unverified=["render"], phases=phases)
+
+    assert world.found("aa", env="Ant-v5", needs=(Phase.RENDER,))
+    assert not world.found("aa", env="Window-v0", needs=(Phase.RENDER,))
+    assert not world.found("aa", needs=(Phase.RENDER,))
+
+
 def test_equal_versions_are_one(world: World) -> None:
     """Pythons and machines on which one combination was measured stand together, its newest Python's lock for all."""
     world.add("3.10", {"aa": "1.0"})
