@@ -117,7 +117,7 @@ def _proof(before: Trial, after: Trial, left_out: tuple[str, ...]) -> Proof:
     works = after.works and not before.works
     said = f"without the changes a copy {_said(before)}; with them it {_said(after)}"
     if after.works and before.works:
-        said = "a copy works with the changes, and without them, too: the versions are not what is wrong here"
+        said = "a copy works with the changes, and without them, too: what was tried shows no fault of the versions"
     beside = f" ({len(left_out)} other packages were left to the resolver)" if left_out else ""
     return Proof(
         proven=works,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
-from .probing import USER_SITE, Here, imports
+from .probing import USER_SITE, Here, facts, imports
 from .versions import canonical
 
 FOLDER = "the working folder"
@@ -44,7 +44,8 @@ def _of_start(here: Here, probes: Told) -> List[Difference]:
     texts = [str(probes[one].get("trouble", "")) for one in ("facts", "scrubbed")]
     if bool(texts[0]) is bool(texts[1]):
         return []
-    by = [name for name in here.removed if name.startswith(("PYTHON", "LD_"))]
+    likely = [name for name in here.removed if name.startswith(("PYTHON", "LD_"))]
+    by = [name for name in likely if bool(texts[0]) is ("trouble" in facts(here.scrubbed(name), "start-" + name))]
     return [Difference("start", "", texts[0] or "it starts", texts[1] or "it starts", tuple(by))]
 
 
@@ -63,14 +64,14 @@ def _of_path(here: Here, probes: Told) -> List[Difference]:
     return [Difference("path", "", os.pathsep.join(entries), "", by) for by, entries in groups.items()]
 
 
-def origin(here: Here, facts: Told, entry: str) -> Tuple[str, ...]:
+def origin(here: Here, told: Told, entry: str) -> Tuple[str, ...]:
     """What puts a folder on the path."""
     for name in ("PYTHONPATH", "PYTHONHOME"):
         for one in here.variables.get(name, "").split(os.pathsep):
             place = os.path.abspath(os.path.join(here.folder, one))
             if one and (place == entry or (name == "PYTHONHOME" and entry.startswith(place + os.sep))):
                 return (name,)
-    if entry == facts.get("python", {}).get("user_site"):
+    if entry == told.get("python", {}).get("user_site"):
         return (USER_SITE,)
     return ()
 
@@ -86,17 +87,17 @@ def _of_packages(probes: Told) -> List[Difference]:
     ]
 
 
-def effective(facts: Told) -> Dict[str, Dict[str, Any]]:
+def effective(told: Told) -> Dict[str, Dict[str, Any]]:
     """The distribution of each name that Python finds first."""
     found: Dict[str, Dict[str, Any]] = {}
-    for one in facts.get("distributions", ()):
+    for one in told.get("distributions", ()):
         found.setdefault(canonical(one["name"]), one)
     return found
 
 
-def versions(facts: Told) -> Dict[str, str]:
+def versions(told: Told) -> Dict[str, str]:
     """What is installed, as far as it has a version."""
-    return {name: one["version"] for name, one in effective(facts).items() if one["version"]}
+    return {name: one["version"] for name, one in effective(told).items() if one["version"]}
 
 
 # --- imports ---------------------------------------------------------------------------------------------------

@@ -27,6 +27,10 @@ NAMES = {
     "libcudart": "CUDA's runtime",
 }
 SHOWN = 4
+TOLD = tuple(
+    "PYTHON LD_ MUJOCO CUDA PYOPENGL EGL DISPLAY LIBGL MESA __EGL __GLX SDL QT OMP MKL OPENBLAS JAX XLA TORCH".split()
+)
+"""How the variables begin whose values are shown; that of another may be a secret."""
 
 
 # --- imports ---------------------------------------------------------------------------------------------------
@@ -235,7 +239,7 @@ def _by(here: Here, by: Sequence[str]) -> str:
     """What makes a difference, with its value."""
     if not by:
         return "something in the caller's settings, found in none of them alone,"
-    named = ("{}={}".format(name, here.variables[name]) if name in here.variables else name for name in by)
+    named = ("{}={}".format(name, here.variables[name]) if name.startswith(TOLD) else name for name in by)
     return " and ".join(named)
 
 
