@@ -1,0 +1,73 @@
+"""Measured cells, explained from their texts alone: what works has no cause, what fails has the one that is known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from harness import document, evidence, explaining, knowledge
+from harness.model import Verdict
+from harness.reporttypes import CellEntry
+from harness.standalone import matching
+from harness.standalone.explaining import Explained, Here, explained
+
+ROOT = Path(__file__).parents[2]
+ENOUGH = 0.9
+
+
+@cache
+def known() -> tuple[matching.Known, ...]:
+    """The known failures as what stands alone reads them."""
+    return tuple(matching.read(one.as_file) for one in knowledge.known())
+
+
+def cells() -> Iterator[tuple[Path, CellEntry]]:
+    """All of committed reports, with the folder of their report."""
+    for path in sorted((ROOT / "reports").glob("*/report.json")):
+        yield from ((path.parent, cell) for cell in document.read(path.read_bytes(), str(path)).cells)
+
+
+def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
+    """Whatever notices and warnings stand in them."""
+    count = 0
+    for folder, cell in cells():
+        if cell.verdict is Verdict.WORKS and cell.evidence:
+            for name, text in knowledge.texts(folder / cell.evidence).items():
+                if not name.endswith(".jsonl") and text.strip():
+                    made = explained(text, known())
+                    assert (made.told.decisive, made.cause) == (None, None), (cell.id, name)
+                    count += 1
+    assert count > 100
+
+
+def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
+    """With the packages that were there; where there is another answer, it is mostly none."""
+    right = other = 0
+    for folder, cell in cells():
+        expected = {one.signature for one in explaining.counting(cell)}
+        text = "\n".join(said(folder, cell))
+        if expected and text:
+            cause = made(text, cell).cause
+            right += cause is not None and cause.known.id in expected
+            other += cause is None or cause.known.id not in expected
+    assert right > 50
+    assert right / (right + other) > ENOUGH
+
+
+def made(text: str, cell: CellEntry) -> Explained:
+    """The text of a cell, explained."""
+    return explained(text, known(), Here(installed=cell.installed, python=cell.python))
+
+
+def said(folder: Path, cell: CellEntry) -> Iterator[str]:
+    """What a cell wrote, and the tracebacks of its replies."""
+    for name, text in (knowledge.texts(folder / cell.evidence) if cell.evidence else {}).items():
+        if not name.endswith(".jsonl"):
+            yield text
+            continue
+        for line in text.splitlines():
+            entry = json.loads(line) if line.endswith("}") else {}
+            if entry.get("outcome") != "passed":
+                yield from evidence._words(entry)
