@@ -30,7 +30,7 @@ OURS = re.compile(r'^\s*File "\$INCELL[/"]')
 FOLDERS = re.compile(r"\$[A-Z]+[^\s'\"]*?/(site-packages|lib/python[\d.]+)/(?!site-packages/)")
 """Where an interpreter keeps what it imports, as evidence names such folders."""
 
-LIBRARY = re.compile(r'^\s*File "[^"]*/lib/python[\d.]+/(?!site-packages/)')
+LIBRARY = re.compile(r'^\s*File "(?:<frozen |[^"]*/lib/python[\d.]+/(?!site-packages/))')
 TOP = re.compile(r"(?:site|dist)-packages/(\w+)")
 
 
@@ -93,7 +93,7 @@ def _what(failing: Failing) -> Iterator[str]:
 
 
 SAYS = {
-    Phase.RESOLVE: "No resolution of the requirements",
+    Phase.RESOLVE: "The resolution of the requirements",
     Phase.INSTALL: "The install",
     Phase.IMPORT: "The import",
     Phase.SINGLE: "make, reset and step",

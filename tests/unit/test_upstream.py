@@ -27,6 +27,7 @@ TRACEBACK = f"""Traceback (most recent call last):
   File "$HOME/.pyenv/versions/3.11.7/lib/python3.11/contextlib.py", line 137, in __enter__
     return next(self.gen)
            ^^^^^^^^^^^^^^
+  File "<frozen importlib._bootstrap>", line 1204, in _gcd_import
   File "$ENV/lib/python3.11/site-packages/gymnasium/core.py", line 3, in step
     numpy.bool8
   File "/home/jane/robots/lib/python3.11/site-packages/numpy/__init__.py", line 4, in __getattr__
