@@ -9,6 +9,7 @@ from packaging.version import InvalidVersion, Version
 
 from harness import explaining
 from harness.failure import CHANGING
+from harness.model import Verdict
 from harness.reporttypes import SEVERITY, Cause, CellEntry, Explanation, Trouble, number
 
 NAMED = 2
@@ -18,6 +19,8 @@ RANGE = 3
 """Values one after the other, of which the first and the last are told."""
 
 SAID, LINE = "said", "line"
+REPAIR = "repair"
+"""What the change is called that `run --repair` found."""
 
 Reason = tuple[Explanation, list[CellEntry]]
 Held = Mapping[str, set[str | None]]
@@ -57,6 +60,10 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
     expected = next((cell.expectation for cell in found if cell.as_expected and cell.expectation), None)
     verdicts = Counter(cell.verdict for cell in found)
     links = (why.link for why in explanations if why.link)
+    proofs = tuple(dict.fromkeys(proof for why in explanations for one in why.causes[:1] for proof in one.proofs))
+    proven = {cell.id for cell in found if (held := explaining.counting(cell)) and held[0].proof}
+    cures = _cures(found, cells)
+    found_out = bool(cures) and not proven
     return Trouble(
         known=known.signature if known else "",
         cause=known.cause if known else expected.reason if expected else "",
@@ -65,14 +72,25 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
         cells=len({cell.id for cell in found}),
         where=_named([label for why in explanations for label in why.cells]) or where(found, cells, axes),
         line=explanations[0].decisive,
-        remedy=known.remedy if known else "",
-        applicable=known.applicable if known else False,
-        proofs=tuple(dict.fromkeys(proof for why in explanations for one in why.causes[:1] for proof in one.proofs)),
+        remedy="; ".join(cures[0].change.does) if found_out and cures[0].change else known.remedy if known else "",
+        applicable=found_out or (known.applicable if known else False),
+        proofs=tuple((explaining.label(cell.id), cell.lock or "") for cell in cures) if found_out else proofs,
         references=tuple(dict.fromkeys((*(known.references if known else ()), *links))),
         explanations=explanations,
-        proven=len({cell.id for cell in found if (held := explaining.counting(cell)) and held[0].proof}),
+        proven=len({cell.base for cell in cures} if found_out else proven),
         also=tuple(_also(explanations)),
     )
+
+
+def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellEntry]:
+    """What `run --repair` made of these cells: each with the remedy that it found, which is proven by that."""
+    places = {(cell.id, cell.machine) for cell in found}
+    return [
+        cell
+        for cell in cells
+        if cell.change and cell.change.name == REPAIR and cell.verdict is Verdict.WORKS
+        if (cell.base, cell.machine) in places
+    ]
 
 
 def _also(explanations: Iterable[Explanation]) -> Iterable[Cause]:

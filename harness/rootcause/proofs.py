@@ -8,6 +8,7 @@ import msgspec
 
 from harness import changes, machine, pasting
 from harness.model import Change, Phase, Verdict
+from harness.rootcause import stages
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, Run, ended
 from harness.rootcause.repairing import Part, Repaired, Status
@@ -28,13 +29,15 @@ class CauseEntry(msgspec.Struct, frozen=True, kw_only=True):
 class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One cell of the search: what was changed and why, and what it came to, up to a phase.
 
-    `at_hand` is whether it had been measured before; `key` is that of its environment.
+    `at_hand` is whether it had been measured before; `key` is that of its environment. Where it was `guarded`, big
+    packages were kept from being built, which is none of the change.
     """
 
     number: int
     why: str
     does: tuple[str, ...]
     change: dict[str, Any]
+    guarded: bool
     until: Phase
     ended: str
     verdict: Verdict
@@ -143,11 +146,14 @@ def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
 
 def _run(number: int, one: Run) -> RunEntry:
     judged, record = one.trial.judged, one.trial.record
+    guarded = len({*one.change.only_binary} & {*stages.HEAVY}) > len(stages.HEAVY) // 2
+    plain = stages.unguarded(one.change) if guarded else one.change
     return RunEntry(
         number=number,
         why=one.why,
-        does=changes.described(one.change),
-        change=changes.plain(one.change),
+        does=changes.described(plain),
+        change=changes.plain(plain),
+        guarded=guarded,
         until=one.until,
         ended=ended(one.trial, one.until),
         verdict=judged.verdict,

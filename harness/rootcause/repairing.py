@@ -193,9 +193,7 @@ class Search:
 
     def _unguarded(self, found: _Found) -> None:
         """Let big packages be built again, where the remedy itself does not forbid it."""
-        own = set(found.move.change.only_binary)
-        rest = [one for one in moves.parts(found.change) if not set(one.only_binary) & {*stages.HEAVY} - own]
-        whole = moves.of_parts(rest)
+        whole = stages.unguarded(found.change, found.move.change.only_binary)
         if whole != found.change:
             self._take(found, whole, "without the guard against long builds")
 
@@ -210,7 +208,7 @@ class Search:
         if moves.empty(made):
             return None
         rest = moves.without(found.change, made)
-        failing = self.before if moves.empty(self._plain(rest)) else self.lab.measure(rest, "without it")
+        failing = self.before if moves.empty(stages.unguarded(rest)) else self.lab.measure(rest, "without it")
         if failing.failure is None:
             return None
         suspects = (*self._of_builds(found.change, failing), *narrowing.differing(self.lab, found.trial, failing))
@@ -232,7 +230,7 @@ class Search:
             bounds = search.bounded(chosen) if chosen else None
         if chosen is None or bounds is None:
             return None
-        if self._take(found, self._plain(together(search.rest, bounds)), "bounded, in every phase"):
+        if self._take(found, stages.unguarded(together(search.rest, bounds)), "bounded, in every phase"):
             return found.change
         exact = together(search.rest, narrowing.held(chosen))
         pinned = phase is Phase.SUITE and self._take(found, exact, "pinned, in every phase")
@@ -255,13 +253,10 @@ class Search:
         self.bound += search.bound
         self.told += search.told
         return (
-            found.change if self._take(found, self._plain(change), "the nearest that works, in every phase") else None
+            found.change
+            if self._take(found, stages.unguarded(change), "the nearest that works, in every phase")
+            else None
         )
-
-    def _plain(self, change: Change) -> Change:
-        """Without what guards the search."""
-        parts = moves.parts(change)
-        return moves.of_parts(one for one in parts if not set(one.only_binary) & {*stages.HEAVY})
 
     def _of_builds(self, whole: Change, failing: Trial) -> Iterator[narrowing.Suspect]:
         """What builds used then, where a build failed."""

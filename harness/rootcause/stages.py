@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
@@ -58,6 +58,12 @@ def guarded(place: Place, move: Move) -> Change:
     if not move.guard:
         return move.change
     return moves.together(move.change, Change(only_binary=tuple(name for name in HEAVY if name not in asked)))
+
+
+def unguarded(change: Change, own: Collection[str] = ()) -> Change:
+    """The change without that, what a remedy itself forbids to build apart."""
+    gone = {*HEAVY} - {*own}
+    return replace(change, only_binary=tuple(name for name in change.only_binary if name not in gone))
 
 
 def known(place: Place) -> Iterator[Move]:

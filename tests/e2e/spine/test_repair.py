@@ -161,6 +161,8 @@ def test_report_shows_repaired_cells(repaired: Measured) -> None:
     assert (cells["single-with-repair"]["verdict"], cells["single"]["verdict"]) == ("works", "broken")
     assert cells["single-with-repair"]["change"]["does"] == ["keep to `toolbox<2`"]
     assert cells["single-with-repair"]["base"] == cells["single"]["id"]
+    page = (repaired.desk.state / "reports" / "market" / "report.md").read_text(encoding="utf-8")
+    assert "| keep to `toolbox&lt;2` | by `" in page
     assert "hopeless-with-repair" not in cells
     assert "fine-with-repair" not in cells
 
