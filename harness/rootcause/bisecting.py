@@ -17,6 +17,8 @@ from harness.vocabulary import LONGEST_LABEL, WITH, required_name
 AHEAD = 2
 """Candidates that are prepared while one is tested."""
 
+LOOKING = "looking for a good end"
+
 HANDY = 0.4
 """What a test costs whose environment stands, beside one whose environment is still to be made."""
 
@@ -83,6 +85,7 @@ class Bisection:
         self.steps: list[Step] = []
         self.predicate: Predicate | None = None
         self.told: list[str] = []
+        self._known: dict[int, Said] = {}
 
     def run(self) -> Bisected:
         """Find the boundary. Never raises Spent."""
@@ -124,24 +127,40 @@ class Bisection:
         good = [place for place, said in known.items() if said.answer is Answer.GOOD]
         if good:
             return min(good, key=lambda place: abs(place - self.task.bad))
-        for place in self._galloping():
-            if place in known and known[place].answer is not Answer.UNTESTABLE:
-                continue
-            if self._test(place, "looking for a good end", left=None).answer is Answer.GOOD:
+        self._known = known
+        for place in self.task.hints:
+            if self._looked(place) is Answer.GOOD:
                 return place
+        ends = [end for end in (0, len(self.task.line) - 1) if end != self.task.bad]
+        return next((found for end in ends if (found := self._towards(end)) is not None), None)
+
+    def _towards(self, end: int) -> int | None:
+        """A good candidate on this side of the bad end: ever further off, then before what cannot be tested."""
+        bad, last = self.task.bad, abs(end - self.task.bad)
+        sign = 1 if end > bad else -1
+        near: int = 0
+        far: int | None = None
+        for off in dict.fromkeys([*(1 << power for power in range(last.bit_length()) if 1 << power < last), last]):
+            answer = self._looked(bad + sign * off)
+            if answer is Answer.GOOD:
+                return bad + sign * off
+            near, far = (near, far or off) if answer is Answer.UNTESTABLE else (off, None)
+        while far is not None and far - near > 1:
+            off = (near + far) // 2
+            answer = self._looked(bad + sign * off)
+            if answer is Answer.GOOD:
+                return bad + sign * off
+            near, far = (near, off) if answer is Answer.UNTESTABLE else (off, far)
         return None
+
+    def _looked(self, place: int) -> Answer:
+        """What a candidate is, of which each is looked at once."""
+        if place not in self._known:
+            self._known[place] = self._test(place, LOOKING, left=None)
+        return self._known[place].answer
 
     def _others(self) -> Iterator[int]:
         return (place for place in range(len(self.task.line)) if place != self.task.bad)
-
-    def _galloping(self) -> Iterator[int]:
-        bad, last = self.task.bad, len(self.task.line) - 1
-        offs = [2**power for power in range(last.bit_length() + 1)]
-        older = [bad - off for off in offs if bad - off >= 0]
-        newer = [bad + off for off in offs if bad + off <= last]
-        yield from dict.fromkeys(
-            (*self.task.hints, *older, *([0] if bad else []), *newer, *([last] if bad < last else []))
-        )
 
     def _at_hand(self, place: int) -> Said | None:
         trial = self.bench.at_hand(self.cell(self.task.line[place]))

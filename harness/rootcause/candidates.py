@@ -10,7 +10,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, interpreters, locks
+from harness import index, interpreters, locks, moves
 from harness.errors import BadInput
 from harness.index import Release
 from harness.model import Cell, Change, Interpreter
@@ -120,15 +120,17 @@ def _listed(names: list[str]) -> str:
 def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, kept: Kept) -> Candidates:
     """The days on which one of these packages had an upload: on no other can their resolution change.
 
-    Each stands for the end of the day, UTC; the last one is the instant of the cell, if it has one.
+    Each stands for the end of the day, UTC; the last one is the instant of the cell, if it has one. On the first all
+    that the cell pins was there.
     """
-    question = cell.question
-    days: dict[str, list[str]] = {}
+    question, pinned = cell.question, moves.pins(cell)
+    days, first = set(), ""
     for name in packages:
         for one in index.releases(name, question.index, cutoff=question.snapshot, offline=kept.offline):
             if one.uploaded and not _unfit(one, interpreter, kept, source=True):
-                days.setdefault(one.uploaded[:10], []).append(f"{name} {one.version}")
-    found = [_day(day) for day in sorted(days)]
+                days.add(one.uploaded[:10])
+                first = max(first, one.uploaded[:10]) if same(pinned.get(name, ""), one.version) else first
+    found = [_day(day) for day in sorted(days) if day >= first]
     if found and question.snapshot and found[-1].change.as_of != question.snapshot:
         if found[-1].name == question.snapshot[:10]:
             found.pop()
@@ -168,8 +170,6 @@ def of_pythons(cell: Cell) -> Candidates:
 def place(line: Candidates, text: str, option: str) -> int:
     """Where in a line the candidate lies that a command line names. Raises BadInput."""
     names = [one.name for one in line.candidates]
-    if text in names:
-        return names.index(text)
     for number, name in enumerate(names):
         if same(name, text):
             return number
@@ -184,7 +184,7 @@ def day(line: Candidates, text: str, option: str) -> int:
     except ValueError as error:
         message = f"{option}: {error}"
         raise BadInput(message) from None
-    before = [number for number, one in enumerate(line.candidates) if (one.change.as_of or "") <= instant]
+    before = [number for number, one in enumerate(line.candidates) if (one.change.as_of or one.name) <= instant]
     if not before:
         message = f"{option} {text}: nothing that the cell needs was uploaded by then; {_choices(line)}"
         raise BadInput(message)
@@ -202,7 +202,9 @@ def places(line: Candidates, version: str) -> tuple[int, ...]:
 
 
 def same(name: str, text: str) -> bool:
-    """Whether two names are of one version."""
+    """Whether two names are of one version, or the same."""
+    if name == text:
+        return True
     try:
         return Version(name) == Version(text)
     except ValueError:

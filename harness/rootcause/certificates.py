@@ -12,7 +12,7 @@ from harness import locks, machine, present, search
 from harness.model import Cell, Phase, Verdict
 from harness.reporttypes import number
 from harness.rootcause.bench import Bench, Trial
-from harness.rootcause.bisecting import Bisected, Bisection, Status, Step
+from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, Step
 from harness.rootcause.candidates import Candidate, differing
 from harness.search import Answer, Turn
 from harness.store import now
@@ -83,9 +83,10 @@ class BisectDocument(msgspec.Struct, frozen=True, kw_only=True):
     """The certificate of `bisect`: `bisect.json`, and its `--json`.
 
     `candidates` are how many lie between the ends, both among them, and `bound` how many a binary search asks of so
-    many at most; `asked` counts the answers that it took, `measured` those for which something was run, `built` the
-    environments that had to be made. `confidence` is the chance that the boundary is the right one, given all answers
-    and the flakiness seen (`flakiness`: how often a bad candidate looks good, and a good one bad).
+    many at most; `asked` counts the answers that it took, of which `for_an_end` to find a good end, `measured` those
+    for which something was run, `built` the environments that had to be made. `confidence` is the chance that the
+    boundary is the right one, given all answers and the flakiness seen (`flakiness`: how often a bad candidate looks
+    good, and a good one bad).
     """
 
     schema: int = 1
@@ -106,6 +107,7 @@ class BisectDocument(msgspec.Struct, frozen=True, kw_only=True):
     candidates: int
     bound: int
     asked: int
+    for_an_end: int
     measured: int
     built: int
     runs: tuple[StepEntry, ...]
@@ -140,6 +142,7 @@ def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], c
         candidates=len(done.line),
         bound=search.bound(len(done.line)),
         asked=sum(step.why != "whole" and not step.trial.at_hand for step in search_.steps),
+        for_an_end=max(0, sum(step.why == LOOKING and not step.trial.at_hand for step in search_.steps) - 1),
         measured=bench.runs,
         built=len(bench.built),
         runs=tuple(_step(number, step) for number, step in enumerate(search_.steps, start=1)),
@@ -281,7 +284,9 @@ def lines(made: BisectDocument) -> Iterator[str]:
         yield f"between their locks: {', '.join(moved[:8])}{f' and {len(moved) - 8} more' if len(moved) > 8 else ''}"
     if made.confidence is not None:
         yield f"confidence: {made.confidence:.4f}"
-    yield f"{made.asked} asked, {made.built} environments built; a binary search asks {made.bound} of {made.candidates}"
+    found = f" ({made.for_an_end} of them for a good end)" if made.for_an_end else ""
+    built = number(made.built, "environment")
+    yield f"{made.asked} asked{found}, {built} built; a binary search asks {made.bound} of {made.candidates} at most"
     yield from (f"left out: {one}" for one in made.left_out)
     yield f"repeat it: {made.command}"
     yield from (f"written: {name}" for name in made.files)
