@@ -93,6 +93,12 @@ def parts(change: Change) -> tuple[Change, ...]:
     return tuple(found)
 
 
+def kinds(change: Change) -> tuple[Change, ...]:
+    """All of its constraints, all of its variables, ...: a change for each kind that it has."""
+    found = (Change(**{each.name: getattr(change, each.name)}) for each in fields(Change) if getattr(change, each.name))
+    return tuple(found)
+
+
 def of_parts(found: Iterable[Change]) -> Change:
     """The change that is made of these."""
     made = Change()

@@ -26,6 +26,10 @@ DEEPEST = 4
 """Changes on top of each other, each for a failure that showed behind the one before."""
 
 
+MANY = 3
+"""Lines of one kind that are left out together before each of them is."""
+
+
 class Status(StrEnum):
     """How a repair ended."""
 
@@ -265,13 +269,16 @@ class Search:
         yield from stages.tools(failing.cell, whole, offline=self.lab.settings.offline)
 
     def _least(self, found: _Found) -> None:
-        """Leave out each part in turn: without one that is needed the cell fails."""
-        for part in reversed(moves.parts(found.change)):
+        """Leave out what is many together, then each part in turn: without one that is needed the cell fails."""
+        many = [part for part in moves.kinds(found.change) if len(moves.parts(part)) >= MANY]
+        for part in (*many, *reversed(moves.parts(found.change))):
+            if part not in (*many, *moves.parts(found.change)):
+                continue
             rest = moves.without(found.change, part)
             trial = self._without(rest, part)
             if trial.works and not weaker(self.before, trial):
                 found.change, found.trial = rest, trial
-                self.told.append("a part of it was not needed")
+                self.told.append(f"not needed: {moves.in_words(part)}")
         tried = [(part, self._without(moves.without(found.change, part), part)) for part in moves.parts(found.change)]
         found.parts = tuple(Part(change=part, without=trial if trial.failure else None) for part, trial in tried)
 

@@ -33,6 +33,8 @@ def test_parts_make_the_whole_again() -> None:
     parts = moves.parts(WHOLE)
     assert len(parts) == 6
     assert moves.of_parts(parts) == WHOLE
+    assert moves.of_parts(moves.kinds(WHOLE)) == WHOLE
+    assert len(moves.kinds(WHOLE)) == 4
     rest = moves.without(WHOLE, Change(constraints=("numpy<2",)))
     assert (rest.constraints, rest.environment) == (("mujoco<3",), WHOLE.environment)
     assert moves.empty(moves.without(WHOLE, WHOLE))
