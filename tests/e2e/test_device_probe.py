@@ -25,20 +25,33 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("devices")
 
 
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment with nothing in it, of which nothing is to be said."""
+    folder = tmp_path_factory.mktemp("environment")
+    subprocess.run((sys.executable, "-m", "venv", "--without-pip", folder), check=True)
+    return folder
+
+
 @pytest.fixture
-def doctor(libraries: Path) -> Doctor:
+def doctor(libraries: Path, environment: Path) -> Doctor:
     """Run `doctor --rendering --json` where these devices are, with these variables: exit code and document."""
 
     def run(devices: str, **variables: str) -> tuple[int, dict[str, Any]]:
         known = ("PATH", "HOME", "HARNESS_CACHE", "LANG")
         env = {name: os.environ[name] for name in known if name in os.environ}
         env |= {"MUJOCO_GL": "egl", **standin.variables(libraries, devices), **variables}
-        argv = [sys.executable, "-m", "harness", "doctor", "--rendering", "--json"]
+        argv = [sys.executable, "-m", "harness", "doctor", "--rendering", "--json", "--python", str(environment)]
         done = subprocess.run(argv, env=env, capture_output=True, text=True, check=False)
         assert done.stderr == ""
         return done.returncode, json.loads(done.stdout)
 
     return run
+
+
+def said(document: dict[str, Any]) -> list[str]:
+    """What was found of rendering."""
+    return [one["text"] for one in document["findings"] if one["check"] == "rendering"]
 
 
 def test_each_device_is_asked(doctor: Doctor) -> None:
@@ -52,7 +65,7 @@ def test_each_device_is_asked(doctor: Doctor) -> None:
         (None, None),
     ]
     assert all(one["renderer"] for one in devices if "missing" not in one)
-    assert (code, document["findings"]) == (0, [])
+    assert (code, said(document)) == (0, [])
     assert [one["device"] for one in document["rendering"]["selected"]] == [0] * 5
 
 
@@ -61,7 +74,7 @@ def test_what_a_setting_selects(doctor: Doctor) -> None:
     code, document = doctor("0,1", CUDA_VISIBLE_DEVICES="3")
 
     wrong = "RuntimeError: The MUJOCO_EGL_DEVICE_ID environment variable must be an integer between 0 and 1 (inclusive)"
-    assert (code, [one["text"] for one in document["findings"]]) == (
+    assert (code, said(document)) == (
         1,
         [f"robosuite 1.4, 1.5 cannot draw here: {wrong}, got 3. (the number is that of CUDA_VISIBLE_DEVICES=3)"],
     )
