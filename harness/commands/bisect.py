@@ -18,7 +18,7 @@ from harness.commands import cells, progress, reporting
 from harness.errors import BadInput, CouldNotTell
 from harness.model import Cell, Change, Interpreter, Verdict
 from harness.rootcause import candidates, certificates, proofs
-from harness.rootcause.bench import Bench, Bounds, Trial
+from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
 from harness.rootcause.candidates import Candidate, Candidates, Kept
 from harness.rootcause.certificates import BisectDocument
@@ -98,7 +98,11 @@ def main(args: argparse.Namespace) -> int:
         progress.Progress(0, 1, reporting.headline) as board,
         Bench(opened, settings, scheduler.Beside(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
-        base = bench.measure(cell, keep=True) if args.date or not args.bad else None
+        try:
+            base = bench.measure(cell, keep=True) if args.date or not args.bad else None
+        except Spent as spent:
+            message = f"{spent} before the cell itself was measured; allow more"
+            raise CouldNotTell(message) from None
         line, task = _task(asked, base)
         search = Bisection(task, bench, board.say)
         done = search.run()
