@@ -16,6 +16,7 @@ from .versions import canonical, specifiers, unsatisfiable
 
 PHASES = ("resolve", "install", "import", "single", "vector", "render", "behave", "interop", "suite")
 """In this order."""
+PROBED = frozenset(PHASES[2:])
 
 
 class Part(NamedTuple):
@@ -103,9 +104,15 @@ def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tupl
     for one in known:
         if not one.silent and _fits(one, around, look):
             hits = [(hit.rank, place, hit) for place, hit in enumerate(_hit(one, each) for each in evidence) if hit]
+            hits = [each for each in hits if not _beside_the_point(each[2])]
             if hits:
                 found.append(min(hits, key=lambda each: each[:2]))
     return tuple(hit for _, _, hit in sorted(found, key=lambda each: each[:2]))
+
+
+def _beside_the_point(hit: Hit) -> bool:
+    """Whether a mask is only mentioned where an exception says why; what installers say stands in their logs alone."""
+    return hit.known.masks and not hit.told and hit.phase in PROBED
 
 
 def lurking(known: Iterable[Any], around: Any) -> Tuple[Any, ...]:

@@ -20,7 +20,10 @@ pattern = '''has no attribute '(bool8|float_)\\''''
 packages = ["numpy>=2", ["gym", "gymnasium<1"]]
 python = ">=3.9"
 cause = "numpy 2 took the name away"
-examples = ["AttributeError: module 'numpy' has no attribute 'bool8'", "`np` has no attribute 'float_'", "again: AttributeError: module 'numpy' has no attribute 'bool8'"]
+examples = [
+    "AttributeError: module 'numpy' has no attribute 'bool8'", "`np` has no attribute 'float_'",
+    "again: AttributeError: module 'numpy' has no attribute 'bool8'",
+]
 references = ["https://example.org/1"]
 [signature.remedy]
 requirements = ["numpy<2"]
@@ -237,3 +240,13 @@ class TestSilent:
         """Nothing is written that it could match."""
         with pytest.raises(BadInput, match="is silent: nothing is written"):
             signatures.read({"silent.toml": textwrap.dedent(self.TEXT).replace("silent", "pattern = 'x'\nsilent")})
+
+
+def test_a_mask_that_is_only_mentioned_is_none() -> None:
+    """Where an exception says why, a notice in the log hides nothing; what installers say stands in their logs alone."""
+    mask = [one(masks=True, phases=(Phase.INSTALL, Phase.IMPORT))]
+    logs = ("a notice that it broke",)
+
+    assert found(mask, Evidence(phase=Phase.IMPORT, told=("ValueError",), logs=logs)) == []
+    assert found(mask, Evidence(phase=Phase.IMPORT, told=logs)) == ["it"]
+    assert found(mask, Evidence(phase=Phase.INSTALL, told=("error",), logs=logs)) == ["it"]
