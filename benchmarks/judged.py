@@ -103,7 +103,10 @@ def run(folder: Path, _: float) -> None:
 def repair(folder: Path, minutes: float) -> None:
     """Repair red cells in the drawn order until the time is over."""
     began = monotonic()
+    heavy = {label for label, truth in truths().items() if truth.get("heavy")}
     for label in drawn(cells(folder)):
+        if label in heavy:
+            continue
         kept = folder / "repairs" / f"{label}.json"
         if kept.exists():
             continue
@@ -134,13 +137,13 @@ def cells(folder: Path) -> dict[str, Mapping[str, Any]]:
 def score(folder: Path, _: float) -> None:
     """Hold what was said against what is so."""
     known = cells(folder)
-    truths = {one["cell"]: one for one in tomllib.loads(TRUTH.read_text(encoding="utf-8"))["truth"]}
-    if missing := [label for label in drawn(known) if label not in truths]:
+    so = truths()
+    if missing := [label for label in drawn(known) if label not in so]:
         sys.exit(f"{TRUTH.name}: nothing is said of {', '.join(missing)}")
     judged = [
         Judged(
             label=label,
-            truth=truths[label],
+            truth=so[label],
             cell=known[label],
             proof=proof(folder, label),
             log=log(folder, known[label]),
@@ -151,6 +154,11 @@ def score(folder: Path, _: float) -> None:
     text = "\n".join(page(judged, known))
     (HERE / "judged.md").write_text(text + "\n", encoding="utf-8")
     print(text)
+
+
+def truths() -> dict[str, Mapping[str, Any]]:
+    """What is so, by label."""
+    return {one["cell"]: one for one in tomllib.loads(TRUTH.read_text(encoding="utf-8"))["truth"]}
 
 
 def proof(folder: Path, label: str) -> Mapping[str, Any] | None:
