@@ -243,7 +243,7 @@ class TestSilent:
 
 
 def test_a_mask_that_is_only_mentioned_is_none() -> None:
-    """Where an exception says why, a notice in the log hides nothing; what installers say stands in their logs alone."""
+    """Where an exception says why, a notice hides nothing; what installers say stands in their logs alone."""
     mask = [one(masks=True, phases=(Phase.INSTALL, Phase.IMPORT))]
     logs = ("a notice that it broke",)
 
