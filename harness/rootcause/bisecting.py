@@ -98,8 +98,16 @@ class Bisection:
             self.told.append(str(spent))
             return self._answer(Status.STOPPED)
         if good is None:
-            return self._answer(Status.NO_GOOD_END)
+            return self._answer(self._without_good_end())
         return self._between(good)
+
+    def _without_good_end(self) -> Status:
+        """Whether there is none, or one of those that nothing could be told of here may be it."""
+        lost = [step.candidate.name for step in self.steps if step.trial.untold]
+        if not lost:
+            return Status.NO_GOOD_END
+        self.told.append(f"of {', '.join(lost)} nothing could be told here, and each may be good")
+        return Status.UNTOLD
 
     # --- ends ------------------------------------------------------------------------------------------------------
 
