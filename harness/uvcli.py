@@ -47,7 +47,7 @@ class Call:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Said:
-    """How uv ended and what it printed. `trouble` is why it did not end by itself, if so."""
+    """How uv ended and what it printed, without this machine's paths. `trouble` is why it did not end by itself, if so."""
 
     ok: bool
     text: str
@@ -106,8 +106,8 @@ def tidy(what: str) -> bool:
 
 
 def keep_log(said: Said, log: Path) -> str:
-    """Write what uv said without this machine's paths; returns the log's path below the state folder."""
-    write_atomic(log, normalise.normalise(said.text, places()).encode())
+    """Write what uv said; returns the log's path below the state folder."""
+    write_atomic(log, said.text.encode())
     state = state_folder()
     return log.relative_to(state).as_posix() if log.is_relative_to(state) else log.name
 
@@ -129,7 +129,7 @@ def _run(call: Call, arguments: Iterable[str], more: Mapping[str, str] | None = 
             profile=process.Profile.HOST,
         )
     )
-    text = call.log.read_text(encoding="utf-8", errors="replace")
+    text = normalise.normalise(call.log.read_text(encoding="utf-8", errors="replace"), places())
     return Said(ok=completed.exit_code == 0, text=text, trouble=_trouble(completed))
 
 
