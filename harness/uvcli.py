@@ -47,7 +47,7 @@ class Call:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Said:
-    """How uv ended and what it printed, without this machine's paths. `trouble` is why it did not end by itself, if so."""
+    """How uv ended, what it printed (no paths of this machine), and the `trouble` if it did not end by itself."""
 
     ok: bool
     text: str
