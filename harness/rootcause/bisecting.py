@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from harness import changes
-from harness.model import Cell, Change, Question, Repair, Tried
+from harness.model import Cell, Change, Question, Repair, Tried, Verdict
 from harness.rootcause.bench import Bench, Spent, Trial
 from harness.rootcause.candidates import Candidate
 from harness.rootcause.predicate import Predicate, Said, failing, plain
@@ -21,6 +22,9 @@ LOOKING = "looking for a good end"
 
 HANDY = 0.4
 """What a test costs whose environment stands, beside one whose environment is still to be made."""
+
+
+WORKS = Said(answer=Answer.GOOD, why=None, words="works")
 
 
 class Status(StrEnum):
@@ -117,12 +121,17 @@ class Bisection:
         base, same = self.task.base, candidate.change == Change()
         self.say(f"{self.task.axis} {candidate.name}, the bad end")
         whole = base if base and same else self.bench.measure(self.cell(candidate))
+        for _ in range(round(-math.log10(1 - self.task.confidence))):
+            if whole.judged.verdict not in {Verdict.WORKS, Verdict.NOT_RUN}:
+                break
+            self._note(candidate, "bad end", whole, WORKS)  # it may be flaky
+            whole = self.bench.measure(self.cell(candidate), again=True)
         self.predicate = Predicate(failure=None if self.task.any else plain(whole.failure))
         if whole.untold:
             self._note(candidate, "bad end", whole, Said(answer=Answer.UNTESTABLE, why=None, words=_line(whole)))
             return Status.UNTOLD
         if not failing(whole):
-            self._note(candidate, "bad end", whole, Said(answer=Answer.GOOD, why=None, words="works"))
+            self._note(candidate, "bad end", whole, WORKS)
             self.told.append(f"the bad end {candidate.name} is not bad: it works")
             return Status.REFUSED
         self._note(candidate, "bad end", whole, self.predicate.of(whole))
