@@ -158,7 +158,12 @@ def moved(before: Cell, after: Cell) -> tuple[str, ...]:
         return found
 
     kept = said(after)
-    return tuple(name for name, texts in said(before).items() if texts - kept.get(name, set()))
+
+    def gone(name: str, texts: set[str]) -> bool:
+        now = SpecifierSet(",".join(kept.get(name, ())))
+        return any(text not in kept.get(name, ()) and str(tidy(now & SpecifierSet(text))) != str(now) for text in texts)
+
+    return tuple(name for name, texts in said(before).items() if gone(name, texts))
 
 
 def constraint(cell: Cell, name: str, bound: str) -> str:
@@ -227,7 +232,14 @@ def _both(line: str, old: Sequence[ParsedRequirement]) -> tuple[str | None, bool
         return None, False
     listed = ",".join(sorted(new.extras | extras))
     name = f"{new.name}[{listed}]" if listed else new.name
-    return f"{name}{new.specifier if clash else specifier if exact else both}", clash
+    return f"{name}{new.specifier if clash else specifier if exact else tidy(both)}", clash
+
+
+def tidy(specifiers: SpecifierSet) -> SpecifierSet:
+    """Without upper bounds above another: `<1.24`, not `<1.24,<2`."""
+    uppers = [each for each in specifiers if each.operator == "<"]
+    lowest = min(uppers, key=lambda each: Version(each.version), default=None)
+    return SpecifierSet(",".join(str(each) for each in specifiers if each.operator != "<" or each == lowest))
 
 
 # --- bounds -----------------------------------------------------------------------------------------------------------

@@ -53,6 +53,7 @@ def test_the_later_of_two_changes_has_the_last_word() -> None:
         pytest.param(["gym==0.26.2"], [], "numpy<2", ["numpy<2"], False, id="of another package"),
         pytest.param(["numpy>=1.20"], [], "numpy<2", ["numpy<2,>=1.20"], False, id="both bounds hold"),
         pytest.param(["numpy==2.1"], [], "numpy<2", ["numpy<2"], True, id="contrary to a pin"),
+        pytest.param(["numpy<2,>=1.20"], [], "numpy<1.24", ["numpy<1.24,>=1.20"], False, id="the lower bound says all"),
         pytest.param(["gym[mujoco]==0.26.2"], [], "gym<1", [], False, id="what is there already"),
         pytest.param(["gym[mujoco]<1"], [], "gym>=0.26", ["gym[mujoco]<1,>=0.26"], False, id="extras stay"),
         pytest.param(["gym==1.2"], [], "gym[other]<2", ["gym[other]==1.2"], False, id="an extra more"),
@@ -73,6 +74,8 @@ def test_a_bound_that_is_contrary_to_a_pin_moves_it() -> None:
     assert (made, contrary) == (Change(requirements=("mujoco<3",)), True)
     before = cell("mujoco==3.0.1")
     assert moves.moved(before, changes.applied(before, made, {})) == ("mujoco",)
+    narrowed = changes.applied(cell("numpy<2"), Change(requirements=("numpy<1.24",)), {})
+    assert moves.moved(cell("numpy<2"), narrowed) == ()
     free = changes.applied(before, Change(constraints=("numpy<2",)), {})
     assert moves.moved(before, free) == ()
 
