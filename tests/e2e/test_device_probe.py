@@ -79,7 +79,7 @@ def test_what_a_setting_selects(doctor: Doctor) -> None:
         [f"robosuite 1.4, 1.5 cannot draw here: {wrong}, got 3. (the number is that of CUDA_VISIBLE_DEVICES=3)"],
     )
     assert [one["device"] for one in document["rendering"]["selected"]] == [None, 0, 0, 0, 0]
-    assert document["diagnoses"][0]["signature"] == "robosuite-egl-cuda-visible-devices-as-index"
+    assert document["diagnoses"][0]["signature"] == "robosuite-egl-device-out-of-range"
     assert document["rendering"]["recommended"]["unset"] == ["CUDA_VISIBLE_DEVICES"]
 
 
