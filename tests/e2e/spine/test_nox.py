@@ -121,7 +121,7 @@ def test_our_noxfile_needs_nothing_but_nox(nox_desk: Desk) -> None:
     ours = nox_desk.run("-l", "-f", ROOT / "noxfile.py", module="nox")
     without = nox_desk.run("-l", "-f", ROOT / "noxfile.py", module="apart")
 
-    own = ["lint", "tests", "endurance", "controls", "report"]
+    own = ["lint", "tests", "endurance", "controls", "report", "pyz"]
     assert [name for name in listed(ours.out) if not name.startswith("cell(quickstart/")] == own
     assert len(listed(ours.out)) == 6 + len(own)
     assert (without.code, listed(without.out)) == (0, own)
