@@ -70,12 +70,13 @@ def page(listed: Sequence[Mapping[str, str]], folder: Path) -> Iterator[str]:
     for one in listed:
         made = certificate(folder, one)
         told = [one["cell"], f"`{one['by']}`", one["foretold"] or "nothing"]
-        yield "| " + " | ".join(told + (said(made) if made else ["not tried", "", "", ""])).replace("\n", " ") + " |"
+        row = told + (said(made) if made else ["not tried", "", "", ""])
+        yield "| " + " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in row) + " |"
 
 
 def said(made: Mapping[str, Any]) -> list[str]:
     """What a certificate claims, and what that took."""
-    return [made["claim"].replace("|", "\\|"), *(str(made[key]) for key in ("measured", "built", "bound"))]
+    return [made["claim"], *(str(made[key]) for key in ("measured", "built", "bound"))]
 
 
 if __name__ == "__main__":

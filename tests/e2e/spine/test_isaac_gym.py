@@ -156,7 +156,7 @@ def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: Measur
     )
     named = [known["signature"] for known in cell["diagnoses"]]
     assert named[:3] == ["isaacgym-map-external-memory-101", "isaacgym-lavapipe", "isaacgym-import-external-memory-801"]
-    assert {"isaacgym-camera-none-masking", "isaacgym-rigid-body-state-tensor"} <= {*named[3:]}
+    assert named[3:] == ["isaacgym-camera-none-masking"]  # what is only printed hides nothing
 
 
 def test_a_device_that_is_not_there_is_no_failure(measured: Measured) -> None:
