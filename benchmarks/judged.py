@@ -45,7 +45,7 @@ class Judged:
     @property
     def phase(self) -> str | None:
         """The first phase that failed."""
-        return next((phase for phase, how in self.cell["phases"].items() if how in FAILED), None)
+        return next((phase for phase in PHASES if self.cell["phases"].get(phase) in FAILED), None)
 
     @property
     def named(self) -> str | None:
@@ -75,6 +75,7 @@ def first(found: Sequence[Mapping[str, Any]]) -> str | None:
     return next((one["signature"] for one in found if not one["masks"]), found[0]["signature"] if found else None)
 
 
+PHASES = ("resolve", "install", "import", "single", "vector", "render")
 FAILED = {"failed", "crashed", "timed_out", "flaky"}
 
 
