@@ -25,7 +25,7 @@ def here(**variables: str) -> Here:
     def run(*_: Any) -> Ran:
         raise AssertionError
 
-    return Here(run, "/env/bin/python", variables, "/work", "/scratch")
+    return Here(run, "/env/bin/python", variables, "/here", "/scratch")
 
 
 def test_a_version_that_is_not_asked_for() -> None:
@@ -146,8 +146,8 @@ def test_hidden_modules() -> None:
     made = facts(
         path=["/more", user, SITE],
         hidden=[
-            {"module": "mujoco", "first": "/work/mujoco.py", "then": f"{SITE}/mujoco/__init__.py", "standard": False},
-            {"module": "queue", "first": "/work/queue.py", "then": "/usr/lib/python3.11/queue.py", "standard": True},
+            {"module": "mujoco", "first": "/here/mujoco.py", "then": f"{SITE}/mujoco/__init__.py", "standard": False},
+            {"module": "queue", "first": "/here/queue.py", "then": "/usr/lib/python3.11/queue.py", "standard": True},
             {"module": "numpy", "first": "/more/numpy/__init__.py", "then": own, "standard": False},
             {"module": "gym", "first": f"{user}/gym/__init__.py", "then": f"{SITE}/gym/__init__.py", "standard": False},
             {"module": "six", "first": f"{SITE}/six.py", "then": "/usr/lib/python3/six.py", "standard": False},
