@@ -115,7 +115,7 @@ def following(made: Explained, place: Place) -> Iterator[str]:
     yield from _tried(made, place)
     if made.cause is None:
         terms = search_terms(made)
-        if terms:
+        if terms and not terms.endswith(SILENT):
             yield "search for: {}".format(terms)
 
 
@@ -149,9 +149,13 @@ def _tried(made: Explained, place: Place) -> Iterator[str]:
 
 
 def subjects(packages: Mapping[str, str]) -> List[str]:
-    """The packages that decide, as they are."""
-    return ["{}=={}".format(name, packages[name]) for name in packages if name in SUBJECTS]
+    """The packages that decide, as they are; numpy by itself decides nothing."""
+    found = [name for name in packages if name in SUBJECTS]
+    return ["{}=={}".format(name, packages[name]) for name in found] if set(found) - {"numpy"} else []
 
+
+SILENT = "without a word"
+"""How a line ends that nobody wrote: there is nothing to search for."""
 
 SUBJECTS = frozenset(
     "gym gymnasium mujoco mujoco-py dm-control robosuite pybullet gymnasium-robotics metaworld pettingzoo torchrl"
