@@ -1,6 +1,7 @@
 """Certify real breakages: `python benchmarks/breakages.py --folder DIR` bisects what `breakages.toml` lists.
 
-Each certificate lies in the folder and is not made twice; `breakages.md` is written of all that there are.
+Each certificate lies in the folder and is not made twice; `breakages.md` is written of all that there are; those
+that are to stay are copied to `certificates/`.
 """
 
 from __future__ import annotations
@@ -69,7 +70,8 @@ def page(listed: Sequence[Mapping[str, str]], folder: Path) -> Iterator[str]:
     yield "| --- | --- | --- | --- | --: | --: | --: |"
     for one in listed:
         made = certificate(folder, one)
-        told = [one["cell"], f"`{one['by']}`", one["foretold"] or "nothing"]
+        name = f"[{one['cell']}](certificates/{one['cell']}/bisect.md)" if made else one["cell"]
+        told = [name, f"`{one['by']}`", one["foretold"] or "nothing"]
         row = told + (said(made) if made else ["not tried", "", "", ""])
         yield "| " + " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in row) + " |"
 
