@@ -237,8 +237,8 @@ class Quiet:
 
 
 AGAIN = (
-    "Worlds 3, 36, 38, 49 and 57 did not come out right at first, and were run again: this benchmark had the meaning of "
-    "a pair the wrong way round, and bisect did not ask again a flaky bad end that had looked good once."
+    "Worlds 3, 36, 38, 49 and 57 did not come out right at first, and were run again: this benchmark had the meaning "
+    "of a pair the wrong way round, and bisect did not ask again a flaky bad end that had looked good once."
 )
 
 
