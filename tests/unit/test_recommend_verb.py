@@ -89,7 +89,7 @@ def test_every_line_of_a_combination(capsys: pytest.CaptureFixture[str]) -> None
         "  cell      gym-classic/",
         "sha256",
         "measured, and does not work",
-        "numpy.bool8",
+        "known as numpy2-bool8-gym-checker",
         "next",
         "--lock-out requirements.txt",
     ):
