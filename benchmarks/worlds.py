@@ -38,7 +38,7 @@ from harness.vocabulary import IMPORT_CHECK  # noqa: E402
 COUNT = 200
 MISSING = 1 / 7
 FLAKY = 0.1
-SURE, SURER = 0.99, 0.999
+SURE = 0.99
 DAY = "2026-01-01"
 ROBOT = """
 import os
@@ -74,11 +74,6 @@ class World:
     def line(self) -> int:
         """How many candidates a search begins with."""
         return self.releases
-
-    @property
-    def sure(self) -> float:
-        """How sure a search has to be of it."""
-        return SURER if self.flaky else SURE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,9 +111,9 @@ def imagined(one: World) -> Ended:
         first, second = (broken and not (one.flaky and rng.random() < FLAKY) for _ in range(2))
         return Answer.GOOD if not first else Answer.BAD if second else Answer.FLAKY
 
-    rules = Rules(confidence=one.sure, looks=2)
+    rules = Rules(confidence=SURE, looks=2)
     if one.pair:
-        rules = Rules(confidence=one.sure)
+        rules = Rules(confidence=SURE)
         minimal = search.minimise(
             range(one.releases), lambda moved: SHOWN[look({*one.culprits} <= {*moved})], rules=rules
         )
@@ -194,7 +189,7 @@ def _single(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) ->
     interpreter = interpreters.find("host")
     assert interpreter
     line = candidates.of_package(cell, "part", interpreter, candidates.Kept(offline=True)).candidates
-    task = Task(cell=cell, axis="part", line=line, good=0, bad=len(line) - 1, confidence=one.sure)
+    task = Task(cell=cell, axis="part", line=line, good=0, bad=len(line) - 1, confidence=SURE)
     search_ = Bisection(task, bench, lambda _: None)
     done = search_.run()
     places = [int(step.candidate.name.partition(".")[0]) - 1 if step else None for step in (done.good, done.bad)]
@@ -212,7 +207,7 @@ def _pair(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> E
         again = any(each.cell.question == made.question for each in bench.trials)
         return SHOWN[predicate.of(bench.measure(made, again=again)).answer]
 
-    found = search.minimise(range(one.releases), moved, rules=Rules(confidence=one.sure))
+    found = search.minimise(range(one.releases), moved, rules=Rules(confidence=SURE))
     asked = [(each.candidate, each.answer) for each in found.asked]
     return _ended(one, set(found.items or ()) == set(one.culprits), asked, found.bound, clock())
 

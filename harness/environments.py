@@ -307,7 +307,9 @@ def _fill(
         return None
     pylock = call.folder / "pylock.toml"
     pylock.write_text(locks.to_install((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
-    said = uvcli.install(call, path / "bin" / "python", pylock, how)
+    settings = call.folder / "uv.toml"
+    settings.write_text(locks.to_keep(one.artifact for one in wheels), encoding="utf-8")
+    said = uvcli.install(call, path / "bin" / "python", pylock, settings, how)
     if said.ok:
         return None
     kept = uvcli.keep_log(said, log)

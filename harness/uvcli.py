@@ -85,14 +85,14 @@ def create(call: Call, path: Path, interpreter: Interpreter) -> Said:
     return _run(call, ("venv", "--python", interpreter.path, "--no-project", str(path)))
 
 
-def install(call: Call, python: Path, pylock: Path, link_mode: str) -> Said:
-    """Install exactly the wheels of a pylock into an environment; nothing is built.
+def install(call: Call, python: Path, pylock: Path, settings: Path, link_mode: str) -> Said:
+    """Install exactly the wheels of a pylock into an environment, by settings of ours; nothing is built.
 
     No index is asked for packages; uv is still told of them, since their logins are for the files too.
     """
     use(call.cache)
     options = ("--no-deps", "--no-build", "--preview-features", "pylock", "--link-mode", link_mode)
-    return _run(call, ("pip", "install", "--python", str(python), "-r", str(pylock), *options))
+    return _run(call, ("pip", "install", "--python", str(python), "-r", str(pylock), *options), settings=settings)
 
 
 def tidy(what: str) -> bool:
@@ -117,8 +117,11 @@ def places() -> dict[str, str]:
     return {str(cache_folder()): "$CACHE", str(state_folder()): "$STATE", str(Path.home()): "$HOME"}
 
 
-def _run(call: Call, arguments: Iterable[str], more: Mapping[str, str] | None = None) -> Said:
-    common = ("--no-config", "--quiet", "--no-progress", "--color", "never", *(["--offline"] if call.offline else []))
+def _run(
+    call: Call, arguments: Iterable[str], more: Mapping[str, str] | None = None, settings: Path | None = None
+) -> Said:
+    config = ("--config-file", str(settings)) if settings else ("--no-config",)
+    common = (*config, "--quiet", "--no-progress", "--color", "never", *(["--offline"] if call.offline else []))
     completed = process.run(
         process.Command(
             argv=(_binary(), *arguments, *common),

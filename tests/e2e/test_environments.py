@@ -266,6 +266,46 @@ class TestLogin:
         assert not any("secret" in text for text in kept)
 
 
+class TestDownloads:
+    def test_an_index_that_says_nothing_of_keeping(
+        self,
+        host: Interpreter,
+        ensure: Callable[..., Environment | Step],
+        serve: Callable[..., str],
+        wheelhouse: Path,
+        tmp_path: Path,
+    ) -> None:
+        """A file that was fetched for one environment is not fetched again for the next one."""
+        asked: list[str] = []
+
+        def answer(handler: BaseHTTPRequestHandler) -> None:
+            name = handler.path.rpartition("/")[2]
+            path = wheelhouse / name
+            asked.append(name)
+            if path.is_file():
+                send(handler, 200, path.read_bytes())
+                return
+            project = handler.path.rstrip("/").rpartition("/")[2].replace("-", "_")
+            lines = (
+                f'<a href="/files/{path.name}#sha256={sha256(path.read_bytes()).hexdigest()}" '
+                f'data-upload-time="2024-01-01T00:00:00Z">{path.name}</a>'
+                for path in wheelhouse.glob(f"{project}-*.whl")
+            )
+            send(handler, 200, "".join(lines).encode())
+
+        index = IndexSettings(default=serve(answer))
+        pins = [
+            locked(uv.resolve(question(name, index=index), host, tmp_path / "state" / name))
+            for name in ("fake-plain", "fake-needs-plain")
+        ]
+        first = made(ensure(pins[0], index=index))
+        asked.clear()
+        second = made(ensure(pins[1], index=index))
+
+        assert (first.installed.keys(), second.installed.keys()) == ({"fake-plain"}, {"fake-plain", "fake-needs-plain"})
+        assert [name for name in asked if name.endswith(".whl")] == ["fake_needs_plain-1.0-py3-none-any.whl"]
+
+
 class TestVerify:
     def test_changed_files(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """What a cell wrote over, or removed, is found by the hashes of RECORD."""

@@ -1,5 +1,7 @@
 """Locks as data: which file an interpreter takes, the text that is committed, what a built wheel may require."""
 
+import tomllib
+
 import pytest
 
 from harness import locks
@@ -145,10 +147,22 @@ def test_pylock_to_install_from() -> None:
 
     assert locks.to_install([("a", "1", remote), ("b", "1", built)]) == (
         'lock-version = "1.0"\ncreated-by = "simmatrix"\n'
-        '[[packages]]\nname = "a"\nversion = "1"\n'
+        f'[[packages]]\nname = "a"\nversion = "1"\nindex = "https://wheels.invalid/{A}"\n'
         'wheels = [{name = "a-1-py3-none-any.whl", url = "https://files.invalid/a-1-py3-none-any.whl", '
         f'hashes = {{sha256 = "{A}"}}}}]\n'
         '[[packages]]\nname = "b"\nversion = "1"\n'
         'wheels = [{name = "b-1-py3-none-any.whl", path = "/wheels/b-1-py3-none-any.whl", '
         f'hashes = {{sha256 = "{B}"}}}}]\n'
     )
+
+
+def test_what_uv_keeps_for_good() -> None:
+    """A wheel with an address is kept by its hash, whatever the index says; a file that lies here needs none of it."""
+    remote = Artifact(filename="a-1-py3-none-any.whl", sha256=A, source="https://files.invalid/a-1-py3-none-any.whl")
+    built = Artifact(filename="b-1-py3-none-any.whl", sha256=B, source="/wheels/b-1-py3-none-any.whl")
+
+    (only,) = tomllib.loads(locks.to_keep([remote, built]))["index"]
+    assert only["url"] == f"https://wheels.invalid/{A}"
+    assert only["explicit"]
+    assert "immutable" in only["cache-control"]["files"]
+    assert locks.to_keep([built]) == ""
