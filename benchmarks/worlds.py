@@ -35,7 +35,7 @@ from harness.rootcause.predicate import Predicate, plain  # noqa: E402
 from harness.search import Answer, Rules  # noqa: E402
 from harness.vocabulary import IMPORT_CHECK  # noqa: E402
 
-COUNT = 200
+COUNT, MANY = 200, 4000
 MISSING = 1 / 7
 FLAKY = 0.1
 SURE = 0.99
@@ -103,17 +103,18 @@ def world(seed: int) -> World:
 # --- without environments --------------------------------------------------------------------------------------
 
 
-def imagined(one: World) -> Ended:
-    """The search with a die instead of environments."""
+def imagined(one: World, rate: float | None = None, sure: float = SURE) -> Ended:
+    """The search with a die instead of environments; `rate` is the chance of a wrong look, if not that of the world."""
     rng = random.Random(f"runs {one.seed}")
+    wrong = rate if rate is not None else FLAKY if one.flaky else 0.0
 
     def look(broken: bool) -> Answer:
-        first, second = (broken and not (one.flaky and rng.random() < FLAKY) for _ in range(2))
+        first, second = (broken and rng.random() >= wrong for _ in range(2))
         return Answer.GOOD if not first else Answer.BAD if second else Answer.FLAKY
 
-    rules = Rules(confidence=SURE, looks=2)
+    rules = Rules(confidence=sure, looks=2)
     if one.pair:
-        rules = Rules(confidence=SURE)
+        rules = Rules(confidence=sure)
         minimal = search.minimise(
             range(one.releases), lambda moved: SHOWN[look({*one.culprits} <= {*moved})], rules=rules
         )
@@ -276,11 +277,13 @@ def page(known: list[Ended]) -> Iterator[str]:
     yield f"`python benchmarks/worlds.py --folder DIR --worlds {COUNT}`."
     yield ""
     yield "Bound: what a binary search for one culprit asks at most where every answer is right, both ends among it."
-    yield f"Asked of a search is a confidence of {SURE}, in flaky worlds of {SURER}."
+    yield f"Asked of a search is a confidence of {SURE}, which is that of `bisect` where it is told nothing else."
     yield ""
     yield f"## By the search alone: all {COUNT} worlds"
     yield ""
     yield from _table([imagined(world(seed)) for seed in range(COUNT)])
+    yield ""
+    yield from _sureness()
     yield ""
     yield f"## With environments: {len(known)} of the worlds so far"
     yield ""
@@ -296,6 +299,22 @@ def page(known: list[Ended]) -> Iterator[str]:
         cells = [one.seed, culprits, made.releases, *("yes" if each else "no" for each in (made.flaky, one.right)),
                  one.asked, one.tested, one.environments, one.bound, one.seconds]  # fmt: skip
         yield f"| {' | '.join(map(str, cells))} |"
+
+
+def _sureness() -> Iterator[str]:
+    """What a confidence costs and how often it is right, over more worlds and more rates than are asked for."""
+    singles = [one for one in map(world, range(MANY)) if not one.pair]
+    yield f"The same of {len(singles)} worlds of one culprit, by how many looks of a hundred at what is broken go well:"
+    yield ""
+    yield "| confidence | flaky | wrong | runs / bound | within 1.5 x |"
+    yield "| --- | --- | --- | --- | --- |"
+    for sure in (SURE, 0.999):
+        for rate in (0.0, 0.05, FLAKY, 0.2):
+            ended = [imagined(one, rate, sure) for one in singles]
+            wrong = sum(not one.right for one in ended)
+            runs, bound = sum(one.tested for one in ended), sum(one.bound for one in ended)
+            within = sum(one.tested <= 1.5 * one.bound for one in ended)
+            yield f"| {sure} | {100 * rate:.0f} | {wrong} | {runs / bound:.2f} | {within} |"
 
 
 def _table(ended: list[Ended]) -> Iterator[str]:
