@@ -206,6 +206,7 @@ class _Measurement:
     findings: list[Finding] = field(default_factory=list)
     overran: set[str] = field(default_factory=set)
     runs: int = 0
+    compiled_anew: bool = False
 
     def phases(self, wanted: Mapping[Phase, tuple[str, ...]]) -> dict[Phase, PhaseRecord]:
         """Run the checks of these phases and return what each phase came to."""
@@ -230,6 +231,16 @@ class _Measurement:
         return _limit(self.case, check) * (2 if check in self.overran else 1)
 
     def _run(self, limits: Mapping[str, float]) -> dict[str, _Ended]:
+        """Run checks in one process; where that met bytecode that is not whole, once more without what was kept."""
+        ended = self._run_once(limits)
+        if self.compiled_anew or not any(outcomes.CUT_SHORT.search(e.record.decisive or "") for e in ended.values()):
+            return ended
+        self.compiled_anew = True
+        for path in self.context.site().pycache.rglob("*.pyc"):
+            path.unlink(missing_ok=True)
+        return self._run_once(limits)
+
+    def _run_once(self, limits: Mapping[str, float]) -> dict[str, _Ended]:
         """Run checks in one process; those that were not started, or get a second try, are not in the answer."""
         for check in limits:
             self.context.notify(check)

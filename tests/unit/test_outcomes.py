@@ -30,11 +30,12 @@ def raised(
     *,
     check: str = "render.rgb_array",
     file: str = "x.py",
+    type: str = "RuntimeError",
     blame: str = "library",
     modules: Sequence[str] = ("x",),
 ) -> CheckReply:
     """A check that failed by an exception raised in a file of the library; when rendering, OpenGL is loaded."""
-    error = Raised(type="RuntimeError", message=text, traceback=f'  File "$ENV/site-packages/{file}"', blame=blame)
+    error = Raised(type=type, message=text, traceback=f'  File "$ENV/site-packages/{file}"', blame=blame)
     facts = {"gl": {"modules": list(modules)}} if check.startswith("render") else {}
     return CheckReply(check=check, outcome=Outcome.FAILED, raised=error, facts=facts)
 
@@ -88,6 +89,8 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
     [
         (raised("[Errno 28] No space left on device"), {}, Outcome.INFRA),
         (raised("[Errno 30] Read-only file system: 'cache.txt'"), {}, Outcome.INFRA),
+        (raised("marshal data too short", type="EOFError"), {}, Outcome.INFRA),
+        (raised("Ran out of input", type="EOFError"), {}, Outcome.FAILED),
         (raised("list index out of range", blame="harness"), {}, Outcome.INFRA),
         (raised("no context"), {}, Outcome.FAILED),
         (raised("no context"), NO_GL, Outcome.UNAVAILABLE),

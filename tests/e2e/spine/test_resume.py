@@ -77,3 +77,19 @@ def test_a_timeout_is_never_reused(desk: Desk) -> None:
     second = desk.run("run", matrix, "-k", "*-second", "--json").cells("which")["second"]
     assert (first["verdict"], first["phases"]["single"]) == ("broken", "timed_out")
     assert (second["verdict"], second["reused"]) == ("works", False)
+
+
+def test_bytecode_that_a_full_disk_cut_short(desk: Desk) -> None:
+    """It is compiled anew, and no package is blamed for it."""
+    matrix = desk.matrix("m", MATRIX)
+    cache = desk.folder / "cache"
+    desk.run("run", matrix, "-k", "*-first", "--json", HARNESS_CACHE=str(cache))
+    kept = list((cache / "pycache").rglob("fake_healthy*.pyc"))
+    for path in kept:
+        path.write_bytes(path.read_bytes()[:40])
+    cell = desk.run("run", matrix, "-k", "*-first", "--fresh", "--json", HARNESS_CACHE=str(cache)).cells("which")[
+        "first"
+    ]
+    assert kept
+    assert (cell["verdict"], cell["reused"]) == ("works", False)
+    assert all(path.stat().st_size > 40 for path in kept)
