@@ -103,6 +103,7 @@ class Search:
         self.found: _Found | None = None
         self.told: list[str] = []
         self.bound = 0
+        self.flaky = False
 
     def run(self) -> Repaired:
         """Measure the cell, and look for what cures it. Never raises Spent."""
@@ -118,6 +119,7 @@ class Search:
             self._look()
             if self.found:
                 self._settle(self.found)
+                self._stands()
         except Spent as spent:
             stopped = str(spent)
         return self._answer(stopped)
@@ -133,6 +135,7 @@ class Search:
             self.found = _Found(change=change, move=move, trial=trial)
             self._least(self.found)
             self.found.proven = True
+            self._stands()
         except (Spent, ValueError):
             return None
         return self._answer(None)
@@ -285,6 +288,18 @@ class Search:
     def _without(self, rest: Change, part: Change) -> Trial:
         return self.lab.measure(rest, f"without {moves.in_words(part)}")
 
+    def _stands(self) -> None:
+        """Run the cell as it is asked for once more: where it works then, nothing was cured."""
+        failed = self.before.failure
+        if failed is None or failed.phase in {Phase.RESOLVE, Phase.INSTALL}:
+            return
+        again = self.lab.measure(Change(), "as it is asked for, once more", again=True)
+        if again.works:
+            self.flaky, self.found = True, None
+            self.told.append(
+                "as it is asked for it failed, and then worked: it is flaky, and what cures it cannot be told"
+            )
+
     # --- the answer ------------------------------------------------------------------------------------------------
 
     def _answer(self, stopped: str | None) -> Repaired:
@@ -295,7 +310,8 @@ class Search:
             unclear = [one.trial.judged for one in self.lab.runs if one.trial.judged.verdict is Verdict.INCONCLUSIVE]
             if unclear:
                 self.told.append(f"{len(unclear)} of the runs tell nothing: {unclear[0].decisive}")
-            status = Status.STOPPED if stopped else Status.UNTOLD if unclear else Status.NOT_FOUND
+            untold = unclear or self.flaky
+            status = Status.STOPPED if stopped else Status.UNTOLD if untold else Status.NOT_FOUND
             told = tuple(self.told)
             return Repaired(status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, told=told)
         parts = found.parts or tuple(Part(change=one, without=None) for one in moves.parts(found.change))

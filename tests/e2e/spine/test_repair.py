@@ -17,6 +17,7 @@ from market import LAST, LATER, LONG_AGO, ROBOT, line, robot
 TOOL = "VERSION = '@VERSION@'\nif int(VERSION[0]) < 2:\n    old_grip = 1\n"
 MANY = {"1.1": LONG_AGO, "1.2": ROBOT, "2.0": LATER, "2.1": LATER, "3.0": LAST}
 TWO = {"1.5": ROBOT, "2.0": LATER}
+FICKLE = "mark = os.environ['FICKLE']; first = not os.path.exists(mark); open(mark, 'w').close(); assert not first"
 RELEASES = [
     *line("toolbox", MANY, TOOL),
     *line("paint", TWO),
@@ -28,6 +29,7 @@ RELEASES = [
     robot("colour", "assert 'PYOPENGL_PLATFORM' not in os.environ, 'no OpenGL platform of this name'"),
     robot("hopeless", "raise RuntimeError('it cannot be')", ["toolbox", "paint"]),
     robot("fine", "pass"),
+    robot("fickle", FICKLE, ["toolbox", "paint"]),
     robot("pinned", "import toolbox; toolbox.old_grip", ["toolbox"]),
     market.Release(
         name="carved", version="1.0", day=ROBOT, code=robot("carved", "pass").code, requires=["fake-healthy"],
@@ -58,6 +60,7 @@ CELLS = {
     "carved": (["carved==1.0"], ""),
     "pinned": (["pinned==1.0", "toolbox==2.1"], ""),
     "fine": (["fine==1.0"], ""),
+    "fickle": (["fickle==1.0"], ', environment = { FICKLE = "@FOLDER@/fickle" }'),
 }
 
 
@@ -179,6 +182,14 @@ def test_proof_repeats_with_one_command(repaired: Measured, desk: Desk) -> None:
     assert "remedy: keep to `toolbox<2`\n  constraints.txt: toolbox<2\n" in ran.out
     assert "necessary: without keep to `toolbox<2` it fails (run 1: broken in single)\n" in ran.out
     assert "sufficient: with it every check passes (run " in ran.out
+
+
+def test_nothing_is_said_to_cure_what_is_flaky(desk: Desk, index: str) -> None:
+    """A cell that fails once and then works owes that to no change."""
+    ran = desk.run("repair", f"{written(desk, index, ('fickle',))}/*-fickle", "--json", HARNESS_SIGNATURES="")
+    assert ran.code == 3
+    assert (ran.document["status"], ran.document["remedy"]) == ("could not tell", None)
+    assert "it is flaky" in ran.document["told"][-1]
 
 
 def test_green_already(repaired: Measured, desk: Desk) -> None:
