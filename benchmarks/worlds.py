@@ -200,6 +200,8 @@ def _single(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) ->
 
 def _pair(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> Ended:
     before = bench.measure(cell)
+    while before.works:  # whoever asks has seen it fail
+        before = bench.measure(cell, again=True)
     predicate = Predicate(failure=plain(before.failure))
 
     def moved(chosen: tuple[int, ...]) -> Answer:
@@ -233,8 +235,9 @@ class Quiet:
 
 
 AGAIN = (
-    "Worlds 3, 36, 38, 49 and 57 did not come out right at first, and were run again: this benchmark had the meaning "
-    "of a pair the wrong way round, and bisect did not ask again a flaky bad end that had looked good once."
+    "Worlds 3, 36, 38, 49, 57, 115 and 163 did not come out right at first, and were run again: this benchmark had the "
+    "meaning of a pair the wrong way round and began with cells that happened to work (115, 163), and bisect did not "
+    "ask again a flaky bad end that had looked good once."
 )
 
 
@@ -285,7 +288,7 @@ def page(known: list[Ended]) -> Iterator[str]:
     yield ""
     yield from _sureness()
     yield ""
-    yield f"## With environments: {len(known)} of the worlds so far"
+    yield f"## With environments: {f'all {COUNT}' if len(known) == COUNT else len(known)} worlds"
     yield ""
     yield AGAIN
     yield ""
