@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 
-from harness import failure, repairs
-from harness.model import FAILING, Cell, Change, Phase, Question, Repair, Verdict
+from harness import failure, repairs, verdict
+from harness.model import FAILING, Cell, Change, Phase, Question, Repair
 from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry, Effect
 from harness.standalone import remedies
 from harness.vocabulary import parsed_requirement, required_name
@@ -135,11 +135,11 @@ def described(change: Change) -> tuple[str, ...]:
 
 def effect(before: CellEntry, after: CellEntry) -> Effect:
     """Compare a cell with what a change made of it, both on one machine."""
-    if before.verdict in UNTOLD or after.verdict in UNTOLD:
+    does = works(before), works(after)
+    if any(cell.verdict in UNTOLD and not well for cell, well in zip((before, after), does, strict=True)):
         return Effect.UNTOLD
-    works = before.verdict is Verdict.WORKS, after.verdict is Verdict.WORKS
-    if any(works):
-        return {(True, True): Effect.NOTHING, (False, True): Effect.CURES}.get(works, Effect.BREAKS)
+    if any(does):
+        return {(True, True): Effect.NOTHING, (False, True): Effect.CURES}.get(does, Effect.BREAKS)
     first, second = _failed(before), _failed(after)
     if second < first:
         return Effect.PARTLY
@@ -149,6 +149,11 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
     order = list(Phase)
     places = [order.index(cell.phase) if cell.phase else len(order) for cell in (before, after)]
     return Effect.BREAKS if places[1] < places[0] else Effect.UNCOVERS
+
+
+def works(cell: CellEntry) -> bool:
+    """Whether all of it that was asked for passed."""
+    return verdict.fulfilled(cell.verdict, cell.phases)
 
 
 def _failed(cell: CellEntry) -> set[tuple[str, str]]:
@@ -163,7 +168,7 @@ def proven(cells: Iterable[CellEntry]) -> tuple[CellEntry, ...]:
     cured = {
         (cell.base, cell.machine, name): cell.id
         for cell in found
-        if cell.change and cell.verdict is Verdict.WORKS
+        if cell.change and works(cell)
         for name in cell.change.remedy_of
     }
 

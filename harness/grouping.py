@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from packaging.version import InvalidVersion, Version
 
-from harness import explaining
+from harness import changes, explaining
 from harness.failure import CHANGING
-from harness.model import Verdict
 from harness.reporttypes import SEVERITY, Cause, CellEntry, Explanation, Trouble, number
 
 NAMED = 2
@@ -88,7 +87,7 @@ def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellE
     return [
         cell
         for cell in cells
-        if cell.change and cell.change.name == REPAIR and cell.verdict is Verdict.WORKS
+        if cell.change and cell.change.name == REPAIR and changes.works(cell)
         if (cell.base, cell.machine) in places
     ]
 

@@ -71,6 +71,13 @@ def judge(evidence: CellRecord) -> Judgement:
     )
 
 
+def fulfilled(verdict: Verdict, phases: Outcomes) -> bool:
+    """Whether all that was asked for passed: a cell that only imports never `works`, and may yet do all of that."""
+    asked = {outcome for outcome in phases.values() if outcome is not Outcome.SKIPPED}
+    imports = phases.get(Phase.IMPORT) is Outcome.PASSED and asked == {Outcome.PASSED}
+    return verdict is Verdict.WORKS or (verdict is Verdict.NOT_RUN and imports)
+
+
 def _tried_alone(phases: Outcomes) -> str:
     """What was tried of a cell in which no environment went through `single`, without which nothing works."""
     others = [phase for phase in (Phase.VECTOR, Phase.RENDER, Phase.INTEROP) if phases.get(phase) is Outcome.PASSED]

@@ -12,7 +12,7 @@ from typing import Self
 from harness import failure, interpreters, knowledge, machine, process, verdict
 from harness.evidence import diagnosed
 from harness.failure import Failure
-from harness.model import Cell, CellRecord, Phase, Verdict
+from harness.model import Cell, CellRecord, Phase
 from harness.reporttypes import UNTOLD
 from harness.scheduler import Beside, Observer, Runner, Settings
 from harness.scheduler.pool import Pool, Unknown
@@ -47,7 +47,7 @@ class Trial:
     @property
     def works(self) -> bool:
         """Whether all of it that was asked for passed."""
-        return self.judged.verdict is Verdict.WORKS
+        return verdict.fulfilled(self.judged.verdict, self.judged.phases)
 
     @property
     def untold(self) -> bool:

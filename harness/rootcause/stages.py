@@ -31,6 +31,9 @@ HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pillow", "opencv-python", "o
 NEAREST = 2
 """Locks that work and are tried, those that differ least."""
 
+OLDER = 2
+"""Older Pythons that are tried with the index of their time."""
+
 BOTH = (Phase.RESOLVE, Phase.INSTALL)
 
 
@@ -206,7 +209,21 @@ def python(place: Place) -> Iterator[Move]:
     for minor in sorted(others, key=lambda each: (abs(_minor(each) - here), _minor(each) > here)):
         yield Move(change=Change(python=minor), way=Way.PYTHON, why=f"on Python {minor}", guard=True)
         if place.phase not in BOTH and _no_other(place):
-            return  # it is not the Python
+            break  # it is not the Python
+    yield from _of_the_time(place, [minor for minor in others if _minor(minor) < here])
+
+
+def _of_the_time(place: Place, older: Collection[str]) -> Iterator[Move]:
+    """The index as it stood, on an older Python, where it had nothing that installs on this one."""
+    plain = unguarded(place.change)
+    dated = [one for one in place.lab.runs if one.change.as_of and unguarded(replace(one.change, as_of=None)) == plain]
+    failed = {one.trial.failure.phase if one.trial.failure else None for one in dated}
+    if place.change.as_of or not dated or not failed <= {*BOTH}:
+        return
+    instant = dated[-1].change.as_of or ""
+    for minor in sorted(older, key=_minor, reverse=True)[:OLDER]:
+        why = f"on Python {minor}, resolved as of {instant[:10]}"
+        yield Move(change=Change(python=minor, as_of=instant), way=Way.PYTHON, why=why, guard=True)
 
 
 def _minor(text: str) -> int:

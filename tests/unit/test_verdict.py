@@ -188,6 +188,24 @@ def test_import_alone_is_never_works() -> None:
     assert plain(judged.phases)["single"] == "skipped"
 
 
+@pytest.mark.parametrize(
+    ("said", "phases", "expected"),
+    [
+        (Verdict.NOT_RUN, "psss", True),
+        (Verdict.NOT_RUN, "pnss", False),
+        (Verdict.NOT_RUN, "nnnn", False),
+        (Verdict.WORKS, "pppu", True),
+        (Verdict.IMPORT_FAILS, "fsss", False),
+    ],
+)
+def test_all_that_was_asked_for(said: Verdict, phases: str, expected: bool) -> None:
+    """A cell that only imports may do all that is asked of it, though it never works."""
+    letters = {"p": Outcome.PASSED, "s": Outcome.SKIPPED, "n": Outcome.NOT_REACHED, "u": Outcome.UNAVAILABLE,
+               "f": Outcome.FAILED}  # fmt: skip
+    found = {phase: letters[letter] for phase, letter in zip(CASE_PHASES, phases, strict=False)}
+    assert verdict.fulfilled(said, found) is expected
+
+
 def test_without_a_loop_nothing_is_works() -> None:
     """Where a case asks for environments in batches alone, what is missing is said, and what ran is not denied."""
     asked = Case(id="ant", env="Ant-v5", api="gymnasium", checks=("import.modules", "vector.sync"))

@@ -14,6 +14,8 @@ from commandline import Desk, Measured, Ran
 from filelock import FileLock
 from market import LAST, LATER, LONG_AGO, ROBOT, line, robot
 
+from harness import interpreters
+
 TOOL = "VERSION = '@VERSION@'\nif int(VERSION[0]) < 2:\n    old_grip = 1\n"
 MANY = {"1.1": LONG_AGO, "1.2": ROBOT, "2.0": LATER, "2.1": LATER, "3.0": LAST}
 TWO = {"1.5": ROBOT, "2.0": LATER}
@@ -30,6 +32,11 @@ RELEASES = [
     robot("hopeless", "raise RuntimeError('it cannot be')", ["toolbox", "paint"]),
     robot("fine", "pass"),
     robot("fickle", FICKLE, ["toolbox", "paint"]),
+    market.Release(name="frame", version="1.0", day=LONG_AGO, about={"requires-python": "<3.10"}),
+    market.Release(name="frame", version="2.0", day=LATER),
+    robot("aged", "import toolbox; toolbox.old_grip", ["toolbox", "frame"]),
+    market.Release(name="gripper", version="1.0", day=ROBOT, code="import toolbox\ntoolbox.old_grip\n",
+                   requires=["toolbox"]),
     robot("pinned", "import toolbox; toolbox.old_grip", ["toolbox"]),
     market.Release(
         name="carved", version="1.0", day=ROBOT, code=robot("carved", "pass").code, requires=["fake-healthy"],
@@ -60,10 +67,12 @@ CELLS = {
     "carved": (["carved==1.0"], ""),
     "pinned": (["pinned==1.0", "toolbox==2.1"], ""),
     "fine": (["fine==1.0"], ""),
+    "aged": (["aged==1.0"], ""),
     "fickle": (["fickle==1.0"], ', environment = { FICKLE = "@FOLDER@/fickle" }'),
 }
 
 
+NEEDS_OLDER = pytest.mark.skipif(interpreters.find("3.9") is None, reason="unavailable: python3.9")
 TOGETHER = ("single", "again", "hopeless", "fine")
 """Those that are repaired by one run; the others each by a command of their own."""
 
@@ -125,6 +134,9 @@ def shown(made: dict[str, Any]) -> bool:
         pytest.param("undeclared", {"requirements": ["packaging"]}, id="what nothing requires"),
         pytest.param("carved", {"build_constraints": ["setuptools<66"]}, id="what an sdist is built with"),
         pytest.param("colour", {"environment": {"PYOPENGL_PLATFORM": ""}}, id="a variable"),
+        pytest.param(
+            "aged", {"constraints": ["toolbox<2"]}, id="what was, where it could be installed", marks=NEEDS_OLDER
+        ),
         pytest.param("pinned", {"requirements": ["toolbox==1.2"]}, id="what the user asks for"),
     ],
 )
@@ -182,6 +194,18 @@ def test_proof_repeats_with_one_command(repaired: Measured, desk: Desk) -> None:
     assert "remedy: keep to `toolbox<2`\n  constraints.txt: toolbox<2\n" in ran.out
     assert "necessary: without keep to `toolbox<2` it fails (run 1: broken in single)\n" in ran.out
     assert "sufficient: with it every check passes (run " in ran.out
+
+
+def test_cell_that_only_imports(desk: Desk, index: str) -> None:
+    """It never `works`, but is cured where all that it asks for passes."""
+    cell = 'gripper = { requirements = ["gripper==1.0"], cases = [{ id = "import", imports = ["gripper"] }] }'
+    matrix = desk.matrix("market", MATRIX.format(index=index, cells=cell))
+    ran = desk.run("repair", f"{matrix}/*-gripper", "--json", HARNESS_SIGNATURES="")
+    made = ran.document
+    assert (ran.code, made["status"], made["remedy"]["change"]) == (0, "found", {"constraints": ["toolbox<2"]})
+    assert made["remedy"]["necessary"]
+    assert made["remedy"]["sufficient"]
+    assert made["runs"][made["remedy"]["proof"] - 1]["ended"] == "passes import, all that was asked for"
 
 
 def test_nothing_is_said_to_cure_what_is_flaky(desk: Desk, index: str) -> None:
