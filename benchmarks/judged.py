@@ -102,11 +102,11 @@ def run(folder: Path, _: float) -> None:
 
 
 def repair(folder: Path, minutes: float) -> None:
-    """Repair red cells in the drawn order until the time is over."""
+    """Repair red cells in the drawn order until the time is over, those first of which a remedy is known."""
     began = monotonic()
-    heavy = {label for label, truth in truths().items() if truth.get("heavy")}
-    for label in drawn(cells(folder)):
-        if label in heavy:
+    so = truths()
+    for label in sorted(drawn(cells(folder)), key=lambda label: not so[label]["curable"]):
+        if so[label].get("heavy"):
             continue
         kept = folder / "repairs" / f"{label}.json"
         if kept.exists():
