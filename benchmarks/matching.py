@@ -17,8 +17,8 @@ from pathlib import Path
 from harness import knowledge
 from harness.knowledge import HEAD, TAIL
 from harness.standalone import matching
-from harness.standalone.keeping import HEAD as FIRST
-from harness.standalone.keeping import TAIL as LAST
+from harness.standalone.explain.keeping import HEAD as FIRST
+from harness.standalone.explain.keeping import TAIL as LAST
 
 HERE = Path(__file__).parent
 LINE = (

@@ -47,7 +47,10 @@ def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
     """The whole file."""
     members = {
         "__main__.py": START.encode(),
-        **{f"{INSIDE}/{file.name}": file.read_bytes() for file in sorted(PACKAGE.glob("*.py"))},
+        **{
+            f"{INSIDE}/{file.relative_to(PACKAGE).as_posix()}": file.read_bytes()
+            for file in sorted(PACKAGE.rglob("*.py"))
+        },
         f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in known], sort_keys=True).encode(),
         f"{INSIDE}/measured.json.gz": distilling.packed(dict(results)),
     }

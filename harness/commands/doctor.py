@@ -18,8 +18,9 @@ from harness.commands.inplace import Tried
 from harness.commands.proved import Proof
 from harness.errors import BadInput
 from harness.reporttypes import DiagnosisEntry, FindingEntry
-from harness.standalone import doctor, matching
-from harness.standalone.choosing import NoEnvironment
+from harness.standalone import matching
+from harness.standalone.doctor import doctor
+from harness.standalone.doctor.choosing import NoEnvironment
 
 HELP = (
     "What is wrong with an environment: the one that is named, else the active one, else ./.venv, else PATH's Python."

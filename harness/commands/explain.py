@@ -1,4 +1,4 @@
-"""`simmatrix explain [FILE|-] [-- COMMAND...]`: why something failed, and what to do. It is `standalone/explain.py`."""
+"""`simmatrix explain [FILE|-] [-- COMMAND...]`: why something failed, and what to do. It is `standalone/explain/explain.py`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ import msgspec
 from harness import knowledge, measured, store
 from harness.errors import BadInput, HarnessError
 from harness.reporttypes import DiagnosisEntry, FindingEntry
-from harness.standalone import explain, matching
-from harness.standalone.explain import HELP, add_arguments, split
-from harness.standalone.wording import Place
+from harness.standalone import matching
+from harness.standalone.explain import explain
+from harness.standalone.explain.explain import HELP, add_arguments, split
+from harness.standalone.explain.wording import Place
 
 __all__ = ["HELP", "Explained", "add_arguments", "known", "main", "split"]
 

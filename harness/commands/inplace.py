@@ -17,12 +17,12 @@ from harness.commands import drawn
 from harness.commands.drawn import Looked
 from harness.evidence import KILLED, WRITTEN
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
-from harness.standalone.choosing import Choice
-from harness.standalone.declared import NOTE, WARNING, Finding
-from harness.standalone.differences import versions
+from harness.standalone.doctor.choosing import Choice
+from harness.standalone.doctor.declared import NOTE, WARNING, Finding
+from harness.standalone.doctor.differences import versions
+from harness.standalone.doctor.nearest import BRINGS
 from harness.standalone.keys import SIMULATORS
 from harness.standalone.matching import Seen
-from harness.standalone.nearest import BRINGS
 from harness.standalone.running import Ran
 from harness.store import Store
 

@@ -10,10 +10,12 @@ import pkgutil
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
-from . import doctor, explain, remedies, running
-from .choosing import NoEnvironment
+from . import remedies, running
+from .doctor import doctor
+from .doctor.choosing import NoEnvironment
+from .explain import explain
+from .explain.wording import Place
 from .matching import Known, read
-from .wording import Place
 
 SIGNATURES, MEASURED = "signatures.json", "measured.json.gz"
 """What the file carries beside the code."""

@@ -17,7 +17,8 @@ SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
 DOCTOR = """
 import json, os, sys
 sys.path.insert(0, {folder!r})
-from alone import doctor, running
+from alone import running
+from alone.doctor import doctor
 known = doctor.Knowledge([], lambda: {{"cells": [], "locks": {{}}}})
 made = doctor.document(doctor.Asked({python!r}, None, dict(os.environ), os.getcwd()), running.run, known)
 print(json.dumps([made["environment"]["version"], doctor.code(made), list(doctor.lines(made, str))]))
@@ -39,7 +40,7 @@ def test_looks(version: str, tmp_path: Path) -> None:
     python = bare(version, tmp_path / "env")
 
     for flags in ((), ("-I", "-S")):
-        argv = (python, "-B", *flags, STANDALONE / "looking.py")
+        argv = (python, "-B", *flags, STANDALONE / "doctor" / "looking.py")
         told = json.loads(subprocess.run(argv, capture_output=True, text=True, check=True, cwd=tmp_path).stdout)
 
         assert told["python"]["version"].startswith(version)
@@ -55,7 +56,7 @@ def test_imports(version: str, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("__version__ = '7'\n")
     target = tmp_path / "told"
 
-    argv = (python, "-B", STANDALONE / "importing.py", target, "30", "mine", "json", "no_such_thing")
+    argv = (python, "-B", STANDALONE / "doctor" / "importing.py", target, "30", "mine", "json", "no_such_thing")
     subprocess.run(argv, check=True, cwd=tmp_path)
 
     told = [json.loads(line) for line in target.read_text().splitlines()]

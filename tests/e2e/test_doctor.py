@@ -20,7 +20,8 @@ from harness import schema
 from harness.commands import inplace
 from harness.commands.doctor import Doctored
 from harness.model import Interpreter
-from harness.standalone import doctor, matching, probing, running
+from harness.standalone import matching, running
+from harness.standalone.doctor import doctor, probing
 
 NOTHING = doctor.Knowledge([], lambda: {"cells": [], "locks": {}})
 BASE = {name: os.environ[name] for name in ("PATH", "HOME", "LANG") if name in os.environ}

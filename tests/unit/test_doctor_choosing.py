@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.standalone.choosing import NoEnvironment, chosen
+from harness.standalone.doctor.choosing import NoEnvironment, chosen
 
 
 def environment(folder: Path) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.standalone import drawing
+from harness.standalone.doctor import drawing
 
 ALL = {"egl": None, "osmesa": None, "gl": None}
 

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from facts import SITE, distribution, facts, installed
 
-from harness.standalone import declared, reading
-from harness.standalone.differences import Difference
+from harness.standalone.doctor import declared, reading
+from harness.standalone.doctor.differences import Difference
+from harness.standalone.doctor.probing import Here
 from harness.standalone.matching import Known, Seen, read
-from harness.standalone.probing import Here
 from harness.standalone.running import Ran
 
 

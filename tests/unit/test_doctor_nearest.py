@@ -6,7 +6,7 @@ from typing import Any
 
 from facts import distribution, facts, installed
 
-from harness.standalone import nearest
+from harness.standalone.doctor import nearest
 
 
 def cell(label: str, verdict: str = "works", python: str = "3.11.7", env: str = "CartPole-v1", **lock: str) -> Any:

@@ -111,7 +111,7 @@ def test_nothing_but_process_spawns() -> None:
 
 def test_only_verbs_use_what_stands_alone_and_spawns() -> None:
     """What the rest of the host imports of it is pure."""
-    apart = {f"harness.standalone.{name}" for name in STANDALONE}
+    apart = {f"harness.standalone.{folder}{name}" for folder in ("", "doctor.", "explain.") for name in STANDALONE}
     using = {module for module, files in parts().items() for path in files if imports(path) & apart}
 
     assert using <= {"commands"}

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from harness.standalone import keeping, telling
+from harness.standalone.explain import keeping, telling
 
 LINE = b"Episode %07d: reward 1.5, all is well and goes on as it went before\n"
 TRACE = b"""\

@@ -11,7 +11,7 @@ from harness import document, evidence, explaining, knowledge
 from harness.model import Verdict
 from harness.reporttypes import CellEntry
 from harness.standalone import matching
-from harness.standalone.explaining import Explained, Here, explained
+from harness.standalone.explain.explaining import Explained, Here, explained
 
 ROOT = Path(__file__).parents[2]
 ENOUGH = 0.9

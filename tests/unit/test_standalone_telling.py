@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from harness.standalone import explaining, hinting, matching, telling
-from harness.standalone.explaining import Here
+from harness.standalone import matching
+from harness.standalone.explain import explaining, hinting, telling
+from harness.standalone.explain.explaining import Here
 
 TRACE = """\
 Traceback (most recent call last):

@@ -8,14 +8,14 @@ import sys
 import tempfile
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from ..matching import Seen
+from ..running import Run
 from . import choosing, declared, differences, drawing, nearest, reading
 from .choosing import Choice
 from .declared import NOTE, WARNING, Finding
-from .matching import Seen
 from .nearest import Near
 from .probing import Here, probed
 from .probing import seen as seen_here
-from .running import Run
 
 Told = Mapping[str, Any]
 SHOWN = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import List, Optional, Sequence
 
-from .lines import bounded, decisive_line
+from ..lines import bounded, decisive_line
 
 CONFLICT = re.compile(r"^ERROR: Cannot install (.+) because these package versions have conflicting dependencies")
 NOT_FOUND = re.compile(

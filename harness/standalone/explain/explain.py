@@ -11,12 +11,13 @@ import sys
 import tempfile
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
-from . import explaining, keeping, packages, wording
+from .. import packages
+from ..matching import Known
+from ..packages import Packages
+from ..requirements import requirement
+from . import explaining, keeping, wording
 from .explaining import Explained, Here
 from .keeping import Kept
-from .matching import Known
-from .packages import Packages
-from .requirements import requirement
 from .wording import Place
 
 UNKNOWN, BAD, INTERRUPTED = 1, 2, 130

@@ -8,11 +8,11 @@ from __future__ import annotations
 import shlex
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from ..keys import SIMULATORS, weight
+from ..requirements import Requirement, requirement
+from ..versions import is_version, version
 from .declared import NOTE, WARNING, Finding, unmet
 from .differences import versions
-from .keys import SIMULATORS, weight
-from .requirements import Requirement, requirement
-from .versions import is_version, version
 
 Told = Mapping[str, Any]
 PYTHON, UNCOVERED, FARTHEST = 8, 20, 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
-from .versions import canonical, is_version
+from ..versions import canonical, is_version
 
 IN_PATH = re.compile(r"[/\\](?:lib[/\\])?[Pp]ython-?(3)\.?(\d{1,2})(?:[/\\]|\.exe)")
 IN_WORDS = re.compile(r"\b(?:C?Python|python=+)\s*(?:version:? )?v?(3)\.(\d{1,2})(?:\.\d+)?\b")

@@ -6,9 +6,9 @@ import re
 import shlex
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
+from ..matching import Hit
+from ..remedies import in_words
 from .explaining import Explained
-from .matching import Hit
-from .remedies import in_words
 
 FAULTS = "PYTHONFAULTHANDLER"
 LIKE_IT = 2

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from . import matching, telling
+from .. import matching
+from ..lines import MASKS, bounded
+from ..matching import Around, Hit, Seen
+from ..requirements import requirement
+from ..versions import specifiers, unsatisfiable
+from . import telling
 from .hinting import Hints, hints
-from .lines import MASKS, bounded
-from .matching import Around, Hit, Seen
-from .requirements import requirement
 from .telling import Told
-from .versions import specifiers, unsatisfiable
 
 NOTE, WARNING = "note", "warning"
 CHANGING = re.compile(r"\bline \d+|0x[0-9a-f…]+|\d+(?:\.\d+)+|(?:/[\w.+-]+){2,}")

@@ -6,13 +6,13 @@ import os
 import re
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
+from ..keys import MODULES
+from ..matching import Around, Hit, Seen, diagnose, lurking
+from ..requirements import requirement
+from ..versions import canonical
 from .declared import NOTE, WARNING, Finding
 from .differences import FIRST, Difference, versions
-from .keys import MODULES
-from .matching import Around, Hit, Seen, diagnose, lurking
 from .probing import USER_SITE, Here
-from .requirements import requirement
-from .versions import canonical
 
 Told = Mapping[str, Any]
 STEM = re.compile(r"^(lib[A-Za-z+]+?)[-.\d]")

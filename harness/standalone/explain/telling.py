@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
-from . import lines as said
+from .. import lines as said
+from ..lines import EXCEPTION, FRAME, MASKS, bounded, strip_ansi
 from .installers import installer
-from .lines import EXCEPTION, FRAME, MASKS, bounded, strip_ansi
 
 START = "Traceback (most recent call last):"
 PREFIXED = re.compile(r"^(\s*\S.{0,150}?)Traceback \(most recent call last\):\s*$")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
+from ..versions import canonical
 from .probing import USER_SITE, Here, facts, imports
-from .versions import canonical
 
 FOLDER = "the working folder"
 FIRST = (

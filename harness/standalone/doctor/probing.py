@@ -7,9 +7,9 @@ import os
 import pkgutil
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
-from .keys import LEFT_OUT, MODULES
-from .running import Ran, Run
-from .versions import canonical
+from ..keys import LEFT_OUT, MODULES
+from ..running import Ran, Run
+from ..versions import canonical
 
 SECONDS = 60
 """How long one import may take."""

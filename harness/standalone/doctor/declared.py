@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Set
 
+from ..keys import MODULES, weight
+from ..requirements import Requirement, requirement
+from ..versions import canonical, specifiers
 from .differences import effective
-from .keys import MODULES, weight
-from .requirements import Requirement, requirement
-from .versions import canonical, specifiers
 
 Told = Mapping[str, Any]
 NOTE, WARNING = "note", "warning"

@@ -1,0 +1,1 @@
+"""`doctor`: what an environment holds, and what is wrong with it."""

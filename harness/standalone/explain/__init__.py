@@ -1,0 +1,1 @@
+"""`explain`: what a log says of a failure, and what to do."""
