@@ -45,12 +45,10 @@ def write(path: Path) -> None:
 
 def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
     """The whole file."""
+    ours = {file.relative_to(PACKAGE).as_posix(): file for file in sorted(PACKAGE.rglob("*.py"))}
     members = {
         "__main__.py": START.encode(),
-        **{
-            f"{INSIDE}/{file.relative_to(PACKAGE).as_posix()}": file.read_bytes()
-            for file in sorted(PACKAGE.rglob("*.py"))
-        },
+        **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},
         f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in known], sort_keys=True).encode(),
         f"{INSIDE}/measured.json.gz": distilling.packed(dict(results)),
     }

@@ -1,4 +1,4 @@
-"""`simmatrix explain [FILE|-] [-- COMMAND...]`: why something failed, and what to do. It is `standalone/explain/explain.py`."""
+"""`simmatrix explain [FILE|-] [-- COMMAND...]`: why something failed, and what to do. `standalone/explain` does it."""
 
 from __future__ import annotations
 
