@@ -57,6 +57,23 @@ def read(plain: Mapping[str, Any]) -> Known:
     )
 
 
+def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str, Any]:
+    """A known failure as documents hold it, with the phase that it shows in and what it was seen by; nothing is proven."""
+    plain = one.plain
+    return {
+        "signature": one.id,
+        "cause": plain["cause"],
+        "remedy": dict(plain.get("remedy", {})),
+        "proven": False,
+        "proof": None,
+        "masks": one.masks,
+        "references": list(plain.get("references", ())),
+        "generic": one.generic,
+        "phase": phase,
+        "seen": seen,
+    }
+
+
 class Seen(NamedTuple):
     """What is known of one failure. `told` are the lines that say why, `logs` all else that was written.
 

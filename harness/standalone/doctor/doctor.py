@@ -8,6 +8,7 @@ import sys
 import tempfile
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from .. import matching
 from ..matching import Seen
 from ..running import Run
 from . import choosing, declared, differences, drawing, nearest, reading
@@ -88,12 +89,12 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
     return {
         "schema": 1,
         "decisive": next((one.text for one in found if one.level == WARNING), None),
-        "diagnoses": [reading.diagnosis(hit.known, hit.phase, hit.seen) for hit in causes],
+        "diagnoses": [matching.diagnosis(hit.known, hit.phase, hit.seen) for hit in causes],
         "findings": [one.plain() for one in found],
         "environment": dict(_environment(choice, looked), scrubbed=here.removed),
         "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},
         "differences": [one.plain() for one in apart],
-        "lurking": [reading.diagnosis(one) for one in lurks],
+        "lurking": [matching.diagnosis(one) for one in lurks],
         "nearest": _near(looked, near or other, installer(choice, looked), (asked.env, near is not None)),
     }
 

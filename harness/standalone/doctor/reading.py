@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple
 
 from ..keys import MODULES
 from ..matching import Around, Hit, Seen, diagnose, lurking
@@ -118,22 +118,6 @@ def _mended(one: Any, there: Mapping[str, str]) -> bool:
     """Whether the remedy asks for other versions than those that are there."""
     asked = [requirement(text) for text in versions_asked([one])]
     return any(each.name in there and not each.specifiers.admits(there[each.name]) for each in asked)
-
-
-def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str, Any]:
-    """A known failure as documents hold it."""
-    plain = one.plain
-    return {
-        "signature": one.id,
-        "cause": plain["cause"],
-        "remedy": dict(plain["remedy"]),
-        "proven": False,
-        "masks": one.masks,
-        "references": list(plain.get("references", ())),
-        "generic": one.generic,
-        "phase": phase,
-        "seen": seen,
-    }
 
 
 # --- modules that hide others ----------------------------------------------------------------------------------

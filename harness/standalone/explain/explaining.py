@@ -92,27 +92,15 @@ class Explained(NamedTuple):
             "schema": 1,
             "decisive": self.told.decisive,
             "phase": self.phase,
-            "diagnoses": [_entry(hit, self.told.phase) for hit in self.diagnoses],
+            "diagnoses": [_diagnosis(hit, self.told.phase) for hit in self.diagnoses],
             "findings": [{"check": check, "level": level, "text": text} for check, level, text in self.findings],
         }
 
 
-def _entry(hit: Hit, phase: Optional[str]) -> Dict[str, Any]:
+def _diagnosis(hit: Hit, phase: Optional[str]) -> Dict[str, Any]:
     """A known cause as all documents hold it; its phase is the one that it shows in, or looks like."""
-    plain = hit.known.plain
     phases = hit.known.phases
-    return {
-        "signature": hit.known.id,
-        "cause": plain["cause"],
-        "remedy": plain.get("remedy", {}),
-        "proven": False,
-        "masks": hit.known.masks,
-        "references": list(plain.get("references", ())),
-        "generic": hit.known.generic,
-        "phase": phase if not phases or phase in phases else phases[0],
-        "seen": hit.seen,
-        "proof": None,
-    }
+    return matching.diagnosis(hit.known, phase if not phases or phase in phases else phases[0], hit.seen)
 
 
 def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) -> Explained:
