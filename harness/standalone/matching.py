@@ -58,7 +58,7 @@ def read(plain: Mapping[str, Any]) -> Known:
 
 
 def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str, Any]:
-    """A known failure as documents hold it, with the phase that it shows in and what it was seen by; nothing is proven."""
+    """A known failure as documents hold it, with the phase that it shows in, and what it was seen by."""
     plain = one.plain
     return {
         "signature": one.id,
