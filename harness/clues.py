@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from packaging.utils import canonicalize_name
 
 from harness.model import Cell, Change, Phase
 from harness.moves import Move, Way, asked_for, constraint
 from harness.signatures import Evidence
-from harness.vocabulary import parsed_requirement, required_name
+from harness.vocabulary import READERS, parsed_requirement, required_name
 
 # --- what is imported and not required -------------------------------------------------------------------------
 
@@ -103,12 +103,29 @@ def named(name: str, evidence: Iterable[Evidence]) -> bool:
 DRAWING = re.compile(r"(?i)\b(?:e?gl|opengl|osmesa|glfw|glx|render|mujoco_gl|display|window|sdl|pyglet|x11)")
 
 
-def variables(cell: Cell, phase: Phase, evidence: Iterable[Evidence], *, here: frozenset[str]) -> Iterator[Move]:
-    """Ways of drawing that this machine has (`here`) and the cell does not name, where a failure speaks of drawing."""
+def variables(
+    cell: Cell,
+    phase: Phase,
+    evidence: Iterable[Evidence],
+    *,
+    here: frozenset[str],
+    installed: Collection[str] | None = None,
+) -> Iterator[Move]:
+    """Ways of drawing that this machine has (`here`) and the cell does not name, where a failure speaks of drawing.
+
+    Those are left out that nothing of what is `installed` reads, where that is known.
+    """
     texts = [text for one in evidence for text in one.told]
     if phase is not Phase.RENDER and not any(DRAWING.search(text) for text in texts):
         return
-    given = cell.environment
+    for move in _ways(cell.environment, here):
+        names = {*move.change.environment} - {"DISPLAY"} or {"DISPLAY"}
+        readers = [READERS.get(name) for name in names]
+        if installed is None or any(one is None or one & {*installed} for one in readers):
+            yield move
+
+
+def _ways(given: Mapping[str, str], here: frozenset[str]) -> Iterator[Move]:
     if "PYOPENGL_PLATFORM" in given:
         change = Change(environment={"PYOPENGL_PLATFORM": ""})
         yield Move(change=change, way=Way.VARIABLE, why="the way that each library chooses")
@@ -121,6 +138,9 @@ def variables(cell: Cell, phase: Phase, evidence: Iterable[Evidence], *, here: f
         change = Change(environment={"SDL_VIDEODRIVER": "dummy"})
         yield Move(change=change, way=Way.VARIABLE, why="drawn without a window")
     if "display" in here:
+        if given.get("SDL_VIDEODRIVER") != "x11":
+            change = Change(environment={"SDL_VIDEODRIVER": "x11"})
+            yield Move(change=change, way=Way.DISPLAY, why="a window of SDL on a virtual display")
         yield Move(change=Change(environment={"DISPLAY": "virtual"}), way=Way.DISPLAY, why="a virtual display")
         change = Change(environment={"DISPLAY": "virtual", "MUJOCO_GL": "glfw"})
         yield Move(change=change, way=Way.DISPLAY, why="a window on a virtual display")

@@ -23,6 +23,7 @@ from harness.reporttypes import (
     Sheet,
     Square,
 )
+from harness.vocabulary import READERS
 
 NOTHING = "-"
 
@@ -88,15 +89,6 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     )
 
 
-SETTING = {
-    "DISPLAY": None,
-    "MUJOCO_GL": {"mujoco", "mujoco-py", "free-mujoco-py", "dm-control"},
-    "PYOPENGL_PLATFORM": {"pyopengl"},
-    "SDL_VIDEODRIVER": {"pygame", "pygame-ce"},
-}
-"""Variables that the harness supplies, and the packages of which one has to be there for it to matter; None for any."""
-
-
 def _drawing(cell: CellEntry) -> Iterator[tuple[str, str]]:
     """Of a cell with frames: what drew them, and what a user has to set for them, too; each with what it is."""
     drawn = [case for case in cell.cases if case.frames]
@@ -111,7 +103,7 @@ def settings(supplied: Mapping[str, str], installed: Iterable[str]) -> tuple[str
     return tuple(
         f"{name}={value}"
         for name, value in supplied.items()
-        if (readers := SETTING.get(name)) is None or readers & there
+        if (readers := READERS.get(name)) is None or readers & there
     )
 
 

@@ -427,3 +427,12 @@ def _specifiers(kind: Kind, pattern: str) -> SpecifierSet:
         message = f'"{pattern}" is neither a version nor a specifier such as ">=1.0,<2"'
         raise ValueError(message)
     return found
+
+
+READERS = {
+    "DISPLAY": None,
+    "MUJOCO_GL": {"mujoco", "mujoco-py", "free-mujoco-py", "dm-control"},
+    "PYOPENGL_PLATFORM": {"pyopengl"},
+    "SDL_VIDEODRIVER": {"pygame", "pygame-ce"},
+}
+"""Variables of drawing, and the packages of which one has to be there for it to matter; None for any."""

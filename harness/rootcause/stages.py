@@ -195,7 +195,8 @@ def wheels(place: Place) -> Iterator[Move]:
 def variables(place: Place) -> Iterator[Move]:
     """Ways of drawing, and a display."""
     here = frozenset(machine.facts().capabilities)
-    yield from clues.variables(place.trial.cell, place.phase, place.lab.evidence(place.trial), here=here)
+    evidence, installed = place.lab.evidence(place.trial), place.trial.record.installed
+    yield from clues.variables(place.trial.cell, place.phase, evidence, here=here, installed=installed)
 
 
 def python(place: Place) -> Iterator[Move]:

@@ -126,5 +126,22 @@ def test_ways_of_drawing() -> None:
     ]
     assert not list(clues.variables(of, Phase.SINGLE, told("numpy has no attribute"), here=here))
     shown = list(clues.variables(cell("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"})))
-    assert [one.way for one in shown] == [Way.DISPLAY, Way.DISPLAY]
-    assert shown[0].change.environment == {"DISPLAY": "virtual"}
+    assert [one.change.environment for one in shown] == [
+        {"SDL_VIDEODRIVER": "x11"},
+        {"DISPLAY": "virtual"},
+        {"DISPLAY": "virtual", "MUJOCO_GL": "glfw"},
+    ]
+    assert {one.way for one in shown} == {Way.DISPLAY}
+
+
+def test_ways_of_drawing_that_nothing_reads() -> None:
+    """A variable is left out where no package that reads it is there."""
+    here = frozenset({"egl", "osmesa", "display"})
+
+    def tried(*installed: str) -> list[dict[str, str]]:
+        found = clues.variables(cell("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed)
+        return [dict(one.change.environment) for one in found]
+
+    assert tried("pygame") == [{"SDL_VIDEODRIVER": "x11"}, {"DISPLAY": "virtual"}]
+    assert tried("numpy") == [{"DISPLAY": "virtual"}]
+    assert {"MUJOCO_GL": "egl"} in tried("mujoco")
