@@ -62,6 +62,11 @@ class Judged:
         """How it came out, of the log alone; None where there is none."""
         return self.held(self.log) if self.log else None
 
+    @property
+    def cured(self) -> bool:
+        """Whether a remedy was proven that leaves the versions that were asked for."""
+        return bool(self.proof) and self.proof["status"] == "found" and not self.proof["remedy"]["moved"]
+
     def held(self, said: Mapping[str, Any]) -> str:
         """Whether a document names the right cause, a wrong one, or none beside the right line or another one."""
         named = first(said["diagnoses"])
@@ -213,8 +218,8 @@ def figures(judged: Sequence[Judged]) -> Iterator[str]:
     phases = sum(one.phase == one.truth["phase"] for one in judged)
     causes = Counter(one.cause for one in judged)
     logs = Counter(one.explained for one in judged if one.explained)
-    tried = [one for one in judged if one.proof and one.truth["curable"]]
-    cured = [one for one in tried if one.proof and one.proof["status"] == "found"]
+    tried = [one for one in judged if one.proof and (one.truth["curable"] or one.cured)]
+    cured = [one for one in tried if one.cured]
     yield "| of | figure | target |"
     yield "| --- | --- | --- |"
     yield f"| first failing phase, right | {share(phases, len(judged))} | 95 of 100 |"
@@ -252,7 +257,7 @@ def repaired(one: Judged) -> Iterable[str]:
         return ("not tried", "", "", "")
     does = "; ".join((one.proof.get("remedy") or {}).get("does", ()))
     told = does if one.proof["status"] == "found" else one.proof["status"]
-    if not one.truth["curable"]:
+    if not one.truth["curable"] and not one.cured:
         told = f"{told} (none is known)"
     return (
         told.replace("|", "\\|"),
