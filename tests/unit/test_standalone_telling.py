@@ -339,6 +339,15 @@ def test_what_a_log_mentions_is_no_cause_of_an_exception() -> None:
     assert named("gym is unmaintained\n" + TRACE, notice, KNOWN) == ["wings"]
 
 
+def test_what_a_log_mentions_counts_behind_a_mask() -> None:
+    """A line that hides why is no reason to pass over what was written before it; a mask in passing hides nothing."""
+    hides = known("hides", "no context", masks=True)
+    raised = "Traceback (most recent call last):\n  File 'x.py', line 1, in <module>\nRuntimeError: {}\n"
+
+    assert named("warning: no wings\n" + raised.format("no context"), KNOWN, hides) == ["wings", "hides"]
+    assert named("warning: no context\n" + raised.format("no feathers"), KNOWN, hides) == []
+
+
 def test_a_log_of_what_went_well_has_no_cause() -> None:
     """Though it mentions what is known; a line alone is looked up."""
     notice = known("notice", "is unmaintained")

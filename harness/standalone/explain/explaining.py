@@ -223,7 +223,7 @@ def _hits(
     """The known failures that the text tells, the deepest cause first; and those that it mentions without failing so.
 
     What is written somewhere in a log, and in no line that says why, is no cause of an exception, nor of a command
-    that failed without a word.
+    that failed without a word; unless that line is a mask, which hides what was written before.
     """
     if not told.failed:
         known = [one for one in known if one.pattern is not None and not one.generic]
@@ -231,8 +231,10 @@ def _hits(
     found = sorted(matching.matches(known, seen), key=lambda hit: _rank(hit, told))
     best = min([_where(hit, told) for hit in found if not hit.known.masks], default=LOG)
     wordless = told.failed and not told.marked and killed is None
-    most = ELSEWHERE if told.raised or wordless or best is not LOG else LOG
-    kept = tuple(hit for hit in found if hit.known.masks or _where(hit, told) <= most)
+    masked = any(hit.known.masks and _where(hit, told) is DECISIVE for hit in found)
+    most = ELSEWHERE if best is not LOG or wordless or (told.raised and not masked) else LOG
+    mask = ELSEWHERE if told.raised else LOG
+    kept = tuple(hit for hit in found if _where(hit, told) <= (mask if hit.known.masks else most))
     return kept, tuple(hit for hit in found if hit not in kept)
 
 
@@ -240,7 +242,7 @@ def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
     """What explains the decisive line goes before what was said elsewhere."""
     one = hit.known
     elsewhere = bool(one.phases) and told.phase is not None and told.phase not in one.phases
-    return one.masks, not one.phases, _where(hit, told), one.generic, elsewhere
+    return one.masks, not one.phases, one.generic, _where(hit, told), elsewhere
 
 
 def _where(hit: Hit, told: Told) -> int:
