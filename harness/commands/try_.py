@@ -77,8 +77,8 @@ def answer(record: CellRecord, judged: Judgement, found: Sequence[Diagnosis] = (
 
 
 def _known(failure: Signature) -> Iterable[str]:
-    """Cause and remedy of a known failure, and where more is said."""
-    yield f"cause: {failure.cause}"
+    """Cause and remedy of a known failure, and where more is said; a mask is none, and what it hides is not known."""
+    yield f"{'hides why' if failure.masks else 'cause'}: {failure.cause}"
     yield f"remedy: {changes.in_words(failure.remedy.plain)}"
     yield from (f"see: {reference}" for reference in failure.references[:1])
 

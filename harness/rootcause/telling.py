@@ -25,7 +25,7 @@ def lines(made: RepairDocument) -> Iterator[str]:
         yield "this says nothing about the packages, so there is nothing to repair; mend that and type the same again"
         return
     for cause in made.causes[:1]:
-        yield f"cause: {cause.cause} [{cause.signature}]"
+        yield f"{'hides why' if cause.masks else 'cause'}: {cause.cause} [{cause.signature}]"
     yield ""
     yield from _found(made, made.remedy) if made.remedy else _nothing(made)
     yield from (f"note: {one}" for one in made.told)
