@@ -149,5 +149,67 @@ def _robosuite(case: Case, phase: Phase, check: str, installed: Mapping[str, str
     return [*lines, "    observation, reward, done, info = env.step(numpy.zeros(env.action_dim))"]
 
 
-WAYS = {"gymnasium": _gymnasium, "gym": _gymnasium, "dm_control": _dm_control, "robosuite": _robosuite}
+def _mujoco(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    file = _named(case)
+    if not file.endswith(".xml") or phase not in {Phase.SINGLE, Phase.RENDER}:
+        return None
+    lines = [
+        "import mujoco",
+        "",
+        f'model = mujoco.MjModel.from_xml_path("{file}")',
+        "data = mujoco.MjData(model)",
+        f"for _ in range({10 if phase is Phase.RENDER else case.steps}):",
+        "    mujoco.mj_step(model, data)",
+    ]
+    drawn = ["renderer = mujoco.Renderer(model)", "renderer.update_scene(data)", "print(renderer.render())"]
+    return [*lines, *drawn] if phase is Phase.RENDER else lines
+
+
+def _pybullet(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    file = _named(case)
+    load = {"urdf": "loadURDF", "sdf": "loadSDF", "xml": "loadMJCF"}.get(file.rpartition(".")[2])
+    if load is None or phase not in {Phase.SINGLE, Phase.RENDER}:
+        return None
+    lines = [
+        "import pybullet",
+        "import pybullet_data",
+        "",
+        "pybullet.connect(pybullet.DIRECT)",
+        "pybullet.setAdditionalSearchPath(pybullet_data.getDataPath())",
+        "pybullet.setGravity(0, 0, -9.81)",
+        f'pybullet.{load}("{file}")',
+        f"for _ in range({10 if phase is Phase.RENDER else case.steps}):",
+        "    pybullet.stepSimulation()",
+    ]
+    return [*lines, "print(pybullet.getCameraImage(320, 240)[2])"] if phase is Phase.RENDER else lines
+
+
+def _brax(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    if phase not in {Phase.SINGLE, Phase.RENDER, Phase.VECTOR}:
+        return None
+    name, batch = _named(case), phase is Phase.VECTOR
+    made = f'create("{name}", batch_size=2' if batch else f'get_environment("{name}"'
+    lines = [
+        "import jax",
+        "from brax import envs",
+        "",
+        f"env = envs.{made}{_arguments(case.kwargs)})",
+        f"state = jax.jit(env.reset)(jax.random.PRNGKey({case.seed}))",
+        "step = jax.jit(env.step)",
+        f"for _ in range({case.steps if phase is Phase.SINGLE else 10}):",
+        f"    state = step(state, jax.numpy.zeros({'(2, env.action_size)' if batch else 'env.action_size'}))",
+    ]
+    drawn = ["from brax.io import image", "", "print(image.render_array(env.sys, state.pipeline_state, 240, 320))"]
+    return [*lines, *drawn] if phase is Phase.RENDER else lines
+
+
+WAYS = {
+    "gymnasium": _gymnasium,
+    "gym": _gymnasium,
+    "dm_control": _dm_control,
+    "robosuite": _robosuite,
+    "mujoco": _mujoco,
+    "pybullet": _pybullet,
+    "brax": _brax,
+}
 IMPORTED = {"dm_control": ("dm_control.suite",), "robosuite": ("robosuite",), "pybullet": ("pybullet",)}

@@ -244,6 +244,23 @@ MODERN, OLD = {"gym": "0.26.2"}, {"gym": "0.21.0"}
             ['make("Lift", robots="Panda"', "use_camera_obs=True"],
         ),
         (
+            "mujoco:arm.xml",
+            "mujoco",
+            "render",
+            "render.rgb_array",
+            {},
+            ['from_xml_path("arm.xml")', "update_scene(data)"],
+        ),
+        ("pybullet:r2d2.urdf", "pybullet", "single", "single.loop", {}, ['loadURDF("r2d2.urdf")', "stepSimulation()"]),
+        (
+            "brax:ant",
+            "brax",
+            "vector",
+            "vector.sync",
+            {},
+            ['create("ant", batch_size=2)', "zeros((2, env.action_size))"],
+        ),
+        (
             "robosuite:Lift",
             "robosuite",
             "vector",
@@ -276,7 +293,13 @@ def test_arguments_and_imports_are_those_of_the_case() -> None:
 
 
 @pytest.mark.parametrize(
-    "made", [Case(id="a", env="isaacgym:x", api="isaacgym"), Case(id="a", env=None, api="gymnasium")]
+    "made",
+    [
+        Case(id="a", env="isaacgym:x", api="isaacgym"),
+        Case(id="a", env="mujoco:markers", api="mujoco"),
+        Case(id="a", env="pybullet:direct", api="pybullet"),
+        Case(id="a", env=None, api="gymnasium"),
+    ],
 )
 def test_what_has_no_script(made: Case) -> None:
     """No calls that everybody could make, no script."""
