@@ -234,6 +234,10 @@ def figures(judged: Sequence[Judged]) -> Iterator[str]:
         seconds = statistics.median(one.proof["seconds"] for one in cured if one.proof)
         built = statistics.median(one.proof["built"] for one in cured if one.proof)
         yield f"| median repair | {seconds:.0f} s, {built:.0f} environments built | 90 s, caches warm |"
+    if searched := [one.proof for one in cured if one.proof and one.proof["bound"]]:
+        built, bound = (sum(proof[key] for proof in searched) for key in ("built", "bound"))
+        told = f"{built} environments built in all, {bound} tests that binary searches need at most"
+        yield f"| the {len(searched)} that searched among packages | {told} ({built / bound:.2f}) | |"
 
 
 def share(count: int, whole: int) -> str:
