@@ -153,8 +153,9 @@ def _no_other(place: Place) -> bool:
     return told is not None and before is not None and told.same(before)
 
 
-def _instants(place: Place) -> tuple[str, ...]:
-    minor = place.python.minor if place.python else place.trial.cell.python
+def _instants(place: Place, minor: str | None = None) -> tuple[str, ...]:
+    """The times worth a try on a Python: that of the cell, or another one."""
+    minor = minor or (place.python.minor if place.python else place.trial.cell.python)
     had = versions(place.lab, place.trial)
     return times.instants(place.trial.cell, had, minor, offline=place.lab.settings.offline)
 
@@ -221,10 +222,10 @@ def _of_the_time(place: Place, older: Collection[str]) -> Iterator[Move]:
     failed = {one.trial.failure.phase if one.trial.failure else None for one in dated}
     if place.change.as_of or not dated or not failed <= {*BOTH}:
         return
-    instant = dated[-1].change.as_of or ""
     for minor in sorted(older, key=_minor, reverse=True)[:OLDER]:
-        why = f"on Python {minor}, resolved as of {instant[:10]}"
-        yield Move(change=Change(python=minor, as_of=instant), way=Way.PYTHON, why=why, guard=True)
+        for instant in _instants(place, minor)[-1:]:
+            why = f"on Python {minor}, resolved as of {instant[:10]}"
+            yield Move(change=Change(python=minor, as_of=instant), way=Way.PYTHON, why=why, guard=True)
 
 
 def _minor(text: str) -> int:
