@@ -113,15 +113,15 @@ def variables(
 ) -> Iterator[Move]:
     """Ways of drawing that this machine has (`here`) and the cell does not name, where a failure speaks of drawing.
 
-    Those are left out that nothing of what is `installed` reads, where that is known.
+    Where it is known what is `installed`, no variable is set that nothing of it reads.
     """
     texts = [text for one in evidence for text in one.told]
     if phase is not Phase.RENDER and not any(DRAWING.search(text) for text in texts):
         return
     for move in _ways(cell.environment, here):
-        names = {*move.change.environment} - {"DISPLAY"} or {"DISPLAY"}
-        readers = [READERS.get(name) for name in names]
-        if installed is None or any(one is None or one & {*installed} for one in readers):
+        names = {name for name, value in move.change.environment.items() if value}
+        readers = [READERS.get(name) for name in names - {"DISPLAY"} or names]
+        if installed is None or not names or any(one is None or one & {*installed} for one in readers):
             yield move
 
 

@@ -145,7 +145,7 @@ def test_the_exit_code_is_the_command_s(command: tuple[str, ...], code: int) -> 
 @pytest.mark.usefixtures("place")
 def test_json_has_stdout_for_itself() -> None:
     """What the command writes goes to stderr then."""
-    done = explain("--json", *python("print('out'); raise ValueError('no wings')"))
+    done = explain("--json", *python("print('out', flush=True); raise ValueError('no wings')"))
     made = json.loads(done.stdout)
     assert done.returncode == 1
     assert done.stderr.startswith(b"out\n")
@@ -239,8 +239,8 @@ def test_a_terminal_stays_a_terminal() -> None:
 def test_ctrl_c_goes_to_the_command() -> None:
     """It decides what to do with it; its own code is returned."""
     code = (
-        "import signal, sys, time; signal.signal(2, lambda *_: (print('cleaned up', flush=True), sys.exit(9)));"
-        " print('ready', flush=True); time.sleep(50)"
+        "import os, signal, sys, time; signal.signal(2, lambda *_: (os.write(1, b'cleaned up\\n'), sys.exit(9)));"
+        " os.write(1, b'ready'); time.sleep(50)"
     )
     code_out, output = in_terminal([sys.executable, "-m", "harness", "explain", *python(code)], b"\x03", after=b"ready")
     assert (code_out, output.partition(b"explain:")[0].count(b"cleaned up\r\n")) == (9, 1)

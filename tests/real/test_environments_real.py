@@ -93,7 +93,9 @@ def test_chosen_files_are_those_that_uv_takes(
     call = uvcli.Call(index=question.index, folder=folder, log=tmp_path / "log", cache=uvcli.shared_cache())
     assert uvcli.create(call, tmp_path / "theirs", python).ok
     whole = places / "state" / "x" / "pylock.toml"
-    installed = uvcli.install(call, tmp_path / "theirs" / "bin" / "python", whole, "copy")
+    settings = folder / "uv.toml"
+    settings.touch()
+    installed = uvcli.install(call, tmp_path / "theirs" / "bin" / "python", whole, settings, "copy")
 
     assert installed.ok, installed.text
     assert marks(tmp_path / "theirs") == marks(ours.path)
