@@ -206,6 +206,14 @@ def page(judged: Sequence[Judged], known: Mapping[str, Mapping[str, Any]]) -> It
         "[judged-truth.toml](judged-truth.toml) says of each that fails what is so, from its logs."
     )
     yield ""
+    unlabelled = sum("incurable" in one.truth for one in judged)
+    yield (
+        f"Of {unlabelled} that were first said to have a remedy it was seen, once `repair` had found none, that they "
+        "have none (`incurable` says how). What else `repair` missed led to changes of it (cells that only import, an "
+        "older Python with the index of its time, windows of SDL): for repairs these cells are unseen no longer. "
+        f"Each was given {MINUTES_EACH} minutes."
+    )
+    yield ""
     yield from figures(judged)
     yield ""
     yield "| cell | fails in | cause | named | of its log | repair | runs | environments built | seconds |"
