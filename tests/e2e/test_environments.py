@@ -232,6 +232,12 @@ class TestReinstall:
         assert content(second) == content(first)
 
 
+def link(path: Path) -> str:
+    """A file as an index names it."""
+    digest = sha256(path.read_bytes()).hexdigest()
+    return f'<a href="/files/{path.name}#sha256={digest}" data-upload-time="2024-01-01T00:00:00Z">{path.name}</a>'
+
+
 class TestLogin:
     def test_files_of_a_private_index(
         self,
@@ -251,11 +257,7 @@ class TestLogin:
                 return
             name = handler.path.rpartition("/")[2]
             path = wheelhouse / "fake_plain-1.0-py3-none-any.whl"
-            page = (
-                f'<a href="/files/{path.name}#sha256={sha256(path.read_bytes()).hexdigest()}" '
-                f'data-upload-time="2024-01-01T00:00:00Z">{path.name}</a>'
-            )
-            send(handler, 200, path.read_bytes() if name == path.name else page.encode())
+            send(handler, 200, path.read_bytes() if name == path.name else link(path).encode())
 
         monkeypatch.setenv("UV_DEFAULT_INDEX", serve(answer).replace("//", "//me:secret@"))
         pinned = locked(uv.resolve(question("fake-plain", index=IndexSettings()), host, tmp_path / "state" / "x"))
@@ -286,12 +288,7 @@ class TestDownloads:
                 send(handler, 200, path.read_bytes())
                 return
             project = handler.path.rstrip("/").rpartition("/")[2].replace("-", "_")
-            lines = (
-                f'<a href="/files/{path.name}#sha256={sha256(path.read_bytes()).hexdigest()}" '
-                f'data-upload-time="2024-01-01T00:00:00Z">{path.name}</a>'
-                for path in wheelhouse.glob(f"{project}-*.whl")
-            )
-            send(handler, 200, "".join(lines).encode())
+            send(handler, 200, "".join(map(link, wheelhouse.glob(f"{project}-*.whl"))).encode())
 
         index = IndexSettings(default=serve(answer))
         pins = [
