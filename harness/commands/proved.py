@@ -14,7 +14,7 @@ from harness.commands import progress, reporting
 from harness.commands.combination import REUSED_FOR_HOURS
 from harness.errors import CouldNotTell
 from harness.model import Cell, Verdict
-from harness.reporttypes import word
+from harness.reporttypes import UNTOLD, word
 from harness.rootcause.bench import Bench, Trial
 from harness.scheduler import Settings
 from harness.standalone.keys import SIMULATORS, weight
@@ -61,7 +61,7 @@ def proof(made: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
     ):
         copies = _Copies(bench=bench, python=python, env=env, as_of=as_of)
         after, left_out = copies.measured({**installed, **changed}, changed)
-        if after.untold:
+        if after.judged.verdict in UNTOLD:
             message = f"doctor --prove: it cannot be told here: {after.judged.decisive}"
             raise CouldNotTell(message)
         before, _ = copies.measured(installed, {})

@@ -12,7 +12,7 @@ from typing import Self
 from harness import failure, interpreters, knowledge, machine, process, verdict
 from harness.evidence import diagnosed
 from harness.failure import Failure
-from harness.model import Cell, CellRecord, Phase
+from harness.model import CASE_PHASES, Cell, CellRecord, Outcome, Phase, Verdict
 from harness.reporttypes import UNTOLD
 from harness.scheduler import Beside, Observer, Runner, Settings
 from harness.scheduler.pool import Pool, Unknown
@@ -50,9 +50,17 @@ class Trial:
         return verdict.fulfilled(self.judged.verdict, self.judged.phases)
 
     @property
+    def well(self) -> str:
+        """How it is said of one that does all that was asked for: import alone is never called `works`."""
+        if self.judged.verdict is Verdict.WORKS:
+            return str(Verdict.WORKS)
+        passed = [phase for phase in CASE_PHASES if self.judged.phases.get(phase) is Outcome.PASSED]
+        return f"passes {' and '.join(passed)}, all that was asked for"
+
+    @property
     def untold(self) -> bool:
         """Whether it says nothing about the packages: this machine or the network was at fault."""
-        return self.judged.verdict in UNTOLD
+        return self.judged.verdict in UNTOLD and not self.works
 
     @property
     def failure(self) -> Failure | None:

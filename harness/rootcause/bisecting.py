@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from harness import changes
-from harness.model import Cell, Change, Question, Repair, Tried, Verdict
+from harness.model import Cell, Change, Question, Repair, Tried
 from harness.rootcause.bench import Bench, Spent, Trial
 from harness.rootcause.candidates import Candidate
-from harness.rootcause.predicate import Predicate, Said, failing, plain
+from harness.rootcause.predicate import Predicate, Said, failing, plain, working
 from harness.search import Answer, Boundary, Refused, Rules, Search
 from harness.vocabulary import LONGEST_LABEL, WITH, required_name
 
@@ -22,9 +22,6 @@ LOOKING = "looking for a good end"
 
 HANDY = 0.4
 """What a test costs whose environment stands, beside one whose environment is still to be made."""
-
-
-WORKS = Said(answer=Answer.GOOD, why=None, words="works")
 
 
 class Status(StrEnum):
@@ -122,17 +119,17 @@ class Bisection:
         self.say(f"{self.task.axis} {candidate.name}, the bad end")
         whole = base if base and same else self.bench.measure(self.cell(candidate))
         for _ in range(round(-math.log10(1 - self.task.confidence))):
-            if whole.judged.verdict not in {Verdict.WORKS, Verdict.NOT_RUN}:
+            if not whole.works:
                 break
-            self._note(candidate, "bad end", whole, WORKS)  # it may be flaky
+            self._note(candidate, "bad end", whole, working(whole))  # it may be flaky
             whole = self.bench.measure(self.cell(candidate), again=True)
         self.predicate = Predicate(failure=None if self.task.any else plain(whole.failure))
         if whole.untold:
             self._note(candidate, "bad end", whole, Said(answer=Answer.UNTESTABLE, why=None, words=_line(whole)))
             return Status.UNTOLD
         if not failing(whole):
-            self._note(candidate, "bad end", whole, WORKS)
-            self.told.append(f"the bad end {candidate.name} is not bad: it works")
+            self._note(candidate, "bad end", whole, working(whole))
+            self.told.append(f"the bad end {candidate.name} is not bad: it {whole.well}")
             return Status.REFUSED
         self._note(candidate, "bad end", whole, self.predicate.of(whole))
         self.bench.stop_after(self.predicate.until)

@@ -234,7 +234,7 @@ def claim(done: Bisected, cell: Cell, axis: str) -> str:
         return f"{cell.id}: {done.status} along {axis}: {told}"
     names = [f"{_thing(axis)} {one.candidate.name}" for one in (good, bad)]
     last, first = ("last", "first") if done.oldest_first else ("first", "last")
-    works = "works" if good.trial.works else f"is without this failure ({good.said.words})"
+    works = good.trial.well if good.trial.works else f"is without this failure ({good.said.words})"
     failing = done.predicate.failure if done.predicate else None
     what = f"fails with {failing.line}" if failing and failing.line else "fails"
     gap = _gap(done)

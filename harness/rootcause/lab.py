@@ -182,11 +182,11 @@ def passes(trial: Trial, until: Phase) -> bool:
 
 def ended(trial: Trial, until: Phase) -> str:
     """How a run ended, in a few words."""
-    if trial.works and trial.judged.verdict is Verdict.NOT_RUN:
-        return f"passes {Phase.IMPORT}, all that was asked for"
     if passes(trial, until) and until is not Phase.SUITE:
         return f"passes {until}"
-    failed = f" in {trial.judged.phase}" if trial.judged.phase and not trial.works else ""
+    if trial.works:
+        return trial.well
+    failed = f" in {trial.judged.phase}" if trial.judged.phase else ""
     return f"{trial.judged.verdict}{failed}"
 
 

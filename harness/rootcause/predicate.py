@@ -58,8 +58,8 @@ class Predicate:
         return Said(answer=Answer.UNTESTABLE, why=known, words=line)
 
     def _without(self, trial: Trial) -> Said:
-        if trial.works or (not trial.untold and self._passed(trial)):
-            return Said(answer=Answer.GOOD, why=None, words="works")
+        if trial.works:
+            return working(trial)
         if self.failure is not None and self._passed(trial):
             return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}")
         told = f"{trial.judged.verdict}: {trial.judged.decisive or 'no line says why'}"
@@ -73,6 +73,11 @@ class Predicate:
         before = order[: order.index(self.until) + 1]
         phases = [trial.judged.phases.get(phase, Outcome.SKIPPED) for phase in before]
         return phases[-1] is Outcome.PASSED and set(phases) <= BETTER
+
+
+def working(trial: Trial) -> Said:
+    """What one answers that does all that was asked for."""
+    return Said(answer=Answer.GOOD, why=None, words=trial.well)
 
 
 def plain(failed: Failure | None) -> Failure | None:

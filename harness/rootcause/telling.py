@@ -16,7 +16,7 @@ def lines(made: RepairDocument) -> Iterator[str]:
     """What people read of it."""
     before = made.runs[0]
     if made.status is Status.GREEN:
-        yield f"{made.cell} works: there is nothing to repair"
+        yield f"{made.cell} {_ended(before)}: there is nothing to repair"
         return
     yield f"{made.cell}: {_ended(before)}"
     if before.decisive:

@@ -103,6 +103,7 @@ def written(desk: Desk, index: str) -> Path:
         for name in ROBOTS
     ]
     lines.append(CELL.format(name="new", requirements='"new==1.0"', case='imports = ["new"]', more=""))
+    lines.append(CELL.format(name="loads", requirements='"tool<1.13"', case='imports = ["tool"]', more=""))
     return desk.matrix("market", MATRIX.format(index=index, cells="\n".join(lines)))
 
 
@@ -196,6 +197,7 @@ def test_two_causes_in_a_row(desk: Desk, index: str) -> None:
         ("arm", ("--bad", "1.2"), "refused", "the bad end 1.2 is not bad: it works"),
         ("arm", ("--good", "1.4"), "refused", "the good end cannot be tested: 1.4"),
         ("fine", (), "refused", "is not bad: it works"),
+        ("loads", (), "refused", "is not bad: it passes import, all that was asked for"),
         ("hopeless", (), "no good end", "no candidate was found that works"),
     ],
 )
