@@ -253,7 +253,12 @@ class _Measurement:
             if not replies or self._python(run) != self.context.python:
                 return {next(iter(limits)): self._not_tried(run, next(iter(limits)), evidence)}
             judged = [self._judged(run, reply, limits, evidence) for reply in replies]
-        return {ended.record.check: ended for ended in judged if ended}
+        ended = {one.record.check: one for one in judged if one}
+        if any(one.record.outcome in FAILING for one in ended.values()) and not self.context.site().stands():
+            check = next(iter(limits))
+            record = CheckRecord(check=check, outcome=Outcome.INFRA, decisive=launch.TAKEN_AWAY)
+            return {check: _Ended(record=record, attempts=1, evidence=evidence)}
+        return ended
 
     def _judged(
         self, run: launch.ProbeRun, reply: CheckReply, limits: Mapping[str, float], evidence: str

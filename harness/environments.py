@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import Distribution, distributions
+from itertools import count
 from pathlib import Path
 from time import monotonic
 
@@ -24,15 +25,20 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness import builds, downloads, locks, process, sdists, uvcli, uvsays, warming
-from harness.filelocks import exclusive, use
+from harness.filelocks import alone, exclusive, use
 from harness.launch import LEADS_ON
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.store import cache_folder, digest, open_store, write_atomic
 
+STAMP = "stamp.json"
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Environment:
-    """An environment ready to be used. `installed` is what its metadata say, name to version."""
+    """An environment ready to be used. `installed` is what its metadata say, name to version.
+
+    Its folder is named by its key, unless another process was using one there that would not do here.
+    """
 
     path: Path
     python: Path
@@ -91,8 +97,8 @@ def ensure(
     if isinstance(wheels, Step):
         return replace(wheels, seconds=monotonic() - started)
     compiled = warming.marks({one.name for one in wheels}, question)
-    path = cache_folder() / "environments" / environment_key(interpreter, wheels, compiled)
-    made = _provided(path, lambda: _make(path, wheels, interpreter, question, offline=offline))
+    key = environment_key(interpreter, wheels, compiled)
+    made = _provided(key, lambda path: _make(path, wheels, interpreter, question, offline=offline))
     if isinstance(made, Step):
         return replace(made, seconds=monotonic() - started)
     return replace(made, seconds=monotonic() - started, findings=(*_built_here(lock), *made.findings))
@@ -105,34 +111,63 @@ def on_top(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environ
     started in whatever way find both. A wheel that cannot be installed is a failed install.
     """
     started = monotonic()
-    path = base.path.with_name(digest("on top", base.key, wheel.mark))
-
+    key = digest("on top", base.path.name, wheel.mark)
     nothing = Question(requirements=())
-    made = _provided(path, lambda: _make(path, (wheel,), interpreter, nothing, offline=True, below=base.path))
+    made = _provided(key, lambda path: _make(path, (wheel,), interpreter, nothing, offline=True, below=base.path))
     return made if isinstance(made, Step) else replace(made, seconds=monotonic() - started)
 
 
-def _provided(path: Path, make: Callable[[], _Stamp | Step]) -> Environment | Step:
-    """The environment that stands there, or is made now; it stays as long as this process."""
+def _provided(key: str, make: Callable[[Path], _Stamp | Step]) -> Environment | Step:
+    """The environment that stands there, or is made now; it stays as long as this process.
+
+    One that does not do is made anew, unless another process uses it (whose files may be links where ours must be
+    copies): then it stays, and ours lies beside it.
+    """
+    return next(found for path in _places(key) if (found := _provided_at(path, make)))
+
+
+def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environment | Step | None:
     use(path)
     stamp, reused = _usable(path), True
     if stamp is None:
         with exclusive(path.with_name(f"{path.name}.lock")):
             stamp = _usable(path)  # it may have been made while we waited
             if stamp is None:
-                made, reused = make(), False
+                if not _cleared(path):
+                    return None
+                made, reused = make(path), False
                 if isinstance(made, Step):
                     return made
                 stamp = made
     return Environment(
         path=path,
         python=path / "bin" / "python",
-        key=path.name,
+        key=_key(path),
         installed=stamp.installed,
         reused=reused,
         seconds=0.0,
         findings=stamp.findings,
     )
+
+
+def _places(key: str) -> Iterator[Path]:
+    """Where an environment may lie, the usual place first."""
+    folder = cache_folder() / "environments"
+    return (folder / (f"{key}-{number}" if number else key) for number in count())
+
+
+def _key(path: Path) -> str:
+    return path.name.partition("-")[0]
+
+
+def _cleared(path: Path) -> bool:
+    """Make room for an environment, unless another process uses what stands there."""
+    if not path.exists():
+        return True
+    with uvcli.scratch() as aside, alone(path) as free:
+        if free:
+            path.rename(aside / "old")  # in one step: nobody finds half of it
+    return free
 
 
 def installed(path: Path) -> dict[str, str]:
@@ -179,10 +214,15 @@ def _top_level(one: Distribution) -> tuple[str, ...]:
     return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))
 
 
+def stands(environment: Environment) -> bool:
+    """Whether nobody took it away or found it damaged since, as far as a look at its metadata tells."""
+    return _usable(environment.path) is not None
+
+
 def discard(environment: Environment) -> None:
-    """Remove an environment from the pool; the next one of its key is made anew."""
+    """Give an environment to nobody any more: the next one of its key is made anew; who uses it now keeps it."""
     with exclusive(environment.path.with_name(f"{environment.path.name}.lock")):
-        shutil.rmtree(environment.path, ignore_errors=True)
+        (environment.path / STAMP).unlink(missing_ok=True)
 
 
 # --- wheels ----------------------------------------------------------------------------------------------------
@@ -236,7 +276,7 @@ def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
 
 def _stamp(path: Path) -> _Stamp | None:
     try:
-        return msgspec.json.decode((path / "stamp.json").read_bytes(), type=_Stamp)
+        return msgspec.json.decode((path / STAMP).read_bytes(), type=_Stamp)
     except (OSError, msgspec.MsgspecError):
         return None
 
@@ -244,7 +284,7 @@ def _stamp(path: Path) -> _Stamp | None:
 def _usable(path: Path) -> _Stamp | None:
     """The stamp of an environment that stands as it was made, as far as a look at its metadata tells."""
     stamp = _stamp(path)
-    if stamp is None or stamp.key != path.name or stamp.link_mode not in {mode(), "copy"}:
+    if stamp is None or stamp.key != _key(path) or stamp.link_mode not in {mode(), "copy"}:
         return None
     return stamp if (path / "bin" / "python").exists() and stamp.installed == installed(path) else None
 
@@ -258,8 +298,7 @@ def _make(
     offline: bool,
     below: Path | None = None,
 ) -> _Stamp | Step:
-    """Make it in its own place, since scripts name their interpreter by path; what is left of another goes first."""
-    shutil.rmtree(path, ignore_errors=True)
+    """Make it in its own place, since scripts name their interpreter by path."""
     names = {one.name for one in wheels}
     how = "copy" if warming.recipes(names) else mode()  # what compiles there may not write through links
     if not offline:
@@ -284,13 +323,13 @@ def _make(
         (site,), (more,) = (list(_site_packages(one)) for one in (path, below))
         (site / LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
-        key=path.name,
+        key=_key(path),
         link_mode=how,
         installed=found,
         hashes=tuple(sorted(one.artifact.sha256 for one in wheels)),
         findings=(*_beyond_python(path, interpreter), *warmed),
     )
-    write_atomic(path / "stamp.json", msgspec.json.encode(stamp))
+    write_atomic(path / STAMP, msgspec.json.encode(stamp))
     return stamp
 
 

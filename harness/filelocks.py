@@ -73,10 +73,29 @@ def use(folder: Path) -> None:
         if marks not in _marks:
             folder.parent.mkdir(parents=True, exist_ok=True)
             made = 0 if marks.exists() else os.O_CREAT  # which a shared folder may refuse though the file is there
-            _marks[marks] = os.open(marks, os.O_RDONLY | made, 0o666)
+            _marks[marks] = _opened(marks, made)
         fcntl.lockf(_marks[marks], fcntl.LOCK_SH, 1, _byte(folder))
     with suppress(OSError):
         os.utime(folder)
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[bool]:
+    """Keep other processes from using a folder that this one uses: False where one does already, or nobody can tell.
+
+    Who comes within the block waits for its end.
+    """
+    use(folder)
+    descriptor, free = _marks.get(folder.parent / "in-use", -1), False
+    with _marking:
+        with suppress(OSError, ValueError):
+            fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _byte(folder))
+            free = True
+        try:
+            yield free
+        finally:
+            if free:
+                fcntl.lockf(descriptor, fcntl.LOCK_SH, 1, _byte(folder))
 
 
 @contextmanager
@@ -99,6 +118,13 @@ def unused(folder: Path) -> Iterator[bool | None]:
         yield free
     finally:
         os.close(descriptor)
+
+
+def _opened(marks: Path, made: int) -> int:
+    try:
+        return os.open(marks, os.O_RDWR | made, 0o666)
+    except PermissionError:
+        return os.open(marks, os.O_RDONLY | made, 0o666)
 
 
 def _byte(folder: Path) -> int:

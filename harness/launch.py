@@ -6,7 +6,7 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -24,6 +24,9 @@ INCELL = Path(__file__).parent / "incell"
 LEADS_ON = "_simmatrix_below.pth"
 """What makes Python look on in the environment below."""
 
+TAKEN_AWAY = "the environment was taken away, or changed, while it was used"
+"""What a failure comes to where the environment no longer stands: it says nothing of packages."""
+
 POLL_SECONDS = 0.05
 STARTUP_SECONDS = 120.0
 LITTLE_ROOM, FEW_NAMES = 1 << 18, 8
@@ -38,7 +41,7 @@ class Site:
     `variables` is the whole environment of the probe, `files` maps a path below HOME to its content. `below` is the
     environment that a thin one leads on to. `python_path` are folders, relative to HOME or not, that modules are
     imported from before those of the environment; `brought` maps what the user brought, by a variable's name, to its
-    copy.
+    copy. `stands` tells whether the environment is still as it was when it was taken.
     """
 
     folder: Path
@@ -49,6 +52,7 @@ class Site:
     below: Path | None = None
     python_path: tuple[str, ...] = ()
     brought: Mapping[str, Path] = field(default_factory=dict)
+    stands: Callable[[], bool] = lambda: True
 
     @property
     def folders(self) -> tuple[Path, ...]:

@@ -188,6 +188,8 @@ def _run(bench: Bench, seconds: float) -> _Ran:
         told = Report.read(report)
         ending = _ending(completed, bench.suite, seconds)
         outcome, decisive = _foreign(_text(scratch / "modules.txt"), source) or pytestsays.outcome(told, ending, text)
+        if outcome in FAILING and not site.stands():
+            outcome, decisive = Outcome.INFRA, launch.TAKEN_AWAY
         return _Ran(
             outcome=outcome,
             decisive=normalise.bounded(clean(decisive)) if decisive else None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -332,13 +331,13 @@ class Runner:
         suite.prepare(quick=quick)
         return suite
 
-    def _place(self, pool: Pool, tested: Ready | None) -> tuple[Environment, Path | None]:
+    def _place(self, pool: Pool, tested: Ready | None) -> tuple[Environment, Environment | None]:
         """Where a cell is probed, and the environment below that, if that is a thin one."""
         if tested is None:
             return pool.environment(), None
         from harness.scheduler import undertest  # noqa: PLC0415 - start-up
 
-        return undertest.on_top(self, pool, tested), pool.environment().path
+        return undertest.on_top(self, pool, tested), pool.environment()
 
     def _variables(self, record: CellRecord) -> dict[str, str]:
         given = {**machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}
@@ -352,17 +351,20 @@ class Runner:
         around = (cell.python_path, brought, [(one.variable, one.python_path) for one in cell.bring])
         return variables, files, process.sandbox_mode(), machine.facts().id, *filter(None, around)
 
-    def _site(self, record: CellRecord, environment: Environment, below: Path | None) -> launch.Site:
+    def _site(self, record: CellRecord, environment: Environment, below: Environment | None) -> launch.Site:
+        from harness import environments  # noqa: PLC0415 - start-up
+
         copies, folders = self.luggage.unpacked(record.cell)
         return launch.Site(
             folder=environment.path,
             python=environment.python,
-            pycache=cache_folder() / "pycache" / environment.key,
+            pycache=cache_folder() / "pycache" / environment.path.name,
             variables=self._variables(record),
             files={name: content.encode() for name, content in record.cell.files.items()},
-            below=below,
+            below=below.path if below else None,
             python_path=folders,
             brought=copies,
+            stands=lambda: all(environments.stands(one) for one in (environment, below) if one),
         )
 
     def _context(self, record: CellRecord, pool: Pool, tested: Ready | None) -> cellrun.Context:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Protocol
 
 from harness import cellrun, environments, launch, machine, subjects, suites, uvcli
@@ -133,7 +132,7 @@ class Suite:
     lock: Lock
     interpreter: Interpreter
     tested: Ready
-    site: Callable[[Environment, Path], launch.Site]
+    site: Callable[[Environment, Environment], launch.Site]
     identity: tuple[object, ...]
     failed: PhaseRecord | None = field(default=None, init=False)
     pool: Pool | None = field(default=None, init=False)
@@ -193,7 +192,7 @@ class Suite:
             suites.Bench(
                 subject=self.cell.subject,
                 known=self.tested,
-                site=self.site(environment, base.path),
+                site=self.site(environment, base),
                 store=self.owner.store,
                 name=f"suite-{self.key[:16]}",
                 places=uvcli.places(),

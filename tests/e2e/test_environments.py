@@ -4,7 +4,8 @@ import shutil
 import subprocess
 import sys
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
 from http.server import BaseHTTPRequestHandler
@@ -52,6 +53,19 @@ def made(answer: Environment | Step) -> Environment:
 def site(environment: Environment) -> Path:
     """Where its packages lie."""
     return next(environment.path.glob("lib/python*/site-packages"))
+
+
+@contextmanager
+def using(environment: Environment) -> Iterator[None]:
+    """Another process that uses an environment."""
+    code = "import sys, pathlib; from harness import filelocks\n"
+    code += "filelocks.use(pathlib.Path(sys.argv[1])); print('used', flush=True); sys.stdin.read()"
+    argv = [sys.executable, "-c", code, str(environment.path)]
+    with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        assert process.stdout.readline() == "used\n"
+        yield
+        process.communicate(timeout=60)
 
 
 class TestContent:
@@ -184,6 +198,30 @@ class TestReuse:
         assert shared > 1
         assert not copied.reused
         assert (site(copied) / "fake_plain.py").stat().st_nlink == 1
+
+    def test_what_another_process_uses_stays(
+        self,
+        lock: Callable[..., Lock],
+        ensure: Callable[..., Environment | Step],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """One that another process runs in is never taken from below it: what does not do there is made beside it."""
+        pinned = lock("fake-plain")
+        linked = made(ensure(pinned))
+        with using(linked):
+            monkeypatch.setenv("HARNESS_SANDBOX", "subreaper")
+            copied, again = made(ensure(pinned)), made(ensure(pinned))
+            environments.discard(linked)
+            monkeypatch.delenv("HARNESS_SANDBOX")
+            anew = made(ensure(pinned))
+            assert (site(linked) / "fake_plain.py").stat().st_nlink > 1
+
+        assert not environments.stands(linked)
+        assert (copied.key, copied.path.name) == (linked.key, f"{linked.key}-1")
+        assert (copied.reused, again.reused, again.path) == (False, True, copied.path)
+        assert (site(copied) / "fake_plain.py").stat().st_nlink == 1
+        assert (anew.path, anew.reused) == (copied.path, True)
+        assert (made(ensure(pinned)).path, made(ensure(pinned)).path) == (linked.path, linked.path)
 
     def test_two_at_once(
         self, lock: Callable[..., Lock], host: Interpreter, offline_index: IndexSettings, tmp_path: Path

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import time
 from collections.abc import Callable
 
 import pytest
-from commandline import Desk, processes_of
+from commandline import Desk, Ran, processes_of
 
 MATRIX = """
 requirements = [@FAKES@]
@@ -93,3 +94,21 @@ def test_bytecode_that_a_full_disk_cut_short(desk: Desk) -> None:
     assert kept
     assert (cell["verdict"], cell["reused"]) == ("works", False)
     assert all(path.stat().st_size > 40 for path in kept)
+
+
+def test_an_environment_that_goes_while_it_is_used_blames_nothing(desk: Desk) -> None:
+    """What fails in an environment that somebody removed meanwhile says nothing of packages, and is not kept."""
+    text = MATRIX.replace('Gate-v0", api', 'Gate-v0", timeouts = { single = 2 }, api')
+    matrix, cache = desk.matrix("m", text), desk.folder / "cache"
+    asked = ("run", matrix, "-k", "*-second", "--json")
+    with desk.started(*asked, HARNESS_CACHE=str(cache)) as process:
+        _wait_for((desk.folder / "gate.reached").exists)
+        (environment,) = (path for path in cache.glob("environments/*") if path.is_dir())
+        shutil.rmtree(environment / "lib")
+        out, err = process.communicate(timeout=PATIENCE)
+    cell = Ran(code=process.returncode, out=out, err=err).cells("which")["second"]
+    assert (cell["verdict"], cell["phases"]["single"]) == ("inconclusive", "infra")
+    assert cell["decisive"] == "the environment was taken away, or changed, while it was used"
+    (desk.folder / "gate").touch()
+    cell = desk.run(*asked, HARNESS_CACHE=str(cache)).cells("which")["second"]
+    assert (cell["verdict"], cell["reused"]) == ("works", False)
