@@ -6,25 +6,18 @@ twice, and two machines, or one after its cache was emptied, are to agree on wha
 
 from __future__ import annotations
 
-import base64
-import csv
-import hashlib
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from importlib.metadata import Distribution, distributions
 from itertools import count
 from pathlib import Path
 from time import monotonic
 
 import msgspec
-from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
-from packaging.utils import canonicalize_name
-from packaging.version import InvalidVersion, Version
 
-from harness import builds, downloads, locks, process, sdists, uvcli, uvsays, warming
+from harness import builds, downloads, locks, process, sdists, sitepackages, uvcli, uvsays, warming
 from harness.filelocks import alone, exclusive, use
 from harness.launch import LEADS_ON
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
@@ -170,50 +163,6 @@ def _cleared(path: Path) -> bool:
     return free
 
 
-def installed(path: Path) -> dict[str, str]:
-    """What lies in an environment, read from its metadata without running it: name to version."""
-    return dict(sorted((canonicalize_name(one.name), _plain(one.version)) for one in _distributions(path)))
-
-
-def modules(path: Path) -> dict[str, tuple[str, ...]]:
-    """The top-level modules of each package, as its RECORD lists files: name to modules, sorted."""
-    return {canonicalize_name(one.name): _top_level(one) for one in _distributions(path)}
-
-
-def requiring(path: Path, name: str) -> tuple[str, ...]:
-    """The packages that declare, in whatever extra, that they need this one."""
-    return tuple(sorted({asker for asker, need in _needs(path) if canonicalize_name(need.name) == name}))
-
-
-def unheld(path: Path) -> tuple[tuple[str, str], ...]:
-    """What packages require that is not there, extras apart: who asks, and the requirement."""
-    here = installed(path)
-    return tuple(
-        (asker, str(need))
-        for asker, need in _needs(path)
-        if canonicalize_name(need.name) not in here and "extra" not in str(need.marker or "")
-    )
-
-
-def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
-    """Who requires what; a line of which uv makes something else than it says, being wrong, says nothing."""
-    for one in _distributions(path):
-        asker = canonicalize_name(one.name)  # which is read from a file each time
-        for line in one.requires or ():
-            with suppress(InvalidRequirement):
-                yield asker, Requirement(line)
-
-
-def verify(environment: Environment) -> tuple[str, ...]:
-    """Compare every file with its RECORD; return those that changed or are gone, relative to the environment."""
-    return tuple(sorted(name for one in _distributions(environment.path) for name in _changed(one, environment.path)))
-
-
-def _top_level(one: Distribution) -> tuple[str, ...]:
-    tops = {file.parts[0].partition(".")[0] for file in one.files or () if file.suffix in {".py", ".so"}}
-    return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))
-
-
 def stands(environment: Environment) -> bool:
     """Whether nobody took it away or found it damaged since, as far as a look at its metadata tells."""
     return _usable(environment.path) is not None
@@ -262,7 +211,7 @@ def _built_here(lock: Lock) -> Iterator[Finding]:
 
 def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
     """uv takes no notice of an upper bound in Requires-Python; pip does."""
-    for one in _distributions(path):
+    for one in sitepackages.packages(path):
         asked = str(one.metadata.json.get("requires_python", ""))
         with suppress(InvalidSpecifier):
             if not SpecifierSet(asked).contains(interpreter.version, prereleases=True):
@@ -286,7 +235,7 @@ def _usable(path: Path) -> _Stamp | None:
     stamp = _stamp(path)
     if stamp is None or stamp.key != _key(path) or stamp.link_mode not in {mode(), "copy"}:
         return None
-    return stamp if (path / "bin" / "python").exists() and stamp.installed == installed(path) else None
+    return stamp if (path / "bin" / "python").exists() and stamp.installed == sitepackages.versions(path) else None
 
 
 def _make(
@@ -313,14 +262,14 @@ def _make(
         )
         log = open_store().evidence(f"install-{path.name}") / "uv.log"
         failed = _fill(call, path, wheels, interpreter, log, how)
-    found = installed(path)
-    failed = failed or _difference(found, {one.name: _plain(one.version) for one in wheels})
+    found = sitepackages.versions(path)
+    failed = failed or _difference(found, {one.name: sitepackages.plain(one.version) for one in wheels})
     warmed = failed or warming.warm(path, names, question)
     if isinstance(warmed, Step):
         shutil.rmtree(path, ignore_errors=True)
         return warmed
     if below:
-        (site,), (more,) = (list(_site_packages(one)) for one in (path, below))
+        (site,), (more,) = (list(sitepackages.folders(one)) for one in (path, below))
         (site / LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
         key=_key(path),
@@ -374,32 +323,3 @@ def _known_hashes(folder: Path) -> frozenset[str]:
     """Wheels that some environment here was made of, and so lie in uv's cache."""
     stamps = (_stamp(path) for path in folder.iterdir()) if folder.exists() else ()
     return frozenset(sha256 for stamp in stamps if stamp for sha256 in stamp.hashes)
-
-
-# --- reading ---------------------------------------------------------------------------------------------------
-
-
-def _distributions(path: Path) -> Iterable[Distribution]:
-    return distributions(path=[str(folder) for folder in _site_packages(path)])
-
-
-def _site_packages(path: Path) -> Iterator[Path]:
-    return path.glob("lib/python*/site-packages")
-
-
-def _plain(version: str) -> str:
-    try:
-        return str(Version(version))
-    except InvalidVersion:
-        return version
-
-
-def _changed(distribution: Distribution, environment: Path) -> Iterator[str]:
-    for name, mark, _ in csv.reader((distribution.read_text("RECORD") or "").splitlines()):
-        method, _, wanted = mark.partition("=")
-        if not wanted:
-            continue
-        path = Path(str(distribution.locate_file(name)))
-        found = path.is_file() and base64.urlsafe_b64encode(hashlib.new(method, path.read_bytes()).digest())
-        if not found or found.decode().rstrip("=") != wanted:
-            yield path.resolve().relative_to(environment.resolve()).as_posix()

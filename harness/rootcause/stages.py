@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
-from harness import clues, environments, interpreters, machine, measured, moves
+from harness import clues, interpreters, machine, measured, moves, sitepackages
 from harness.model import Cell, Change, Interpreter, Phase, Verdict
 from harness.moves import Move, Way
 from harness.rootcause import times
@@ -93,7 +93,7 @@ def _declared(place: Place, module: str) -> tuple[str, ...]:
     """The name of a module where some package declares a package of that name, if only in an extra."""
     name = module.replace("_", "-").lower()
     folder = cache_folder() / "environments" / (place.trial.record.key or "none")
-    return (name,) if folder.is_dir() and environments.requiring(folder, name) else ()
+    return (name,) if folder.is_dir() and sitepackages.requiring(folder, name) else ()
 
 
 def overlay(place: Place) -> Iterator[Move]:

@@ -80,7 +80,7 @@ class Pool:
         return known
 
     def _new(self) -> Installed:
-        from harness import environments  # noqa: PLC0415 - start-up
+        from harness import sitepackages  # noqa: PLC0415 - start-up
 
         try:
             made = self.environment()
@@ -89,22 +89,22 @@ class Pool:
         return Installed(
             key=made.key,
             versions=made.installed,
-            modules=environments.modules(made.path),
-            speaking={api: environments.requiring(made.path, api) for api in FAMILY},
-            unheld=environments.unheld(made.path),
+            modules=sitepackages.modules(made.path),
+            speaking={api: sitepackages.requiring(made.path, api) for api in FAMILY},
+            unheld=sitepackages.unheld(made.path),
             seconds=round(made.seconds, 3),
             findings=made.findings,
         )
 
     def environment(self) -> Environment:
         """The environment itself, from the pool or made now."""
-        from harness import environments  # noqa: PLC0415 - start-up
+        from harness import environments, sitepackages  # noqa: PLC0415 - start-up
 
         with self.owner.once.turn(("environment", self.key)):
             if self.key not in self.owner.environments:
                 self.owner.observer.step(self.cell, Phase.INSTALL)
                 made = self._ensured()
-                if self.owner.settings.verify and not isinstance(made, Step) and environments.verify(made):
+                if self.owner.settings.verify and not isinstance(made, Step) and sitepackages.changed(made.path):
                     environments.discard(made)
                     made = self._ensured()
                 if isinstance(made, Step):

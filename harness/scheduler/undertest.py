@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from harness import cellrun, environments, launch, machine, subjects, suites, uvcli
+from harness import cellrun, environments, launch, machine, sitepackages, subjects, suites, uvcli
 from harness.environments import Environment
 from harness.model import (
     FAILING,
@@ -106,7 +106,7 @@ def on_top(owner: Owner, pool: Pool, tested: Ready) -> Environment:
     with owner.once.turn(("environment", key)):
         if key not in owner.environments:
             made = environments.on_top(base, tested.wheel, pool.interpreter)
-            if owner.settings.verify and isinstance(made, Environment) and environments.verify(made):
+            if owner.settings.verify and isinstance(made, Environment) and sitepackages.changed(made.path):
                 environments.discard(made)
                 made = environments.on_top(base, tested.wheel, pool.interpreter)
             if isinstance(made, Step):

@@ -15,7 +15,7 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question, send
 
-from harness import downloads, environments, filelocks, uv
+from harness import downloads, environments, filelocks, sitepackages, uv
 from harness.environments import Environment, Wheel, environment_key
 from harness.model import Artifact, IndexSettings, Interpreter, Lock, Outcome, Phase, Step
 
@@ -345,7 +345,7 @@ class TestVerify:
     def test_changed_files(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """What a cell wrote over, or removed, is found by the hashes of RECORD."""
         environment = made(ensure(lock("fake-needs-plain")))
-        clean = environments.verify(environment)
+        clean = sitepackages.changed(environment.path)
         changed, gone = site(environment) / "fake_plain.py", site(environment) / "fake_needs_plain.py"
         changed.unlink()
         changed.write_text("VERSION = '4.0'\n")
@@ -353,7 +353,7 @@ class TestVerify:
         folder = site(environment).relative_to(environment.path).as_posix()
 
         assert clean == ()
-        assert environments.verify(environment) == (f"{folder}/fake_needs_plain.py", f"{folder}/fake_plain.py")
+        assert sitepackages.changed(environment.path) == (f"{folder}/fake_needs_plain.py", f"{folder}/fake_plain.py")
 
 
 class TestTrouble:

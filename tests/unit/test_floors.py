@@ -24,7 +24,7 @@ FLOORS = {
         "alone", "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing",
         "environments", "fetched", "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs",
         "interpreters", "knowledge", "launch", "machine", "measured", "memory", "overlays", "process", "sdists",
-        "store", "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
+        "sitepackages", "store", "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
     },
     3: {"catalog", "cellrun", "fetching", "resolving", "rootcause", "scheduler", "suites"},
     4: {"commands"},

@@ -119,7 +119,8 @@ def test_a_write_is_seen_where_nothing_can_be_laid_over(
         pytest.skip("unavailable: namespaces")
     text = 'requirements = [@FAKES@]\nindex = { no_index = true, find_links = ["@WHEELS@"] }\n'
     text += 'cases = [{ env = "fake_writer:Writer-v0", api = "gymnasium" }]\n[axes]\npython = ["host"]\n'
-    ran = desk.run("run", desk.matrix("m", text), "--json", HARNESS_SANDBOX=sandbox)
+    own = str(desk.folder / "cache")  # unsealed, environments are copies: those of other tests need not be
+    ran = desk.run("run", desk.matrix("m", text), "--json", HARNESS_SANDBOX=sandbox, HARNESS_CACHE=own)
     (cell,) = ran.document["cells"]
     assert (ran.code, cell["verdict"], cell["phases"]["import"]) == (0, "works", "passed")
     assert [found["check"] for found in cell["findings"] if "fake_writer_cache.txt" in found["text"]] == [
