@@ -154,13 +154,12 @@ def _key(path: Path) -> str:
 
 
 def _cleared(path: Path) -> bool:
-    """Make room for an environment, unless another process uses what stands there."""
-    if not path.exists():
-        return True
-    with uvcli.scratch() as aside, alone(path) as free:
-        if free:
-            path.rename(aside / "old")  # in one step: nobody finds half of it
-    return free
+    """Make room for an environment, unless another process uses what stands there, or it is not ours to move."""
+    if path.exists():
+        with uvcli.scratch() as aside, alone(path) as free, suppress(PermissionError):
+            if free:
+                path.rename(aside / "old")  # in one step: nobody finds half of it
+    return not path.exists()
 
 
 def stands(environment: Environment) -> bool:

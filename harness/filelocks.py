@@ -123,7 +123,7 @@ def unused(folder: Path) -> Iterator[bool | None]:
 def _opened(marks: Path, made: int) -> int:
     try:
         return os.open(marks, os.O_RDWR | made, 0o666)
-    except PermissionError:
+    except OSError:  # it is another user's, or the disk takes no write
         return os.open(marks, os.O_RDONLY | made, 0o666)
 
 
