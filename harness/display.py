@@ -10,7 +10,7 @@ import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, sleep
 
@@ -22,6 +22,11 @@ SERVER = "Xvfb"
 SCREEN = "1280x1024x24"
 """As large as what gym and its like open windows for, in the depth that OpenGL needs."""
 
+FIRST_NUMBER, NUMBERS = 10_000, 49_000
+"""Display numbers of ours. A server takes the socket of a number from one that it does not see, in another network
+namespace with the same /tmp (a container that was given the user's X socket): so it is none that others have."""
+
+SOCKETS = Path("/tmp/.X11-unix")
 PATIENCE_SECONDS, POLL_SECONDS = 20.0, 0.005
 LONGEST_SECONDS = 30 * 86400.0
 MEMORY_MB = 2000
@@ -33,10 +38,14 @@ class NoDisplayError(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shown:
-    """A command whose display is there; `server` where it has one of its own."""
+    """A command whose display is there; `server` where it has one of its own.
+
+    `places` is what evidence calls the display instead: the number says nothing.
+    """
 
     command: Command
     server: Running | None = None
+    places: Mapping[str, str] = field(default_factory=dict)
 
     def lost(self) -> str | None:
         """How the server ended, if it has: what could not be drawn then says nothing about who drew."""
@@ -53,7 +62,8 @@ def shown(command: Command, folder: Path) -> Iterator[Shown]:
     word = command.env.get(VARIABLE)
     if word == VIRTUAL:
         with _server(folder) as (running, number):
-            yield Shown(command=_with(command, number, {AUTHORITY: str(folder / "authority")}), server=running)
+            opened = _with(command, number, {AUTHORITY: str(folder / "authority")})
+            yield Shown(command=opened, server=running, places={number: ":0"})
     elif word:
         yield Shown(command=_with(command, (users() or "") if word == OWN else word, authority()))
     else:
@@ -83,7 +93,7 @@ def authority() -> dict[str, str]:
 
 @contextmanager
 def _server(folder: Path) -> Iterator[tuple[Running, str]]:
-    """Start a server, reached by its socket alone and by those who know its cookie; it chooses its number itself."""
+    """Start a server, reached by its socket alone and by those who know its cookie."""
     found = program()
     if not found:
         message = f"no {SERVER}"
@@ -92,7 +102,8 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
     number = folder / "number"
     number.unlink(missing_ok=True)
     (folder / "authority").write_bytes(_entry(secrets.token_bytes(16)))
-    arguments = ("-displayfd", "3", "-screen", "0", SCREEN, "-nolisten", "tcp", "-noreset", "-auth", "authority")
+    name = f":{FIRST_NUMBER + secrets.randbelow(NUMBERS)}"
+    arguments = (name, "-displayfd", "3", "-screen", "0", SCREEN, "-nolisten", "tcp", "-noreset", "-auth", "authority")
     command = Command(
         argv=("/bin/sh", "-c", f'exec "$0" "$@" 3> {number.name}', found, *arguments),
         cwd=folder,
@@ -101,12 +112,15 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
         log=folder / "log.txt",
         profile=Profile.HOST,
     )
-    with start(command) as running:
-        yield running, _told(running, number)
+    try:
+        with start(command) as running:
+            yield running, _told(running, number)
+    finally:
+        (SOCKETS / f"X{name[1:]}").unlink(missing_ok=True)  # which a server that is killed leaves behind
 
 
 def _told(running: Running, number: Path) -> str:
-    """The name of the display that the server chose, which it tells once it can be reached."""
+    """The name of the display, which the server tells once it can be reached."""
     until = monotonic() + PATIENCE_SECONDS
     while monotonic() < until:
         text = number.read_text() if number.exists() else ""

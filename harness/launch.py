@@ -152,9 +152,9 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
     try:
         with display.shown(command, scratch / "display") as seen:
             completed, overran = _watch(seen.command, replies / "reply.jsonl", allowed)
-            lost = seen.lost()
+            lost, places = seen.lost(), seen.places
     except display.NoDisplayError as error:
-        completed, overran, lost = process.unstarted(command, str(error)), None, None
+        completed, overran, lost, places = process.unstarted(command, str(error)), None, None, {}
     completed = watched(site, folder, completed)
     return ProbeRun(
         reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
@@ -176,6 +176,7 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
             str(INCELL): "$INCELL",
             str(scratch): "$SCRATCH",
             **{str(copy): f"${name}" for name, copy in site.brought.items()},
+            **places,
         },
     )
 

@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 
 from harness import display, process
+from harness.normalise import normalise
 from harness.process import Command, Completed, Limits, Profile, run
 from harness.store import cache_folder, digest, write_atomic
 
@@ -229,7 +230,7 @@ def _marks() -> list[str]:
         "dev/dxg",
     )
     users = re.match(r":(\d+)", display.users() or "")
-    socket = [Path(f"/tmp/.X11-unix/X{users[1]}")] if users else []
+    socket = [display.SOCKETS / f"X{users[1]}"] if users else []
     paths = [PROBE, *socket, *(path for pattern in patterns for path in sorted(Path("/").glob(pattern)))]
     boot = Path("/proc/sys/kernel/random/boot_id")
     return [
@@ -268,7 +269,8 @@ def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
         except display.NoDisplayError as error:
             return {"missing": str(error)}, True
         if answer.exists():
-            return msgspec.json.decode(answer.read_bytes(), type=dict[str, str]), True
+            told = msgspec.json.decode(answer.read_bytes(), type=dict[str, str])
+            return {name: normalise(text, seen.places) for name, text in told.items()} if seen.places else told, True
         return {"missing": f"its driver {_death(done)}"}, done.killed is None and not done.timed_out
 
 

@@ -173,9 +173,9 @@ def _run(bench: Bench, seconds: float) -> _Ran:
         site, places = bench.site, {**bench.places, str(source): "$SUBJECT", str(scratch): "$SCRATCH"}
         launch.furnish(site, scratch / "home")
         folder, sealed = launch.entered(site, scratch)
-        ran = _shown(_command(bench, seconds, scratch, source, folder, sealed), scratch)
+        ran, shown = _shown(_command(bench, seconds, scratch, source, folder, sealed), scratch)
         completed = launch.watched(site, folder, ran)
-        places |= {str(one): "$ENV" for one in (*site.folders, folder)}
+        places |= {**{str(one): "$ENV" for one in (*site.folders, folder)}, **shown}
 
         def clean(text: str) -> str:
             return normalise.normalise(text, places)
@@ -229,14 +229,14 @@ def _command(
     )
 
 
-def _shown(command: process.Command, scratch: Path) -> process.Completed:
-    """Run it at its display, if it has one; what a display that died has made of it says nothing."""
+def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, Mapping[str, str]]:
+    """Run it at its display, if it has one, and say what evidence calls that; what one that died made of it is none."""
     try:
         with display.shown(command, scratch / "display") as seen:
             ran, lost = process.run(seen.command), seen.lost()
     except display.NoDisplayError as error:
-        return process.unstarted(command, str(error))
-    return replace(ran, killed=lost) if lost and ran.exit_code != 0 else ran
+        return process.unstarted(command, str(error)), {}
+    return replace(ran, killed=lost) if lost and ran.exit_code != 0 else ran, seen.places
 
 
 def without(source: Path, known: Ready) -> None:

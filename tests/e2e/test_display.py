@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import time
@@ -9,9 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from spine.commandline import processes_of
+from spine.commandline import closed_network, processes_of
 
 from harness import display, glprobe, machine
+from harness.normalise import normalise
 from harness.process import Command, Limits, Profile, run
 
 PROBE = str(Path(glprobe.__file__))
@@ -65,9 +67,12 @@ class TestReach:
         with display.shown(asking(tmp_path), tmp_path / "display") as seen:
             run(seen.command)
             lost = seen.lost()
+            socket = display.SOCKETS / f"X{seen.command.env['DISPLAY'].removeprefix(':')}"
+            there = socket.exists()
 
         assert '"version":' in (tmp_path / "answer.json").read_text()
         assert lost is None
+        assert (there, socket.exists()) == (True, False)
 
     def test_not_by_others(self, tmp_path: Path) -> None:
         """Who does not know the cookie is turned away."""
@@ -78,10 +83,31 @@ class TestReach:
         assert (tmp_path / "answer.json").read_text() == f'{{"missing": "nothing answers at DISPLAY={name}"}}'
 
     def test_two_at_once(self, tmp_path: Path) -> None:
-        """Each probe has one of its own, with a number that it chose itself."""
+        """Each probe has one of its own, with a number of its own, which evidence does not tell."""
         told = asking(tmp_path)
         with display.shown(told, tmp_path / "a") as one, display.shown(told, tmp_path / "b") as other:
-            assert one.command.env["DISPLAY"] != other.command.env["DISPLAY"]
+            name = one.command.env["DISPLAY"]
+            assert name != other.command.env["DISPLAY"]
+            assert normalise(f'Cannot connect to "{name}"', one.places) == 'Cannot connect to ":0"'
+
+    def test_another_namespace_of_the_network(self, tmp_path: Path) -> None:
+        """A server takes no socket from one that it cannot see: each is still there while both are, and after."""
+        prefix = closed_network()
+        if not prefix:
+            pytest.skip("unavailable: namespaces")
+        argv = (*prefix, sys.executable, "-c", KEEPING, str(tmp_path / "other"))
+        (tmp_path / "other").mkdir()
+        with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+            socket = display.SOCKETS / f"X{seen.command.env['DISPLAY'].removeprefix(':')}"
+            before = socket.stat().st_ino
+            with subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as other:
+                assert other.stdout
+                assert other.stdout.readline() == "there\n"
+                during = socket.stat().st_ino
+                other.send_signal(signal.SIGINT)
+            after = socket.stat().st_ino
+
+        assert before == during == after
 
 
 @pytest.mark.usefixtures("xvfb")
