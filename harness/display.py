@@ -24,7 +24,7 @@ SCREEN = "1280x1024x24"
 
 FIRST_NUMBER, NUMBERS = 10_000, 49_000
 """Display numbers of ours. A server takes the socket of a number from one that it does not see, in another network
-namespace with the same /tmp (a container that was given the user's X socket): so it is none that others have."""
+namespace with the same /tmp (a container that was given the user's X socket): so it is one that hardly anybody has."""
 
 SOCKETS = Path("/tmp/.X11-unix")
 PATIENCE_SECONDS, POLL_SECONDS = 20.0, 0.005
@@ -112,11 +112,12 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
         log=folder / "log.txt",
         profile=Profile.HOST,
     )
-    try:
-        with start(command) as running:
-            yield running, _told(running, number)
-    finally:
-        (SOCKETS / f"X{name[1:]}").unlink(missing_ok=True)  # which a server that is killed leaves behind
+    with start(command) as running:
+        told = _told(running, number)
+        try:
+            yield running, told
+        finally:
+            (SOCKETS / f"X{name[1:]}").unlink(missing_ok=True)  # which a server that is killed leaves behind
 
 
 def _told(running: Running, number: Path) -> str:

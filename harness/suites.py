@@ -230,7 +230,10 @@ def _command(
 
 
 def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, Mapping[str, str]]:
-    """Run it at its display, if it has one, and say what evidence calls that; what one that died made of it is none."""
+    """Run it at its display, if it has one: how it ended, and what evidence calls the display.
+
+    What a display that died has made of it says nothing.
+    """
     try:
         with display.shown(command, scratch / "display") as seen:
             ran, lost = process.run(seen.command), seen.lost()

@@ -8,8 +8,9 @@ import json
 import os
 import subprocess
 import sys
+import time
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 
 from wheelhouse import FAKES
 
-LONGEST = 240.0
+LONGEST, PATIENCE = 240.0, 60.0
 SMALL = Path(__file__).parent / "small.toml"
 TOGETHER = ("fake-import-error", "fake-undeclared")
 """Installed beside the environments, since they cost nothing until they are imported."""
@@ -145,6 +146,14 @@ def closed_network() -> tuple[str, ...]:
         except FileNotFoundError:
             return ()
     return ()
+
+
+def wait_for(happened: Callable[[], bool]) -> None:
+    """Wait until something happened, which has to be within `PATIENCE` seconds."""
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 def processes_of(mark: str) -> list[int]:

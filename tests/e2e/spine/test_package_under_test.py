@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import wheelhouse as fakes
-from commandline import Desk, Ran
+from commandline import PATIENCE, Desk, Ran, wait_for
 
 INDEX = 'index = { no_index = true, find_links = ["@WHEELS@"] }\n'
 HOOKS = """
@@ -216,6 +216,27 @@ def test_a_build_that_fails(desk: Desk, project: Path) -> None:
         "RuntimeError: no compiler for this",
     )
     assert (again["one"]["verdict"], again["one"]["reused"]) == ("uninstallable", True)
+
+
+def test_a_suite_whose_environment_goes_blames_nobody(desk: Desk, project: Path) -> None:
+    """What fails in an environment that was discarded meanwhile says nothing of the subject."""
+    (project / "tests" / "test_own.py").write_text(
+        "import os, pathlib, time\n\ndef test_slow():\n    pathlib.Path(os.environ['GATE']).touch()\n"
+        "    while pathlib.Path(os.environ['GATE']).exists():\n        time.sleep(0.05)\n    assert False\n"
+    )
+    gate, cache = desk.folder / "gate", desk.folder / "cache"
+    text = f'subject = "."\n{INDEX}environment = {{ GATE = "{gate}" }}\n[suite]\n[axes]\npython = ["host"]\n'
+    asked = ("run", desk.matrix("matrices/own", text), "--json")
+    with desk.started(*asked, HARNESS_CACHE=str(cache)) as process:
+        wait_for(gate.exists)
+        for stamp in cache.glob("environments/*/stamp.json"):
+            stamp.unlink()
+        gate.unlink()
+        out, err = process.communicate(timeout=PATIENCE)
+    (cell,) = Ran(code=process.returncode, out=out, err=err).document["cells"]
+
+    assert (cell["suite"]["outcome"], cell["phases"]["suite"]) == ("infra", "infra")
+    assert cell["decisive"] == "the environment was taken away, or changed, while it was used"
 
 
 def test_a_wheel_and_what_cannot_be(desk: Desk, project: Path) -> None:

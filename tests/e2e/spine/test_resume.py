@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import shutil
 import signal
-import time
-from collections.abc import Callable
 
 import pytest
-from commandline import Desk, Ran, processes_of
+from commandline import PATIENCE, Desk, Ran, processes_of, wait_for
 
 MATRIX = """
 requirements = [@FAKES@]
@@ -27,7 +25,6 @@ cases = [{ env = "fake_gate:Gate-v0", api = "gymnasium" }]
 [axes.which.third]
 cases = [{ env = "fake_pictureless:Pictureless-v0", api = "gymnasium" }]
 """
-PATIENCE = 60.0
 
 
 @pytest.mark.parametrize(
@@ -45,14 +42,14 @@ def test_ended_in_the_middle(desk: Desk, number: signal.Signals, code: int, said
     with desk.started("run", matrix, "-j", "1", "--json", FAKE_MARK=desk.mark) as process:
         assert process.stderr
         told = process.stderr.readline()
-        _wait_for((desk.folder / "gate.reached").exists)
+        wait_for((desk.folder / "gate.reached").exists)
         assert len(processes_of(desk.mark)) >= 4
         process.send_signal(number)
         out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out, err) == (code, "", said)
     assert "first: works" in told
     assert not any(desk.state.glob("cells/*/m/*-second.json"))
-    _wait_for(lambda: not processes_of(desk.mark))
+    wait_for(lambda: not processes_of(desk.mark))
     (desk.folder / "gate").touch()
     cells = desk.run("run", matrix, "-j", "1", "--json").cells("which")
     assert [(cell["verdict"], cell["reused"]) for cell in cells.values()] == [
@@ -60,13 +57,6 @@ def test_ended_in_the_middle(desk: Desk, number: signal.Signals, code: int, said
         ("works", False),
         ("works", False),
     ]
-
-
-def _wait_for(happened: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def test_a_timeout_is_never_reused(desk: Desk) -> None:
@@ -102,7 +92,7 @@ def test_an_environment_that_goes_while_it_is_used_blames_nothing(desk: Desk) ->
     matrix, cache = desk.matrix("m", text), desk.folder / "cache"
     asked = ("run", matrix, "-k", "*-second", "--json")
     with desk.started(*asked, HARNESS_CACHE=str(cache)) as process:
-        _wait_for((desk.folder / "gate.reached").exists)
+        wait_for((desk.folder / "gate.reached").exists)
         (environment,) = (path for path in cache.glob("environments/*") if path.is_dir())
         shutil.rmtree(environment / "lib")
         out, err = process.communicate(timeout=PATIENCE)
