@@ -1,4 +1,4 @@
-"""What is made when a wheel is built: the measured results behind `reports/`, as one compressed file in the package."""
+"""Make two files of the package when a wheel is built: the measured results behind `reports/`, and the reports."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 TARGET = "harness/measured.json.gz"
+REPORTS = "harness/reports.zip"
 
 
 class Hook(BuildHookInterface):
@@ -24,9 +25,10 @@ class Hook(BuildHookInterface):
         if version == "editable":
             return
         self.folder = TemporaryDirectory()
-        made = Path(self.folder.name) / "measured.json.gz"
-        made.write_bytes(packed(Path(self.root)))
-        build_data["force_include"][str(made)] = TARGET
+        for target, content in zip((TARGET, REPORTS), packed(Path(self.root)), strict=True):
+            file = Path(self.folder.name) / Path(target).name
+            file.write_bytes(content)
+            build_data["force_include"][str(file)] = target
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove the temporary folder."""
@@ -34,18 +36,18 @@ class Hook(BuildHookInterface):
             self.folder.cleanup()
 
 
-def packed(root: Path) -> bytes:
-    """The measured results of a checkout, compressed."""
+def packed(root: Path) -> tuple[bytes, bytes]:
+    """Return what was measured in a checkout, distilled, and its whole reports; both compressed."""
     distilling = _distilling(root)
-    layers = []
+    layers, reports = [], {}
     for path in sorted((root / "reports").glob("*/report.json")):
 
-        def lock(name: str, folder: Path = path.parent) -> str | None:
+        def text(name: str, folder: Path = path.parent) -> str | None:
             return (folder / name).read_text(encoding="utf-8") if (folder / name).is_file() else None
 
-        layers.append(distilling.layer(json.loads(path.read_bytes()), lock))
-    content: bytes = distilling.packed(distilling.combined(layers))
-    return content
+        reports[path.parent.name] = json.loads(path.read_bytes())
+        layers.append(distilling.layer(reports[path.parent.name], text))
+    return distilling.packed(distilling.combined(layers)), distilling.packed_reports(reports)
 
 
 def _distilling(root: Path) -> ModuleType:

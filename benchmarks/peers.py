@@ -26,15 +26,16 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from harness import interpreters, launch, wire
+from harness import interpreters, launch, matrixfile, plan, wire
 from harness.model import Case, ProbeRequest
-from harness.vocabulary import CHECKS
 
 HERE = Path(__file__).parent
+MATRIX = HERE / "peers" / "probes.toml"
 PYTHONS = ("3.10", "3.11", "3.12")
 GYMNASIUM = ("0.29.1", "1.2.3")
-REQUESTS = {"checks": CHECKS, "repeat": ("single.repeat",)}
-"""What the two processes of a cell are asked: the checks, and the same episode again in a second process."""
+PLANNED = plan.expand(matrixfile.read(MATRIX.read_text(), MATRIX.name), host_python=platform.python_version())
+REQUESTS = {"checks": PLANNED.cells[0].cases[0].checks, "repeat": ("single.repeat",)}
+"""What the two processes of a cell are asked: what we ourselves ask, and the same episode again in a second process."""
 
 TESTS = 4
 CORES = 2

@@ -1,1 +1,1 @@
-"""Which versions of Python, gym, gymnasium and simulators work together: measured, with evidence."""
+"""Find which versions of Python, gym, gymnasium and simulators work together."""

@@ -2,53 +2,63 @@
 
 from __future__ import annotations
 
+import os
+import sys
+
+from harness import interrupts
+
+if __name__ == "__main__" or os.path.basename(sys.argv[0]) in {"simmatrix", "harness"}:  # noqa: PTH119 - at once
+    interrupts.at_once()
+
 import argparse
 import errno
 import gc
 import importlib
-import os
-import shutil
-import signal
-import sys
-from collections.abc import Sequence
-from pathlib import Path
-from types import FrameType
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import harness
-from harness.errors import CouldNotTell, HarnessError
+from harness.errors import BadInput, CouldNotTell, HarnessError, in_the_way
+from harness.standalone import output
 
-VERBS = {
-    "plan": ("harness.commands.plan", "list the cells of a matrix, and what was dropped and why"),
-    "lock": ("harness.commands.lock", "resolve every cell to hash-pinned requirements"),
-    "run": ("harness.commands.run", "lock, build, install, probe and report every cell of a matrix"),
-    "try": ("harness.commands.try_", "try one combination of requirements"),
-    "report": ("harness.commands.report", "tables from stored results"),
-    "show": ("harness.commands.show", "everything known of one cell"),
-    "merge": ("harness.commands.merge", "the reports of shards and machines as one"),
-    "accept": ("harness.commands.accept", "write expectations for what is red now"),
-    "ci": ("harness.commands.ci", "a workflow for GitHub, GitLab or Slurm that runs a matrix"),
-    "init": ("harness.commands.init", "start in somebody's project: matrix, nox session, workflow"),
-    "fetch": ("harness.commands.fetch", "bring all that a matrix needs into a folder, for machines without network"),
-    "explain": ("harness.commands.explain", "why something failed, from what it wrote, or around a command"),
-    "doctor": ("harness.commands.doctor", "what is wrong with an environment, and the nearest known-good"),
-    "recommend": ("harness.commands.recommend", "which versions work together, as measured"),
-    "repair": ("harness.commands.repair", "the smallest change that turns a red cell green, proven by a rerun"),
-    "bisect": ("harness.commands.bisect", "the release, day or Python at which a cell broke"),
-    "gc": ("harness.commands.gc", "remove what is old or too much from cache and state"),
-    "schema": ("harness.commands.schema_", "JSON Schemas of matrix files and of every document"),
+GROUPS = {
+    "find out": {
+        "explain": ("harness.commands.explain", "name the cause of a failure: from a log, or around a command"),
+        "known": ("harness.commands.known", "list measured packages and known issues, or open one"),
+        "recommend": ("harness.commands.recommend", "name versions that were measured together and work"),
+        "try": ("harness.commands.try_", "measure one combination of requirements"),
+        "doctor": ("harness.commands.doctor", "inspect an environment, and name the nearest versions that work"),
+        "repair": ("harness.commands.repair", "find the smallest change that makes a combination work"),
+        "bisect": ("harness.commands.bisect", "find the release, day or Python at which a combination broke"),
+        "show": ("harness.commands.show", "show all that is known of one combination"),
+    },
+    "measure": {
+        "init": ("harness.commands.init", "write a matrix, a nox session and a workflow for your project"),
+        "plan": ("harness.commands.plan", "list the combinations of a matrix, and which were dropped"),
+        "lock": ("harness.commands.lock", "resolve every combination to hash-pinned requirements"),
+        "run": ("harness.commands.run", "lock, build, install, test and report every combination of a matrix"),
+        "fetch": ("harness.commands.fetch", "download all that a matrix needs, to measure without network"),
+    },
+    "publish": {
+        "report": ("harness.commands.report", "make tables from stored results"),
+        "merge": ("harness.commands.merge", "merge the reports of shards and machines into one"),
+        "accept": ("harness.commands.accept", "write an expectation for each combination that fails now"),
+        "ci": ("harness.commands.ci", "write a workflow that runs a matrix: GitHub, GitLab, Slurm"),
+    },
+    "keep house": {
+        "gc": ("harness.commands.gc", "delete old results and unused cache entries"),
+        "schema": ("harness.commands.schema_", "print the JSON Schema of matrix files and of every document"),
+    },
 }
-"""Verb: module and one line of help. A module is imported only when its verb is used."""
+"""Verbs by what a user wants, each with its module and one line of help. A module is imported when its verb is used."""
 
-SHORTAGES = frozenset(
-    getattr(errno, f"E{name}")
-    for name in ("NOSPC", "DQUOT", "ROFS", "IO", "ACCES", "PERM", "MFILE", "NFILE", "NOMEM", "AGAIN")
-)
-"""What the system answers when it is full, broken, forbids something or has too little left: no bug of ours."""
+VERBS = {verb: entry for verbs in GROUPS.values() for verb, entry in verbs.items()}
 
-INTERRUPTED = 130
-TERMINATED = 143
+NO_NAME = frozenset({errno.ENAMETOOLONG, errno.ELOOP})
+"""Errors of the system for a path that no file can have: the path came from the command line, a variable or a file."""
 
+LONGEST_PATH = 80
+"""Characters of a path that a message shows, where it is too long for a file."""
 
 GARBAGE = 50_000
 """Objects made before Python looks for circles among them: records are many and hold none."""
@@ -56,38 +66,44 @@ GARBAGE = 50_000
 
 def console() -> None:
     """Entry point of the installed commands."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # it was closed by whoever started us
-            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - to the end
+    output.guard()
     sys.exit(main(sys.argv[1:]))
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run one verb and return the exit code of the contract."""
-    signal.signal(signal.SIGTERM, _terminate)
     gc.set_threshold(GARBAGE)
     try:
         verb, rest = _verb(arguments)
         module = _imported(VERBS[verb][0])
         parser = argparse.ArgumentParser(prog=f"simmatrix {verb}", description=module.HELP)
         module.add_arguments(parser)
-        code = int(module.main(_parsed(module, parser, rest)))
+        parsed = _parsed(module, parser, rest)
+        _stand_somewhere()
+        interrupts.orderly()  # not while modules are imported: some crash where a signal raises in them
+        code = int(module.main(parsed))
         print(end="", flush=True)  # what cannot be written any more is known here, not when Python ends
         return code
     except HarnessError as error:
         print(f"simmatrix: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("simmatrix: interrupted; finished cells are kept, the same command goes on from there", file=sys.stderr)
-        return INTERRUPTED
-    except _Terminated:
-        print("simmatrix: terminated; finished cells are kept, the same command goes on from there", file=sys.stderr)
-        return TERMINATED
-    except BrokenPipeError:  # whoever read the output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        print(interrupts.sentence(interrupts.INTERRUPTED), file=sys.stderr)
+        return interrupts.INTERRUPTED
+    except interrupts.Terminated:
+        print(interrupts.sentence(interrupts.TERMINATED), file=sys.stderr)
+        return interrupts.TERMINATED
     except Exception as error:
         return _unforeseen(error)
+
+
+def _stand_somewhere() -> None:
+    """Refuse to work in a folder that was removed. Raises BadInput."""
+    try:
+        os.getcwd()  # noqa: PTH109 - start-up
+    except FileNotFoundError:
+        message = "the working folder does not exist any more; change to another one"
+        raise BadInput(message) from None
 
 
 def _parsed(module: Any, parser: argparse.ArgumentParser, rest: Sequence[str]) -> argparse.Namespace:
@@ -99,9 +115,13 @@ def _parsed(module: Any, parser: argparse.ArgumentParser, rest: Sequence[str]) -
 
 
 def _unforeseen(error: Exception) -> int:
-    """Tell a machine that is short of something from a bug of ours."""
-    if isinstance(error, shutil.Error) or (isinstance(error, OSError) and error.errno in SHORTAGES):
-        print(f"simmatrix: this machine got in the way: {error}; mend that and type the same again", file=sys.stderr)
+    """Tell a machine that is short of something, and a name that no file can have, from a bug of ours."""
+    if isinstance(error, OSError) and error.errno in NO_NAME:
+        print(f"simmatrix: {_shortened(str(error.filename))}: {error.strerror}; name another path", file=sys.stderr)
+        return BadInput.exit_code
+    machine = in_the_way(error)
+    if machine:
+        print(f"simmatrix: {machine}; mend that and type the same again", file=sys.stderr)
         return CouldNotTell.exit_code
     import traceback  # noqa: PLC0415 - start-up
 
@@ -110,12 +130,8 @@ def _unforeseen(error: Exception) -> int:
     return HarnessError.exit_code
 
 
-class _Terminated(BaseException):
-    """SIGTERM, raised in the main thread so that `with` blocks end what they started."""
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise _Terminated
+def _shortened(path: str) -> str:
+    return path if len(path) <= LONGEST_PATH else f"{path[:LONGEST_PATH]}..."
 
 
 def _imported(name: str) -> Any:
@@ -131,15 +147,19 @@ def _imported(name: str) -> Any:
 
 
 def _verb(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
-    lines = "\n".join(f"  {name:<8} {text}" for name, (_, text) in VERBS.items())
+    """Split the verb from its arguments; without any, print the list of verbs and exit."""
     parser = argparse.ArgumentParser(
         prog="simmatrix",
         description=harness.__doc__,
-        epilog=f"verbs:\n{lines}\n\n`simmatrix VERB --help` tells the rest.",
+        epilog="\n".join(_help_of_verbs()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         usage="simmatrix VERB [...]",
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     parser.add_argument("verb", metavar="VERB", help=argparse.SUPPRESS)
+    if not arguments:
+        parser.print_help()
+        parser.exit()
     verb = str(parser.parse_args(arguments[:1]).verb)
     if verb not in VERBS:
         from difflib import get_close_matches  # noqa: PLC0415 - start-up
@@ -147,6 +167,25 @@ def _verb(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
         near = get_close_matches(verb, VERBS, n=1)
         parser.error(f'there is no verb "{verb}"' + (f'; did you mean "{near[0]}"?' if near else ""))
     return verb, arguments[1:]
+
+
+def _help_of_verbs() -> Iterator[str]:
+    width = max(map(len, VERBS))
+    for purpose, verbs in GROUPS.items():
+        yield f"{purpose}:"
+        yield from (f"  {verb:<{width}}  {text}" for verb, (_, text) in verbs.items())
+        yield ""
+    yield "`simmatrix VERB --help` tells the rest."
+
+
+class _Version(argparse.Action):
+    """Print the version of the distribution and exit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import version  # noqa: PLC0415 - start-up
+
+        print(f"simmatrix {version('simmatrix')}")
+        parser.exit()
 
 
 if __name__ == "__main__":

@@ -7,15 +7,14 @@ it stays as it is, comments included.
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from itertools import combinations, permutations
 from typing import Any
 
+from harness import cellid, schema
 from harness.errors import BadInput
 from harness.evidence import causes
 from harness.matrix import ExpectTable, Matrix
@@ -141,7 +140,7 @@ def _string(text: str) -> str:
     """A TOML string; one with backslashes reads better between single quotes."""
     if "\\" in text and "'" not in text and text.isprintable():
         return f"'{text}'"
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return schema.toml_value(text)
 
 
 def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pattern: str) -> list[str]:
@@ -152,7 +151,7 @@ def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pat
     for selector in (one, labels[0] if len(labels) == 1 else None, two):
         if selector:
             return [selector]
-    if {cell.id for cell in cells if _globbed(pattern, cell)} == ids:
+    if {cell.id for cell in cells if cellid.fits(pattern, cell)} == ids:
         return [f"cells = {_string(pattern)}"]
     return list(_parts(matrix, cells, group))
 
@@ -238,11 +237,7 @@ def _owned(tables: Sequence[ExpectTable], cells: Iterable[Cell], matrix: Matrix)
 def _fits(table: ExpectTable, cell: Cell, matrix: Matrix) -> bool:
     if cell.base is not None and not table.of_changed:
         return False
-    return (table.cells is None or _globbed(table.cells, cell)) and _holds(table.when, cell, matrix)
-
-
-def _globbed(pattern: str, cell: Cell) -> bool:
-    return fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)
+    return (table.cells is None or cellid.fits(table.cells, cell)) and _holds(table.when, cell, matrix)
 
 
 def _holds(when: When, cell: Cell, matrix: Matrix) -> bool:
@@ -286,10 +281,13 @@ def _lines_of(lines: Sequence[str], start: int, stop: int) -> range:
 
 
 def _headers(lines: Sequence[str]) -> Iterator[int]:
-    """Lines that begin a table, those inside expectations apart: what stands above one is a whole document."""
+    """Lines that begin a table, those inside expectations apart: what stands since the last one is a whole document."""
+    last = 0
     for at, line in enumerate(lines):
-        if HEADER.match(line) and not INNER.match(line) and _whole("\n".join([*lines[:at], ""])):
-            yield at
+        if HEADER.match(line) and _whole("\n".join([*lines[last:at], ""])):
+            last = at
+            if not INNER.match(line):
+                yield at
 
 
 def _whole(text: str) -> bool:

@@ -27,9 +27,9 @@ import sys
 if sys.version_info < (3, 7):
     sys.exit("simmatrix-doctor: needs Python 3.7 or newer, this is %d.%d" % sys.version_info[:2])
 sys.dont_write_bytecode = True
-from {INSIDE}.__main__ import main
+from {INSIDE}.__main__ import console
 
-sys.exit(main(sys.argv[1:]))
+console()
 """
 WHEN = (1980, 1, 1, 0, 0, 0)
 """The time of every member, the first that a zip file knows."""

@@ -8,6 +8,8 @@ that a second one resolves nothing.
 from __future__ import annotations
 
 import hashlib
+import re
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -18,14 +20,20 @@ from warnings import simplefilter
 from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, locks, machine, normalise, process, sdists, uv, uvcli
+from harness import guarded_files, index, locks, machine, normalise, process, sdists, uv, uvcli
 from harness.errors import BadInput, CouldNotTell
 from harness.filelocks import exclusive, use
+from harness.hostile_data import Unreadable, understanding
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
-from harness.outcomes import MACHINE_TROUBLE
-from harness.store import cache_folder, digest, open_store, write_atomic
+from harness.outcomes import SHOT, machine_trouble
+from harness.scratch_folders import removed
+from harness.store import cache_folder, digest, open_store, own_folders, write_atomic
 
 LIMITS = process.Limits(seconds=1800.0)
+COMPILER_KILLED = "Killed signal terminated program"
+"""The words of gcc where the kernel ended its compiler: for want of memory, if it ended something meanwhile."""
+
+KEY = re.compile(r"[0-9a-f]{32}")
 FIXED = {"SOURCE_DATE_EPOCH": "315532800"}
 """The oldest time that a zip file can hold: a build that honours it makes the same wheel twice."""
 
@@ -157,7 +165,7 @@ def build_tree(
 def _done(job: _Job) -> Built | Step:
     memory = _memory(job.request)
     with exclusive(memory.with_suffix(".lock")):
-        built = kept(memory.read_text(encoding="ascii")) if memory.exists() else None
+        built = remembered(memory)
         if built is None:
             try:
                 built = _made(job)
@@ -171,7 +179,7 @@ def adopt(pin: Pin, interpreter: Interpreter, question: Question, key: str, whee
     """Take a wheel that was built on another machine for this Python as the answer to its request here."""
     memory = _memory(_request(pin, interpreter, question))
     with exclusive(memory.with_suffix(".lock")):
-        if not memory.exists() or kept(memory.read_text(encoding="ascii")) is None:
+        if remembered(memory) is None:
             write_atomic(cache_folder() / "wheels" / key / wheel.name, wheel.read_bytes())
             write_atomic(memory, key.encode())
 
@@ -188,13 +196,42 @@ def _memory(request: str) -> Path:
     return cache_folder() / "wheels" / "requests" / f"{request}.txt"
 
 
+def remembered(memory: Path) -> Built | None:
+    """The wheel that a request led to before, if both are whole."""
+    try:
+        key = guarded_files.text(memory, 100)
+    except Unreadable:
+        return None
+    return kept(key) if KEY.fullmatch(key) else None
+
+
 def kept(key: str) -> Built | None:
-    """The wheel of a build, if it is in the store."""
-    use(cache_folder() / "wheels" / key)
-    wheel = next((cache_folder() / "wheels" / key).glob("*.whl"), None)
+    """The wheel of a build, if it is in the store; one that is damaged is removed, and so built again."""
+    folder = cache_folder() / "wheels" / key
+    use(folder)
+    wheel = next(folder.glob("*.whl"), None)
     if wheel is None:
         return None
-    return Built(path=wheel, sha256=hashlib.sha256(wheel.read_bytes()).hexdigest(), key=key)
+    try:
+        with understanding():
+            return Built(path=wheel, sha256=_sound(wheel), key=key)
+    except Unreadable:
+        removed(folder)
+        return None
+
+
+def _sound(wheel: Path) -> str:
+    """Return the SHA-256 of a wheel of which every file is whole. Raises anything where one is not."""
+    if wheel.is_symlink() or not wheel.is_file():
+        message = "it is not a regular file"
+        raise Unreadable(message)
+    with wheel.open("rb") as file:
+        mark = hashlib.file_digest(file, "sha256").hexdigest()
+    sdists.requires_dist(wheel)
+    with zipfile.ZipFile(wheel) as archive:
+        if broken := archive.testzip():
+            raise Unreadable(broken)
+    return mark
 
 
 def _made(job: _Job) -> Built:
@@ -295,19 +332,22 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
     base = machine.base_environment()
     path = f"{place.python.parent}:{base['PATH']}"
     given = bench.job.question.build_variables
-    completed = process.run(
-        process.Command(
-            argv=argv,
-            cwd=bench.source,
-            env={**base, "PATH": path, "VIRTUAL_ENV": str(place.path), **FIXED, **given, **more},
-            limits=LIMITS,
-            log=log,
-            profile=process.Profile.CELL,
-            home=home,
-            sealed=(place.path,),
-        )
+    command = process.Command(
+        argv=argv,
+        cwd=bench.source,
+        env={**base, "PATH": path, "VIRTUAL_ENV": str(place.path), **FIXED, **given, **more},
+        limits=LIMITS,
+        log=log,
+        profile=process.Profile.CELL,
+        home=home,
+        sealed=(place.path,),
+        shielded=own_folders(),
+        writable=(bench.work,),
     )
-    text = log.read_text(encoding="utf-8", errors="replace")
+    completed = process.run(command)
+    if completed.shot:  # by whatever is short of memory: that may have passed
+        completed = process.run(command)
+    text = guarded_files.log_text(log)
     hooks = Path(argv[1]).parent  # the script that calls the build backend
     places = {**uvcli.places(), str(place.path): "$ENV", str(bench.work): "$BUILD", str(hooks): "$HOOKS"}
     write_atomic(log, normalise.normalise(text, places).encode())
@@ -316,15 +356,18 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
 
 
 def _failure(job: _Job, completed: process.Completed, hook: str) -> _Stopped:
-    text = completed.log.read_text(encoding="utf-8")
+    text = guarded_files.log_text(completed.log)
     log = open_store().relative(completed.log)
     if completed.timed_out:
         return job.stopped(Outcome.TIMED_OUT, f"{job.title}: {hook} did not end within {LIMITS.seconds:g} s", log)
-    if completed.killed or completed.out_of_memory:
-        why = completed.killed or f"more than {LIMITS.memory_mb} MB of memory"
+    if completed.killed or completed.out_of_memory or completed.shot:
+        why = completed.killed or (SHOT if completed.shot else f"more than {LIMITS.memory_mb} MB of memory")
         return job.stopped(Outcome.INFRA, f"{job.title}: {hook} was ended: {why}", log)
-    decisive = normalise.decisive_line(text) or f"{hook} ended with exit code {completed.exit_code}"
-    return job.stopped(Outcome.INFRA if MACHINE_TROUBLE.search(text) else Outcome.FAILED, decisive, log)
+    died = completed.signal and f"{hook}: {normalise.death(None, completed.signal, text)}"
+    decisive = died or normalise.decisive_line(text) or f"{hook} ended with exit code {completed.exit_code}"
+    starved = completed.starved and COMPILER_KILLED in text
+    trouble = starved or machine_trouble(text, decisive, completed.least_room_mb)
+    return job.stopped(Outcome.INFRA if trouble else Outcome.FAILED, decisive, log)
 
 
 def _fitting(job: _Job, folder: Path) -> None:

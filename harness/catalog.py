@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness import expansion, interpreters, knowledge, matrixfile, plan, remedies, repairs
+from harness import expansion, given_files, knowledge, matrixfile, plan, remedies, repairs
 from harness.errors import BadInput, CouldNotTell
 from harness.matrix import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
@@ -126,15 +127,7 @@ def locate(name: str) -> Path:
 
 def _text(path: Path, place: str | None = None) -> str:
     """The text of a file, which `place` in a matrix asks for."""
-    where = f"{place}: {path}" if place else f"{path}"
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        message = f"{where}: cannot be read: {error.strerror}"
-        raise BadInput(message) from None
-    except UnicodeDecodeError:
-        message = f"{where}: is not UTF-8 text"
-        raise BadInput(message) from None
+    return given_files.read_text(path, f"{place}: {path}" if place else "")
 
 
 def _expansion(
@@ -193,11 +186,8 @@ def _breaks() -> expansion.Breaks:
 
 
 def _host() -> str:
-    found = interpreters.find("host")
-    if found is None:
-        message = "the Python that runs this cannot be found on disk"
-        raise CouldNotTell(message)
-    return found.version
+    """Return the version that `host` stands for; a build from a checkout calls itself 3.14.0+."""
+    return platform.python_version().removesuffix("+")
 
 
 def _located(settings: IndexSettings, folder: Path) -> IndexSettings:

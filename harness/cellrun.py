@@ -7,12 +7,16 @@ same key are not run again.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import islice
 from pathlib import Path
+from secrets import token_hex
 from types import MappingProxyType
 
-from harness import frames, launch, nativesays, normalise, outcomes
+from harness import bare_start, bytecode, frames, launch, misleading, nativesays, normalise, outcomes, sources
+from harness.hostile_data import Unreadable
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -25,9 +29,11 @@ from harness.model import (
     Outcome,
     Phase,
     PhaseRecord,
+    Step,
 )
 from harness.store import Store, digest, now, write_atomic
 from harness.verdict import worst
+from harness.vocabulary import MISLEADING
 
 DEFAULT_SECONDS = 120.0
 MEASURED_AGAIN = frozenset({Outcome.INFRA, Outcome.UNAVAILABLE, Outcome.TIMED_OUT, Outcome.NOT_REACHED})
@@ -35,6 +41,9 @@ MEASURED_AGAIN = frozenset({Outcome.INFRA, Outcome.UNAVAILABLE, Outcome.TIMED_OU
 
 Wanted = Mapping[Phase, tuple[str, ...]]
 """The checks of each phase."""
+
+MOST_EVIDENCE, MOST_FRAMES = 16 << 20, 4
+"""Bytes of text that are kept of one run, and frames of one check."""
 
 RUNS_TO_CONFIRM = 3
 LOOP, REPEAT, ACROSS = "single.loop", "single.repeat", "single.repeat.process"
@@ -115,6 +124,16 @@ def not_reached(case: Case) -> CaseRecord:
     return _record(case, [_absent(phase, phase in _wanted(case, CASE_PHASES[-1])) for phase in CASE_PHASES])
 
 
+def untold(case: Case, step: Step) -> CaseRecord:
+    """The record of a case that could not be measured to its end, for a reason that says nothing about packages."""
+    wanted = _wanted(case, CASE_PHASES[-1])
+    first = next(iter(wanted), Phase.IMPORT)
+    evidence = step.log and step.log.rpartition("/")[0]
+    return _reached(
+        case, {first: PhaseRecord(phase=first, outcome=step.outcome, decisive=step.decisive, evidence=evidence)}
+    )
+
+
 def _reached(case: Case, known: Mapping[Phase, PhaseRecord]) -> CaseRecord:
     asked = _wanted(case, CASE_PHASES[-1])
     return _record(case, [known.get(phase) or _absent(phase, phase in asked) for phase in CASE_PHASES])
@@ -152,14 +171,13 @@ def _limits(case: Case) -> tuple[object, ...]:
 
 def _asked(case: Case) -> tuple[object, ...]:
     drawn = sorted((case.picture or {}).items())
-    return case.env, case.api, case.kwargs, case.imports, case.providers, drawn, case.steps, case.seed
+    modules = (case.imports, case.providers, case.beside)
+    return case.env, case.api, case.kwargs, modules, drawn, case.steps, case.seed
 
 
-@cache
 def _judging() -> str:
-    """A hash of what turns a reply into an outcome: results judged in another way are measured again."""
-    files = [Path(str(module.__file__)) for module in (normalise, outcomes)]
-    return digest(*(file.read_text(encoding="utf-8") for file in files))
+    """Identify what turns a reply into an outcome: results judged in another way are measured again."""
+    return sources.digest(__name__)
 
 
 def _stored(context: Context, case: Case, wanted: Wanted) -> tuple[dict[Phase, PhaseRecord], Wanted]:
@@ -205,8 +223,11 @@ class _Measurement:
     ended: dict[str, _Ended] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     overran: set[str] = field(default_factory=set)
+    shot: set[str] = field(default_factory=set)
     runs: int = 0
+    token: str = field(default_factory=lambda: token_hex(4))
     compiled_anew: bool = False
+    made_anew: bool = False
 
     def phases(self, wanted: Mapping[Phase, tuple[str, ...]]) -> dict[Phase, PhaseRecord]:
         """Run the checks of these phases and return what each phase came to."""
@@ -224,7 +245,8 @@ class _Measurement:
         known: dict[Phase, Outcome] = {}
         for check, ended in self.ended.items():
             phase = outcomes.phase_of(check)
-            known[phase] = worst((ended.record.outcome, known.get(phase, Outcome.PASSED)))
+            told = [one.outcome for one in misleading.settled([ended.record])]
+            known[phase] = worst((*told, known.get(phase, Outcome.PASSED)))
         return [c for c in checks if c not in self.ended and outcomes.reachable(outcomes.phase_of(c), known)]
 
     def _seconds(self, check: str) -> float:
@@ -233,11 +255,13 @@ class _Measurement:
     def _run(self, limits: Mapping[str, float]) -> dict[str, _Ended]:
         """Run checks in one process; where that met bytecode that is not whole, once more without what was kept."""
         ended = self._run_once(limits)
+        if not self.made_anew and any(e.record.decisive == launch.TAKEN_AWAY for e in ended.values()):
+            self.made_anew = True
+            ended = self._run_once(limits)
         if self.compiled_anew or not any(outcomes.CUT_SHORT.search(e.record.decisive or "") for e in ended.values()):
             return ended
         self.compiled_anew = True
-        for path in self.context.site().pycache.rglob("*.pyc"):
-            path.unlink(missing_ok=True)
+        bytecode.forget(self.context.site().pycache)
         return self._run_once(limits)
 
     def _run_once(self, limits: Mapping[str, float]) -> dict[str, _Ended]:
@@ -245,16 +269,21 @@ class _Measurement:
         for check in limits:
             self.context.notify(check)
         self.runs += 1
-        name = digest(self.context.identity, self.case.id, _asked(self.case), sorted(limits))[:16] + f"-{self.runs}"
-        with launch.probe(self.context.site(), self.case, limits) as run:
+        asked = digest(self.context.identity, self.case.id, _asked(self.case), sorted(limits))[:16]
+        name = f"{asked}-{self.token}-{self.runs}"  # a second measurement never lies among what the first one left
+        site = self.context.site()
+        with launch.probe(site, self.case, limits) as run:
             evidence = self._keep(run, name)
-            replies = [reply for reply in run.reply.checks if reply.check in limits]
+            replies = [reply for reply in run.reply.checks if reply.check in limits or _compared(reply)]
             self.findings += [] if REPEAT in limits else self._found(run, limits)
+            if not replies and run.completed.shot and not limits.keys() & self.shot:
+                self.shot |= limits.keys()
+                return {}
             if not replies or self._python(run) != self.context.python:
-                return {next(iter(limits)): self._not_tried(run, next(iter(limits)), evidence)}
+                return {next(iter(limits)): self._not_tried(run, site, next(iter(limits)), evidence)}
             judged = [self._judged(run, reply, limits, evidence) for reply in replies]
         ended = {one.record.check: one for one in judged if one}
-        if any(one.record.outcome in FAILING for one in ended.values()) and not self.context.site().stands():
+        if any(one.record.outcome in FAILING for one in ended.values()) and not site.stands():
             check = next(iter(limits))
             record = CheckRecord(check=check, outcome=Outcome.INFRA, decisive=launch.TAKEN_AWAY)
             return {check: _Ended(record=record, attempts=1, evidence=evidence)}
@@ -267,12 +296,15 @@ class _Measurement:
         if record.outcome is Outcome.TIMED_OUT and reply.check not in self.overran:
             self.overran.add(reply.check)
             return None
+        if outcomes.shot(record) and reply.check not in self.shot:
+            self.shot.add(reply.check)
+            return None
         pictures = tuple(
             self.context.store.relative(picture)
-            for array, picture in self._pictures(run, reply.check, evidence)
-            if frames.keep(array, picture)
+            for content, picture in self._pictures(run, reply.check, evidence)
+            if frames.keep(content, picture)
         )
-        attempts = 2 if reply.check in self.overran else 1
+        attempts = 2 if reply.check in self.overran | self.shot else 1
         if reply.outcome is None:
             before = sum(check.seconds for check in run.reply.checks)
             record = replace(record, seconds=round(run.completed.seconds - before, 3))
@@ -285,20 +317,33 @@ class _Measurement:
         """The version of the Python that ran; a build from a checkout calls itself 3.14.0+."""
         return str(run.reply.facts.get("python", "")).removesuffix("+")
 
-    def _not_tried(self, run: launch.ProbeRun, check: str, evidence: str) -> _Ended:
-        """The probe ended before its first check, or another Python ran it: whatever it was, no package was tried."""
-        told = run.completed.killed or "; ".join(run.reply.problems) or run.last_words()
+    def _not_tried(self, run: launch.ProbeRun, site: launch.Site, check: str, evidence: str) -> _Ended:
+        """The probe ended before its first check, or another Python ran it: no package was tried.
+
+        One may be at fault all the same, where Python does not even start with it.
+        """
+        ended = outcomes.SHOT if run.completed.shot else run.completed.killed
+        told = ended or "; ".join(run.reply.problems) or run.last_words()
         decisive = f"the probe did not start: {told}"
         if run.reply.checks:
             decisive = f"the environment's Python is {self._python(run)}, not {self.context.python}"
-        record = CheckRecord(check=check, outcome=Outcome.INFRA, decisive=self._clean(run, decisive))
+        outcome, done = Outcome.INFRA, run.completed
+        if not (ended or run.reply.facts or done.timed_out or done.out_of_memory or run.full):
+            broken = bare_start.broken_by_packages(site)
+            if broken and not site.stands():
+                decisive = launch.TAKEN_AWAY
+            elif broken:
+                outcome, decisive = Outcome.FAILED, broken
+        record = CheckRecord(check=check, outcome=outcome, decisive=self._clean(run, decisive))
         return _Ended(record=record, attempts=1, evidence=evidence)
 
-    def _pictures(self, run: launch.ProbeRun, check: str, evidence: str) -> Iterable[tuple[Path, Path]]:
-        for shown, name in run.reply.frames:
-            array = run.replies / name
-            if shown == check and array.parent == run.replies:
-                yield array, self.context.store.folder / evidence / f"{array.stem}.png"
+    def _pictures(self, run: launch.ProbeRun, check: str, evidence: str) -> Iterable[tuple[bytes, Path]]:
+        """Yield the arrays that a check drew, at most two, each with the file that it is to be kept in."""
+        drawn = dict.fromkeys(name for shown, name in run.reply.frames if shown == check)
+        for name in islice(drawn, MOST_FRAMES):
+            with suppress(Unreadable):
+                content = run.left.head(name, frames.LARGEST + 1)
+                yield content, self.context.store.folder / evidence / f"{Path(name).stem}.png"
 
     def _found(self, run: launch.ProbeRun, limits: Mapping[str, float]) -> list[Finding]:
         phase = outcomes.phase_of(next(iter(limits)))
@@ -317,10 +362,11 @@ class _Measurement:
     def _keep(self, run: launch.ProbeRun, name: str) -> str:
         """Keep the texts of a run, without this machine's paths."""
         folder = self.context.store.evidence(name)
-        for path in (run.completed.log, *sorted(run.replies.glob("*.jsonl")), *sorted(run.replies.glob("*.txt"))):
-            if path.is_file() and path.stat().st_size:
-                text = path.read_bytes()[: 4 << 20].decode("utf-8", "replace")
-                write_atomic(folder / path.name, self._clean(run, text).encode())
+        left = MOST_EVIDENCE
+        for file, text in run.texts():
+            content = self._clean(run, text[:left]).encode(errors="replace")
+            write_atomic(folder / file, content)
+            left = max(0, left - len(content))
         return self.context.store.relative(folder)
 
     def _clean(self, run: launch.ProbeRun, text: str) -> str:
@@ -329,7 +375,7 @@ class _Measurement:
     def _confirm(self) -> None:
         """Run each failed check again: one that also passes is flaky."""
         for check, ended in list(self.ended.items()):
-            if ended.record.outcome not in FAILING:
+            if ended.record.outcome not in FAILING or check in MISLEADING:
                 continue
             again = [self._run({check: 2 * self._seconds(check)}).get(check, ended) for _ in range(RUNS_TO_CONFIRM - 1)]
             passed = sum(e.record.outcome is Outcome.PASSED for e in again)
@@ -353,15 +399,17 @@ class _Measurement:
         self.findings.append(Finding(check=ACROSS, level=Level.WARNING, text=text))
 
     def _phase(self, phase: Phase, names: tuple[str, ...]) -> PhaseRecord:
-        ended = [self.ended[name] for name in names if name in self.ended]
-        outcome = worst(e.record.outcome for e in ended)
-        decisive = next(e for e in ended if e.record.outcome is outcome)
+        comparisons = [name for name in self.ended if name in MISLEADING and outcomes.phase_of(name) is phase]
+        ended = [self.ended[name] for name in (*names, *comparisons) if name in self.ended]
+        counting = misleading.settled(e.record for e in ended)
+        outcome = worst(record.outcome for record in counting)
+        decisive = next((e for e in ended if e.record in counting and e.record.outcome is outcome), ended[0])
         findings = {(f.check, f.text): f for f in self.findings if f.check.partition(".")[0] == phase}
         return PhaseRecord(
             phase=phase,
             outcome=outcome,
             seconds=round(sum(e.record.seconds for e in ended), 3),
-            decisive=decisive.record.decisive,
+            decisive=decisive.record.decisive if decisive.record in counting else None,
             checks=tuple(_kept(e.record) for e in ended),
             findings=tuple(findings.values()),
             frames=tuple(picture for e in ended for picture in e.frames),
@@ -370,6 +418,11 @@ class _Measurement:
             measured=now(),
             peak_mb=max((e.peak_mb for e in ended if e.peak_mb), default=None),
         )
+
+
+def _compared(reply: CheckReply) -> bool:
+    """Whether a check that no case asks for, since it follows another, compared the case with its specification."""
+    return reply.check in MISLEADING and reply.outcome is not None
 
 
 def _kept(record: CheckRecord) -> CheckRecord:

@@ -8,10 +8,11 @@ from typing import Any
 
 import msgspec
 
-from harness import failure, repairs, verdict
+from harness import cellid, failure, repairs, verdict
 from harness.model import FAILING, Cell, Change, Phase, Question, Repair
-from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry, Effect
+from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry
 from harness.standalone import remedies
+from harness.tabletypes import Effect
 from harness.vocabulary import parsed_requirement, required_name
 
 NEVER = "python_version < '0'"
@@ -88,6 +89,11 @@ def _with_extras(new: Iterable[str], old: Iterable[str]) -> Iterator[str]:
             yield line.replace(name, f"{name}[{','.join(sorted(taken))}]", 1)
 
 
+def id_of(cell: Cell, name: str, change: Change) -> str:
+    """Return the id of a cell with a change of this name; it says where the cell runs on another Python."""
+    return cellid.changed(cell.id, name, change.python if change.python != cell.python else None)
+
+
 def same(one: Cell, other: Cell) -> bool:
     """Whether two cells come to the same measurement, whatever they are called and in whatever order they ask."""
     return _plain(one) == _plain(other)
@@ -152,8 +158,8 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
 
 
 def works(cell: CellEntry) -> bool:
-    """Whether all of it that was asked for passed."""
-    return verdict.fulfilled(cell.verdict, cell.phases)
+    """Return whether all of it that was asked for passed, and no silent issue is left open."""
+    return verdict.fulfilled(cell.verdict, cell.phases, cell.unverified)
 
 
 def _failed(cell: CellEntry) -> set[tuple[str, str]]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 
 from harness.model import Cell, Change, Phase
@@ -69,6 +71,54 @@ def told_to_install(cell: Cell, evidence: Iterable[Evidence]) -> Iterator[Change
                     yield Change(requirements=(f"{name}[{extras}]{old.specifier}",))
                 elif name not in asked and name in {required_name(each) for each in PROVIDERS.values()}:
                     yield Change(requirements=(match[1],))
+
+
+# --- bounds that an error names --------------------------------------------------------------------------------
+
+BOUND = re.compile(r"\b([A-Za-z][\w.-]*?)(?:\[[\w.,-]+\])?\s?((?:(?:[<>]=?|==|~=|!=)\s?\d[\w.*]*,?\s?)+)")
+"""A package with bounds on its version, as `mujoco<3` and `gymnasium>=0.28.1,<0.30`."""
+
+
+def bounds(texts: Iterable[str], names: Collection[str]) -> dict[str, SpecifierSet]:
+    """Return the bounds that texts name on these packages; of several on one package the first."""
+    found: dict[str, SpecifierSet] = {}
+    for text in texts:
+        for name, bound in named_bounds(text):
+            if name in names:
+                found.setdefault(name, bound)
+    return found
+
+
+def all_bounds(text: str, name: str) -> tuple[SpecifierSet, ...]:
+    """Return the bounds that a text names on a package."""
+    return tuple(bound for each, bound in named_bounds(text) if each == name)
+
+
+def named_bounds(text: str) -> Iterator[tuple[str, SpecifierSet]]:
+    """Yield packages with their bounds, `a>=2 or <1` being two of one; a line that names one release bounds nothing."""
+    name = ""
+    for match in BOUND.finditer(text):
+        name = name if match[1] in {"or", "and"} else str(canonicalize_name(match[1]))
+        with suppress(InvalidSpecifier):
+            specifier = SpecifierSet(match[2].strip(" ,."))
+            if name and not all(each.operator == "==" for each in specifier):
+                yield name, specifier
+
+
+def refused(texts: Iterable[str], versions: Mapping[str, str]) -> dict[str, SpecifierSet]:
+    """Return the bounds that texts name and that these versions do not meet."""
+    found = bounds(texts, versions)
+    return {name: bound for name, bound in found.items() if not bound.contains(versions[name], prereleases=True)}
+
+
+def written(bound: SpecifierSet) -> str:
+    """Return a bound as people write it, the lower end first."""
+    return ",".join(sorted(map(str, bound), key=lambda text: (text.startswith("<"), text)))
+
+
+def subjects(text: str) -> frozenset[str]:
+    """Return the packages that a sentence of the resolver bounds; Python is none of them."""
+    return frozenset(str(canonicalize_name(match[1])) for match in BOUND.finditer(text)) - {"python"}
 
 
 # --- what may be at fault --------------------------------------------------------------------------------------

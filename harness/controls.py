@@ -17,8 +17,9 @@ from typing import Annotated, Any
 from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
-from harness import locks, schema, verdict
+from harness import given_files, locks, schema, verdict
 from harness.errors import BadInput
+from harness.exercised import unregistered
 from harness.matrix import Table
 from harness.model import (
     FAILING,
@@ -96,9 +97,9 @@ def _lock(place: Path, name: str) -> Mapping[str, tuple[str, tuple[str, ...]]]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        message = f"{path}: cannot be read: {error.strerror}; {VARIABLE} names the folder of the controls"
+        return given_files.read_text(path)
+    except BadInput as error:
+        message = f"{error}; {VARIABLE} names the folder of the controls"
         raise BadInput(message) from None
 
 
@@ -108,7 +109,7 @@ def _text(path: Path) -> str:
 def wanted(record: CellRecord) -> dict[str, Cell | str]:
     """The control, as a cell, of each adapter with which something failed after the install; or why there is none."""
     place = folder()
-    if place is None or record.installed is None or record.cell.matrix == MATRIX:
+    if place is None or record.installed is None or record.cell.matrix == MATRIX or unregistered(record):
         return {}
     plain = replace(record, controls={}) if record.controls else record
     doubtful = (case for case in record.cases if case.api and (case.required or _fails(case.phases)))
@@ -187,7 +188,7 @@ def said(record: CellRecord, lock: str | None) -> ControlRecord:
     name = f"control {record.cell.label}"
     judged = verdict.judge(record)
     match judged.verdict:
-        case Verdict.WORKS | Verdict.PARTIAL | Verdict.BROKEN | Verdict.IMPORT_FAILS:
+        case Verdict.WORKS | Verdict.MISLEADS | Verdict.PARTIAL | Verdict.BROKEN | Verdict.IMPORT_FAILS:
             other = _differs(record.cell, lock or "")
         case _:
             other = f"{judged.phase or 'nothing'} {judged.phases[judged.phase] if judged.phase else 'ran'}"

@@ -9,12 +9,17 @@ from pathlib import Path
 
 import msgspec
 
+from harness import guarded_files
+from harness.hostile_data import Unreadable
 from harness.store import cache_folder, write_atomic
 
 VARIABLES = (
     "PATH", "HOME", "XDG_DATA_HOME", "PYENV_ROOT", "ASDF_DATA_DIR", "RYE_PY_ROOT", "UV_PYTHON_INSTALL_DIR",
 )  # fmt: skip
 """By these `findpython` finds its folders."""
+
+
+MOST = 16 << 20
 
 
 class _Found(msgspec.Struct, frozen=True):
@@ -28,8 +33,8 @@ def candidates(managed: Path) -> tuple[Path, ...]:
     """Real paths of what looks like a Python 3, none of them started; `managed` is the folder of uv's for us."""
     memory, marks = cache_folder() / "candidates.json", _marks(managed)
     try:
-        known = msgspec.json.decode(memory.read_bytes(), type=_Found)
-    except (OSError, msgspec.MsgspecError):
+        known = guarded_files.decoded(memory, MOST, guarded_files.decoder(_Found).decode)
+    except Unreadable:
         known = None
     if known is None or known.marks != marks or any(os.path.realpath(at) != real for at, real in known.pythons.items()):
         known = _Found(marks=marks, pythons=dict(_discovered(managed)))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, sleep
 
+from harness.guarded_files import log_text
 from harness.process import Command, Completed, Limits, Profile, Running, start
 
 VARIABLE, AUTHORITY = "DISPLAY", "XAUTHORITY"
@@ -25,6 +26,21 @@ SCREEN = "1280x1024x24"
 FIRST_NUMBER, NUMBERS = 10_000, 49_000
 """Display numbers of ours. A server takes the socket of a number from one that it does not see, in another network
 namespace with the same /tmp (a container that was given the user's X socket): so it is one that hardly anybody has."""
+
+SERVERS = (
+    "PATH",
+    "HOME",
+    "TMPDIR",
+    "LANG",
+    "LD_LIBRARY_PATH",
+    "LIBGL_",
+    "MESA_",
+    "GALLIUM_",
+    "XKB_",
+    "__EGL_",
+    "__GLX_",
+)
+"""How the variables begin that a server gets of the caller's: tokens are none of its business."""
 
 SOCKETS = Path("/tmp/.X11-unix")
 PATIENCE_SECONDS, POLL_SECONDS = 20.0, 0.005
@@ -107,7 +123,7 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
     command = Command(
         argv=("/bin/sh", "-c", f'exec "$0" "$@" 3> {number.name}', found, *arguments),
         cwd=folder,
-        env=os.environ,
+        env={name: value for name, value in os.environ.items() if name.startswith(SERVERS)},
         limits=Limits(seconds=LONGEST_SECONDS, memory_mb=MEMORY_MB),
         log=folder / "log.txt",
         profile=Profile.HOST,
@@ -124,12 +140,12 @@ def _told(running: Running, number: Path) -> str:
     """The name of the display, which the server tells once it can be reached."""
     until = monotonic() + PATIENCE_SECONDS
     while monotonic() < until:
-        text = number.read_text() if number.exists() else ""
+        text = log_text(number)
         if text.endswith("\n"):
             return f":{text.strip()}"
         ended = running.poll()
         if ended:
-            last = [*running.log.read_text(errors="replace").split("\n"), ""]
+            last = [*log_text(running.log).split("\n"), ""]
             words = next((line.strip() for line in reversed(last) if line.strip()), "")
             message = f"{SERVER} {_end(ended)}{f': {words}' if words else ''}"
             raise NoDisplayError(message)

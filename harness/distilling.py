@@ -17,7 +17,9 @@ import hashlib
 import io
 import json
 import re
+import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +33,7 @@ PIN = re.compile(r"^([\w.-]+)==(\S+)((?: \\\n +--hash=sha256:[0-9a-f]{64})+)$", 
 HASH = re.compile(r"sha256:([0-9a-f]{64})")
 COPIED = ("id", "matrix", "python", "machine", "measured", "verdict", "unverified", "phase", "phases", "axes")
 LATER = ("environment", "supplied", "requirements", "decisive")
+OF_CASE = ("case", "env", "api", "phases", "decisive", "misleads", "unverified", "exercised")
 OWN = 2
 """Colons in the id of an environment (`gym:module:function`) that a matrix brings itself."""
 
@@ -45,15 +48,15 @@ class Layer:
     locks: Mapping[str, str] = field(default_factory=dict)
 
 
-def layer(report: Plain, lock: Callable[[str], str | None]) -> Layer:
-    """What a report document measured; `lock` gives the text of a lock that the document names, None if it is gone."""
+def layer(report: Plain, text: Callable[[str], str | None]) -> Layer:
+    """What a report document measured; `text` gives that of a file that the document names, None if it is gone."""
     cells = [cell for cell in report["cells"] if cell["verdict"] not in UNTOLD and cell["machine"] and cell["measured"]]
-    texts = {name: lock(name) for name in {cell["lock"] for cell in cells if cell["lock"]}}
-    named = {name: _sha256(text) for name, text in texts.items() if text and _is_lock(text)}
+    texts = {name: text(name) for name in {cell["lock"] for cell in cells if cell["lock"]}}
+    named = {name: _sha256(content) for name, content in texts.items() if content and _is_lock(content)}
     return Layer(
         generated=report["generated"],
         machines={name: _machine(facts) for name, facts in report["machines"].items()},
-        cells=[_cell(cell, named.get(cell["lock"])) for cell in cells],
+        cells=[_cell(cell, named.get(cell["lock"]), text) for cell in cells],
         locks={sha: texts[name] or "" for name, sha in named.items()},
     )
 
@@ -117,15 +120,38 @@ def unpacked(content: bytes) -> dict[str, Any]:
     return document
 
 
+def packed_reports(reports: Mapping[str, Plain]) -> bytes:
+    """Return whole reports as one zip file, without what lies in files beside them; equal for equal reports."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, report in sorted(reports.items()):
+            member = zipfile.ZipInfo(f"{name}.json", (1980, 1, 1, 0, 0, 0))
+            member.compress_type = zipfile.ZIP_DEFLATED
+            text = json.dumps(_alone(report), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+            archive.writestr(member, text.encode(), compresslevel=9)
+    return buffer.getvalue()
+
+
+def _alone(report: Plain) -> dict[str, Any]:
+    """Return a report that names no files."""
+    cells = []
+    for cell in report["cells"]:
+        cases = [{**case, "frames": [], "evidence": {}} for case in cell["cases"]]
+        suite = {**cell["suite"], "evidence": None} if cell.get("suite") else None
+        cells.append({**cell, "cases": cases, "evidence": None, "lock": None, "suite": suite})
+    return {**report, "cells": cells}
+
+
 # --- one report ------------------------------------------------------------------------------------------------
 
 
-def _cell(cell: Plain, lock: str | None) -> dict[str, Any]:
+def _cell(cell: Plain, lock: str | None, text: Callable[[str], str | None]) -> dict[str, Any]:
     made = {key: cell.get(key) for key in (*COPIED, *LATER)}
     expectation = cell.get("expectation") or {}
     made |= {
-        "cases": [{key: case[key] for key in ("case", "env", "api", "phases", "decisive")} for case in cell["cases"]],
+        "cases": [{key: case[key] for key in OF_CASE if key in case} for case in cell["cases"]],
         "lock": lock,
+        "imported": [] if any("exercised" in case for case in cell["cases"]) else _imported(cell["evidence"], text),
         "causes": [one["signature"] for one in _counting(cell)],
         "proofs": {one["signature"]: one["proof"] for one in cell["diagnoses"] if one.get("proof")},
         "repairs": [{key: one[key] for key in ("package", "version", "reason", "link")} for one in cell["repairs"]],
@@ -142,6 +168,17 @@ def _cell(cell: Plain, lock: str | None) -> dict[str, Any]:
 
 SAID = frozenset({*COPIED, *LATER, "cases", "lock", "causes", "repairs"})
 """Keys that every cell has; any other one is left out where there is nothing to say."""
+
+
+def _imported(evidence: str | None, text: Callable[[str], str | None]) -> list[str]:
+    """Return the modules that one case is known to have imported: those that it names, and well-known libraries."""
+    found: set[str] = set()
+    for line in (text(f"{evidence}/reply.jsonl") or "" if evidence else "").splitlines():
+        if '"import.modules"' in line or '"end"' in line:
+            with suppress(ValueError, AttributeError, TypeError, RecursionError):  # a cell may have written anything
+                told = json.loads(line)
+                found |= {*(told.get("facts") or {}).get("seconds", ()), *(told.get("versions") or ())}
+    return sorted(map(str, found))
 
 
 def _counting(cell: Plain) -> list[Plain]:
@@ -164,7 +201,7 @@ def _machine(facts: Plain) -> dict[str, Any]:
         "architecture": facts.get("architecture"),
         "gl": drawing.get("vendor"),
         "gl_version": drawing.get("version"),
-        "gpu": (facts.get("gpu") or {}).get("name"),
+        "gpu": (facts.get("gpu") or {}).get("models"),
     }
     return {name: fact for name, fact in made.items() if fact}
 

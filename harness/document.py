@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from types import MappingProxyType
@@ -10,8 +11,19 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from harness import changes, schema, verdict
-from harness.evidence import NOTHING_KNOWN, Knowledge, causes, diagnosed
+from harness import cellid, changes, schema, verdict
+from harness.errors import BadInput
+from harness.evidence import (
+    NOTHING_KNOWN,
+    Knowledge,
+    diagnosed,
+    drawn_by,
+    exercised,
+    looked_up,
+    lurking,
+    names,
+    suite_diagnosed,
+)
 from harness.model import (
     CASE_PHASES,
     CaseRecord,
@@ -26,10 +38,12 @@ from harness.model import (
     PhaseRecord,
     Plan,
     Repair,
+    Role,
     Step,
     Verdict,
 )
 from harness.reporttypes import (
+    REPAIR,
     BroughtEntry,
     CaseEntry,
     CellEntry,
@@ -38,16 +52,16 @@ from harness.reporttypes import (
     DiagnosisEntry,
     Document,
     DroppedEntry,
+    EditEntry,
     ExpectationEntry,
     FindingEntry,
     MatrixEntry,
+    RepairEntry,
     SubjectEntry,
     SuiteEntry,
 )
-from harness.signatures import Diagnosis, machine_applicable
-
-DRAWN = ("api", "vendor", "renderer", "version", "device")
-LONGEST_TEXT = 300
+from harness.signatures import Diagnosis, Signature, machine_applicable
+from harness.standalone import silent
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""
@@ -74,7 +88,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
     cells: list[CellEntry] = []
     stale = [sentence for plan in plans for sentence in plan.stale]
     planned = {cell.id: cell for plan in plans for cell in plan.cells}
-    making = _Making(generated, locate, marks(), known, planned)
+    making = _Making(generated, locate, marks(), known, planned, frozenset().union(*(plan.variants for plan in plans)))
     for cell in planned.values():
         unrun = CellRecord(cell=cell, machine=here)
         for record in sorted(measured.get(cell.id, [unrun]), key=lambda record: record.machine):
@@ -88,13 +102,24 @@ def build(  # noqa: PLR0913 - all that a document is made of
         dropped=tuple(
             DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
         ),
-        matrices={
-            plan.matrix: MatrixEntry(axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot, pivot=plan.pivot)
-            for plan in plans
-        },
+        matrices={plan.matrix: matrix_entry(plan) for plan in plans},
         stale=tuple(dict.fromkeys(stale)),
         probes=dict(probes),
     )
+
+
+def matrix_entry(plan: Plan) -> MatrixEntry:
+    """Return what a document keeps of a matrix."""
+    return MatrixEntry(
+        axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot, pivot=plan.pivot, title=plan.title or None
+    )
+
+
+def role(cell_id: str, change: ChangeEntry | None, variants: Container[str], *, proving: bool = False) -> Role:
+    """Return what a cell is measured for; a change that is the remedy of something, or proves one, is a repair."""
+    if change is None:
+        return Role.VARIANT if cell_id in variants else Role.MAIN
+    return Role.REPAIR if proving or change.remedy_of or change.name == REPAIR else Role.WHAT_IF
 
 
 def marks() -> Callable[[Cell], str]:
@@ -125,15 +150,18 @@ class _Making(NamedTuple):
     mark: Callable[[Cell], str]
     known: Knowledge
     planned: Mapping[str, Cell]
+    variants: frozenset[str]
 
 
 def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
-    cell, judged, locate = record.cell, verdict.judge(record), making.locate
+    cell, locate = record.cell, making.locate
+    judged = looked_up(record, verdict.judge(record), making.known)
+    lurks = lurking(record, making.known)
     found = diagnosed(record, judged, making.known)
-    fitting = causes({one.signature.id: one.signature.masks for one in found})
-    as_expected, stale = verdict.expected(cell, judged, making.today, fitting)
+    as_expected, stale = verdict.expected(cell, judged, making.today, names(found))
     phases = [phase for case in record.cases for phase in case.phases] + ([record.suite] if record.suite else [])
     lock = locate(record.lock) if record.lock else None
+    change = _change(cell, making) if cell.tried else None
     entry = CellEntry(
         id=cell.id,
         matrix=cell.matrix,
@@ -159,26 +187,27 @@ def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
         repairs=tuple(map(_repair, record.repairs)),
         findings=_findings(record),
         phases={phase: judged.phases[phase] for phase in Phase if phase in judged.phases},
-        cases=tuple(_case(record, case, locate) for case in record.cases),
+        cases=tuple(_case(record, case, locate, lurks) for case in record.cases),
         decisive=judged.decisive,
         diagnoses=tuple(map(diagnosis_entry, found)),
         evidence=_evidence(record, judged.phase, locate),
         phase=judged.phase,
-        expectation=_expectation(cell),
+        expectation=expectation(cell),
         requirements=cell.question.requirements,
         asked=making.mark(cell),
         subject=_subject(record),
         brought=tuple(msgspec.convert(one, BroughtEntry, from_attributes=True) for one in record.brought)
         or msgspec.UNSET,
         empty=cell.empty or msgspec.UNSET,
-        suite=_suite(record, locate),
+        suite=_suite(record, making),
         controls={
             api: ControlEntry(control=one.control, failed=dict(one.failed), untold=one.untold)
             for api, one in record.controls.items()
         }
         or msgspec.UNSET,
         base=cell.base,
-        change=_change(cell, making) if cell.tried else None,
+        change=change,
+        role=role(cell.id, change, making.variants, proving=bool(cell.tried and cell.tried.proving)),
     )
     return entry, stale
 
@@ -216,18 +245,20 @@ def diagnosis_entry(found: Diagnosis) -> DiagnosisEntry:
     )
 
 
-def _repair(repair: Repair) -> dict[str, Any]:
-    """What was changed of a release, so that anybody can make the same wheel."""
-    return {
-        "package": repair.name,
-        "version": repair.version,
-        "edits": [{"field": edit.field, "from": edit.old, "to": edit.new} for edit in repair.edits],
-        "reason": repair.reason,
-        "link": repair.link,
-        ("wheel_from_sha256" if repair.python is None else "sdist_sha256"): repair.origin,
-        "wheel_sha256": repair.wheel,
-        "build": list(repair.build),
-    }
+def _repair(repair: Repair) -> RepairEntry:
+    """Return what was changed of a release."""
+    built = repair.python is not None
+    return RepairEntry(
+        package=repair.name,
+        version=repair.version,
+        edits=tuple(EditEntry(field=edit.field, old=edit.old, new=edit.new) for edit in repair.edits),
+        reason=repair.reason,
+        link=repair.link,
+        wheel_from_sha256=msgspec.UNSET if built else repair.origin,
+        sdist_sha256=repair.origin if built else msgspec.UNSET,
+        wheel_sha256=repair.wheel,
+        build=tuple(repair.build),
+    )
 
 
 def _subject(record: CellRecord) -> SubjectEntry | None:
@@ -245,20 +276,22 @@ def _subject(record: CellRecord) -> SubjectEntry | None:
     )
 
 
-def _suite(record: CellRecord, locate: Locate) -> SuiteEntry | None:
+def _suite(record: CellRecord, making: _Making) -> SuiteEntry | None:
     told = verdict.suite_phase(record)
     if told is None:
         return None
-    counts: Mapping[str, int] = next((check.facts.get("tests", {}) for check in told.checks), {})
+    facts: Mapping[str, Any] = next((check.facts for check in told.checks), {})
     return SuiteEntry(
         outcome=told.outcome,
-        tests=dict(counts),
+        tests=dict(facts.get("tests", {})),
+        failed=tuple(facts.get("failed", ())) or msgspec.UNSET,
         decisive=told.decisive,
-        evidence=locate(told.evidence) if told.evidence else None,
+        evidence=making.locate(told.evidence) if told.evidence else None,
+        diagnoses=tuple(map(diagnosis_entry, suite_diagnosed(record, making.known))) or msgspec.UNSET,
     )
 
 
-def _case(evidence: CellRecord, record: CaseRecord, locate: Locate) -> CaseEntry:
+def _case(evidence: CellRecord, record: CaseRecord, locate: Locate, lurks: Sequence[Signature]) -> CaseEntry:
     phases = verdict.case_phases(evidence, record)
     checks = [check for phase in phases for check in phase.checks]
     return CaseEntry(
@@ -278,15 +311,20 @@ def _case(evidence: CellRecord, record: CaseRecord, locate: Locate) -> CaseEntry
         },
         drawn=_drawn(checks),
         told={check.check: told for check in checks if (told := check.facts.get("told"))} or msgspec.UNSET,
+        misleads=verdict.misleads(phases),
+        unverified=silent.open_issues(lurks, exercised(evidence, record)),
+        exercised=_exercised(checks) or msgspec.UNSET,
     )
+
+
+def _exercised(checks: Iterable[CheckRecord]) -> tuple[str, ...]:
+    """Return the packages whose code the checks of a case ran, as the cell noted them."""
+    return tuple(sorted({str(name) for check in checks for name in check.facts.get("exercised", ())}))
 
 
 def _drawn(checks: Iterable[CheckRecord]) -> dict[str, str]:
     """What a check says of the OpenGL context that drew for it; a cell may have written anything there."""
-    said = next((check.facts["gl"] for check in checks if check.facts.get("gl")), None)
-    if not isinstance(said, dict):
-        return {}
-    return {name: str(said[name])[:LONGEST_TEXT] for name in DRAWN if name in said}
+    return next((said for check in checks if (said := drawn_by(check))), {})
 
 
 def _why(phases: Iterable[PhaseRecord]) -> str | None:
@@ -333,7 +371,8 @@ def _evidence(record: CellRecord, phase: Phase | None, locate: Locate) -> str | 
     return locate(found) if found else None
 
 
-def _expectation(cell: Cell) -> ExpectationEntry | None:
+def expectation(cell: Cell) -> ExpectationEntry | None:
+    """Return what is expected of a cell, as documents have it."""
     return msgspec.convert(cell.expect, ExpectationEntry, from_attributes=True) if cell.expect else None
 
 
@@ -346,8 +385,50 @@ def encode(document: Document) -> bytes:
 
 
 def read(content: bytes, name: str) -> Document:
-    """Read a document; `name` is its file's in messages. Keys that this version does not know are passed over."""
-    return schema.load_json(content, Document, name)
+    """Read a document; `name` is its file's in messages. Keys that this version does not know are passed over.
+
+    Raises BadInput, for a combination that is listed twice, too: one of the two would be lost without a word.
+    """
+    found = schema.load_json(content, Document, name)
+    seen = Counter((cell.id, cell.machine) for cell in found.cells)
+    twice = next((cell_id for (cell_id, _), number in seen.items() if number > 1), None)
+    if twice is not None:
+        message = f"{name}: cells: {twice} is listed twice for one machine"
+        raise BadInput(message)
+    return _renamed(found)
+
+
+def _renamed(document: Document) -> Document:
+    """Return the document with the ids of today: earlier versions wrote them without separators."""
+    names = {}
+    for cell in document.cells:
+        names[cell.id] = cellid.newer(cell.id, cell.axes, cell.requested_python if cell.base else None)
+        if cell.base:
+            names[cell.base] = cellid.newer(cell.base, cell.axes)
+    if all(old == new for old, new in names.items()):
+        return document
+    replaced = msgspec.structs.replace
+
+    def renamed(cell: CellEntry) -> CellEntry:
+        known = (replaced(one, proof=names.get(one.proof or "", one.proof)) for one in cell.diagnoses)
+        return replaced(cell, id=names[cell.id], base=cell.base and names[cell.base], diagnoses=tuple(known))
+
+    stale = (text.partition(" ") for text in document.stale)
+    return replaced(
+        document,
+        cells=tuple(map(renamed, document.cells)),
+        dropped=tuple(replaced(gone, id=_left_out(gone.id, document)) for gone in document.dropped),
+        stale=tuple(names.get(first, first) + space + rest for first, space, rest in stale),
+    )
+
+
+def _left_out(cell_id: str, document: Document) -> str:
+    entry = document.matrices.get(cellid.matrix(cell_id))
+    if entry is None:
+        return cell_id
+    cells = [cell for cell in document.cells if cell.matrix == cellid.matrix(cell_id)]
+    values = {axis: dict.fromkeys(cell.axes[axis] for cell in cells if axis in cell.axes) for axis in entry.axes}
+    return cellid.newer_left_out(cell_id, values)
 
 
 def moved(document: Document, locate: Locate) -> Document:
@@ -412,4 +493,5 @@ def only(document: Document, ids: Container[str]) -> Document:
 def exit_code(document: Document, fail_on: Iterable[str]) -> int:
     """The exit code of the contract for what the document says."""
     judged = [(cell.verdict, cell.as_expected) for cell in document.cells]
-    return verdict.exit_code(judged, stale=bool(document.stale), fail_on=frozenset(fail_on))
+    code = verdict.exit_code(judged, stale=bool(document.stale), fail_on=frozenset(fail_on))
+    return code or (3 if any(cell.suite and cell.suite.not_run for cell in document.cells) else 0)

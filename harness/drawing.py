@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from harness import guarded_files
+from harness.hostile_data import Unreadable
 from harness.machine import PROBE
 from harness.process import Command, Limits, Profile, run
 from harness.rendering import Device
+from harness.scratch_folders import scratch_folder
 
 SECONDS = 60.0
 MOST = 32
@@ -47,10 +48,12 @@ def ways() -> Ways:
     return Ways(devices=kept, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
 
 
+MOST = 1 << 20
+
+
 def _ask(way: str) -> Answer:
     """What the probe says; how it died, where it did: drivers do."""
-    with tempfile.TemporaryDirectory(prefix="simmatrix-", ignore_cleanup_errors=True) as name:
-        folder = Path(name)
+    with scratch_folder() as folder:
         answer = folder / "answer.json"
         command = Command(
             argv=(sys.executable, "-I", "-S", str(PROBE), way, str(answer)),
@@ -62,8 +65,8 @@ def _ask(way: str) -> Answer:
         )
         done = run(command)
         try:
-            found: Any = msgspec.json.decode(answer.read_bytes(), type=Answer)
-        except (OSError, msgspec.MsgspecError):
+            found: Any = guarded_files.decoded(answer, MOST, lambda text: msgspec.json.decode(text, type=Answer))
+        except Unreadable:
             how = f"crashed with signal {done.signal}" if done.signal else "did not answer"
             count = {"count": str(int(way.partition(":")[2]) + 1)} if way.startswith("device:") else {}
             return {**count, "missing": f"its driver {how}"}

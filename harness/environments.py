@@ -6,7 +6,6 @@ twice, and two machines, or one after its cache was emptied, are to agree on wha
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,13 +16,17 @@ from time import monotonic
 import msgspec
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
-from harness import builds, downloads, locks, process, sdists, sitepackages, uvcli, uvsays, warming
+from harness import builds, downloads, guarded_files, locks, process, sdists, sitepackages, uvcli, uvsays, warming
+from harness.environment_damage import CONFIG, PYTHON, damaged, foundation, replacing
 from harness.filelocks import alone, exclusive, use
+from harness.hostile_data import Unreadable
 from harness.launch import LEADS_ON
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
+from harness.scratch_folders import removed
 from harness.store import cache_folder, digest, open_store, write_atomic
 
 STAMP = "stamp.json"
+MOST_STAMP = 16 << 20
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,13 +57,18 @@ class Wheel:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Stamp:
-    """Written last: an environment without it, with another key or linked in another way is made anew."""
+    """Written last: an environment without it, with another key or linked in another way is made anew.
+
+    `odd` are files that were not as RECORD has them in a fresh copy already.
+    """
 
     key: str
     link_mode: str
     installed: dict[str, str]
     hashes: tuple[str, ...]
     findings: tuple[Finding, ...]
+    foundation: str = ""
+    odd: tuple[str, ...] = ()
 
 
 def mode() -> str:
@@ -78,9 +86,17 @@ def environment_key(interpreter: Interpreter, wheels: Iterable[Wheel], compiled:
 
 
 def ensure(
-    lock: Lock, interpreter: Interpreter, question: Question, *, offline: bool = False, chain: tuple[str, ...] = ()
+    lock: Lock,
+    interpreter: Interpreter,
+    question: Question,
+    *,
+    offline: bool = False,
+    thorough: bool = False,
+    chain: tuple[str, ...] = (),
 ) -> Environment | Step:
     """Return the environment of a lock, made now or before; sdists of the lock are built first.
+
+    With `thorough` each file of one that is made is held against its hash, not those of Python code only.
 
     A package that cannot be built or installed is a failed install; an index, a network or a disk that fails is
     infra. `chain` names the packages whose builds wait for this environment.
@@ -91,7 +107,8 @@ def ensure(
         return replace(wheels, seconds=monotonic() - started)
     compiled = warming.marks({one.name for one in wheels}, question)
     key = environment_key(interpreter, wheels, compiled)
-    made = _provided(key, lambda path: _make(path, wheels, interpreter, question, offline=offline))
+    how = _How(offline=offline, thorough=thorough)
+    made = _provided(key, lambda path: _make(path, wheels, interpreter, question, how))
     if isinstance(made, Step):
         return replace(made, seconds=monotonic() - started)
     return replace(made, seconds=monotonic() - started, findings=(*_built_here(lock), *made.findings))
@@ -105,8 +122,8 @@ def on_top(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environ
     """
     started = monotonic()
     key = digest("on top", base.path.name, wheel.mark)
-    nothing = Question(requirements=())
-    made = _provided(key, lambda path: _make(path, (wheel,), interpreter, nothing, offline=True, below=base.path))
+    nothing, how = Question(requirements=()), _How(offline=True, below=base.path)
+    made = _provided(key, lambda path: _make(path, (wheel,), interpreter, nothing, how))
     return made if isinstance(made, Step) else replace(made, seconds=monotonic() - started)
 
 
@@ -146,7 +163,8 @@ def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environme
 def _places(key: str) -> Iterator[Path]:
     """Where an environment may lie, the usual place first."""
     folder = cache_folder() / "environments"
-    return (folder / (f"{key}-{number}" if number else key) for number in count())
+    places = (folder / (f"{key}-{number}" if number else key) for number in count())
+    return (place for place in places if place not in _left)
 
 
 def _key(path: Path) -> str:
@@ -162,15 +180,25 @@ def _cleared(path: Path) -> bool:
     return not path.exists()
 
 
-def stands(environment: Environment) -> bool:
-    """Whether nobody took it away or found it damaged since, as far as a look at its metadata tells."""
-    return _usable(environment.path) is not None
+def stands(environment: Environment, *, thorough: bool = False) -> bool:
+    """Whether nobody took it away, and its files are as they were installed."""
+    stamp = _usable(environment.path)
+    return stamp is not None and not {*damaged(environment.path, thorough=thorough)} - {*stamp.odd}
 
 
-def discard(environment: Environment) -> None:
-    """Give an environment to nobody any more: the next one of its key is made anew; who uses it now keeps it."""
+def discard(environment: Environment, *, used: bool = False) -> None:
+    """Give an environment to nobody any more: the next one of its key is made anew; who uses it now keeps it.
+
+    The next one lies elsewhere where this process itself is using this one.
+    """
+    if used:
+        _left.add(environment.path)
     with exclusive(environment.path.with_name(f"{environment.path.name}.lock")):
         (environment.path / STAMP).unlink(missing_ok=True)
+
+
+_left: set[Path] = set()
+"""Environments that this process found damaged while it used them."""
 
 
 # --- wheels ----------------------------------------------------------------------------------------------------
@@ -211,7 +239,7 @@ def _built_here(lock: Lock) -> Iterator[Finding]:
 def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
     """uv takes no notice of an upper bound in Requires-Python; pip does."""
     for one in sitepackages.packages(path):
-        asked = str(one.metadata.json.get("requires_python", ""))
+        asked = str(one.metadata["Requires-Python"]) if "Requires-Python" in one.metadata else ""
         with suppress(InvalidSpecifier):
             if not SpecifierSet(asked).contains(interpreter.version, prereleases=True):
                 named = f"{one.name} {one.version}"
@@ -224,8 +252,8 @@ def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
 
 def _stamp(path: Path) -> _Stamp | None:
     try:
-        return msgspec.json.decode((path / STAMP).read_bytes(), type=_Stamp)
-    except (OSError, msgspec.MsgspecError):
+        return guarded_files.decoded(path / STAMP, MOST_STAMP, guarded_files.decoder(_Stamp).decode)
+    except Unreadable:
         return None
 
 
@@ -234,22 +262,30 @@ def _usable(path: Path) -> _Stamp | None:
     stamp = _stamp(path)
     if stamp is None or stamp.key != _key(path) or stamp.link_mode not in {mode(), "copy"}:
         return None
-    return stamp if (path / "bin" / "python").exists() and stamp.installed == sitepackages.versions(path) else None
+    stable = foundation(path) if stamp.foundation else ""
+    try:
+        return stamp if stable == stamp.foundation and stamp.installed == sitepackages.versions(path) else None
+    except Unreadable:
+        return None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _How:
+    """How an environment is made; `below` is one that it leads on to."""
+
+    offline: bool
+    thorough: bool = False
+    below: Path | None = None
 
 
 def _make(
-    path: Path,
-    wheels: tuple[Wheel, ...],
-    interpreter: Interpreter,
-    question: Question,
-    *,
-    offline: bool,
-    below: Path | None = None,
+    path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, how: _How
 ) -> _Stamp | Step:
     """Make it in its own place, since scripts name their interpreter by path."""
     names = {one.name for one in wheels}
-    how = "copy" if warming.recipes(names) else mode()  # what compiles there may not write through links
-    if not offline:
+    odd: Mapping[str, str] = {}
+    link_mode = "copy" if warming.recipes(names) else mode()  # what compiles there may not write through links
+    if not how.offline:
         downloads.announce([one.artifact for one in wheels], _known_hashes(path.parent))
     with uvcli.scratch() as scratch:
         call = uvcli.Call(
@@ -257,28 +293,50 @@ def _make(
             folder=scratch,
             log=scratch / "uv.log",
             cache=uvcli.shared_cache(),
-            offline=offline,
+            offline=how.offline,
         )
         log = open_store().evidence(f"install-{path.name}") / "uv.log"
-        failed = _fill(call, path, wheels, interpreter, log, how)
-    found = sitepackages.versions(path)
+
+        def fill() -> Step | None:
+            return _fill(call, path, wheels, interpreter, log, link_mode)
+
+        failed = fill()
+        if failed and failed.outcome is Outcome.FAILED and (named := _named(failed, wheels)) and not how.offline:
+            removed(path)  # uv may have kept a wheel that a disk has spoiled since
+            failed = fill() if uvcli.forget(named) else failed
+        if not failed and (odd := damaged(path, thorough=how.thorough)) and uvcli.forget({*odd.values()}):
+            removed(path)
+            failed = fill()  # from fresh downloads: what is odd in them is so in the wheels
+            odd = damaged(path, thorough=True)
+    try:
+        found = sitepackages.versions(path)
+    except Unreadable as error:
+        decisive = f"after the install the metadata of a package cannot be read: {error}"
+        return failed or Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
     failed = failed or _difference(found, {one.name: sitepackages.plain(one.version) for one in wheels})
     warmed = failed or warming.warm(path, names, question)
     if isinstance(warmed, Step):
-        shutil.rmtree(path, ignore_errors=True)
+        removed(path)
         return warmed
-    if below:
-        (site,), (more,) = (list(sitepackages.folders(one)) for one in (path, below))
+    if how.below:
+        (site,), (more,) = (list(sitepackages.folders(one)) for one in (path, how.below))
         (site / LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
         key=_key(path),
-        link_mode=how,
+        link_mode=link_mode,
         installed=found,
         hashes=tuple(sorted(one.artifact.sha256 for one in wheels)),
-        findings=(*_beyond_python(path, interpreter), *warmed),
+        findings=(*_beyond_python(path, interpreter), *_odd(odd), *warmed),
+        foundation=foundation(path) or "",
+        odd=tuple(odd),
     )
     write_atomic(path / STAMP, msgspec.json.encode(stamp))
     return stamp
+
+
+def _named(failed: Step, wheels: Iterable[Wheel]) -> set[str]:
+    """Return the packages whose wheels an install says to be at fault."""
+    return {one.name for one in wheels if one.artifact.filename in (failed.decisive or "")}
 
 
 def _fill(
@@ -292,17 +350,32 @@ def _fill(
         return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive, log=kept)
     if not wheels:
         return None
+    before = foundation(path)
     pylock = call.folder / "pylock.toml"
     pylock.write_text(locks.to_install((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
     settings = call.folder / "uv.toml"
     settings.write_text(locks.to_keep(one.artifact for one in wheels), encoding="utf-8")
     said = uvcli.install(call, path / "bin" / "python", pylock, settings, how)
     if said.ok:
-        return None
+        return None if before == foundation(path) else _replaced(path)
     kept = uvcli.keep_log(said, log)
     if said.trouble:
         return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=said.trouble, log=kept)
     return replace(uvsays.failure(said.text, Phase.INSTALL), log=kept)
+
+
+def _replaced(path: Path) -> Step:
+    """Refuse an environment whose Python a wheel took away: it would be another, or find what the lock has not."""
+    package = replacing(path) or "one of its wheels"  # RECORD need not name the file
+    decisive = f"{package} replaces {CONFIG} or {PYTHON}, by which the environment is kept apart from others"
+    return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=decisive)
+
+
+def _odd(files: Mapping[str, str]) -> Iterator[Finding]:
+    for package in sorted({*files.values()}):
+        names = [name for name in files if files[name] == package]
+        text = f"{len(names)} file(s) of {package} differ from its RECORD in a fresh download, too: {names[0]}"
+        yield Finding(check="install.record", level=Level.NOTE, text=text)
 
 
 def _difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> Step | None:

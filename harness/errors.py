@@ -2,6 +2,22 @@
 
 from __future__ import annotations
 
+import errno
+
+SHORTAGES = frozenset(
+    getattr(errno, f"E{name}")
+    for name in ("NOSPC", "DQUOT", "ROFS", "IO", "ACCES", "PERM", "MFILE", "NFILE", "NOMEM", "AGAIN")
+)
+"""What the system answers when it is full, broken, forbids something or has too little left: no bug of ours."""
+
+
+def in_the_way(error: Exception) -> str | None:
+    """Say what of this machine is in the way, if it is the machine: that it is full, broken, or forbids something."""
+    several = (type(error).__module__, type(error).__name__) == ("shutil", "Error")  # which this floor does not import
+    if several or (isinstance(error, OSError) and error.errno in SHORTAGES):
+        return f"this machine got in the way: {error}"
+    return None
+
 
 class HarnessError(Exception):
     """A sentence for the user: what happened, where, what to do next. Never shown with a traceback."""
@@ -13,6 +29,10 @@ class BadInput(HarnessError):
     """The matrix file, the command line or another input cannot be understood; nothing was written."""
 
     exit_code = 2
+
+
+class UnusableRequirement(BadInput):
+    """A requirement that the resolver can make nothing of: of a matrix it is the failure of its combination alone."""
 
 
 class CouldNotTell(HarnessError):

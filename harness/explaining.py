@@ -6,9 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness import changes
+from harness import cellid, changes
 from harness.model import Verdict
-from harness.reporttypes import Attempt, Cause, CellEntry, DiagnosisEntry, Effect, Explanation, word
+from harness.reporttypes import CellEntry, DiagnosisEntry, word
+from harness.standalone.silent import PREFIX, plainly_good
+from harness.tabletypes import Attempt, Cause, Effect, Explanation
 
 NOTHING = "-"
 
@@ -49,7 +51,7 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
             cause=one.cause,
             remedy=changes.in_words(one.remedy),
             applicable=any(key != "text" for key in one.remedy),
-            proofs=tuple((label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
+            proofs=tuple((cellid.label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
             references=one.references,
         )
 
@@ -71,7 +73,7 @@ def told(cell: CellEntry) -> dict[str, Any]:
     deepest = next(iter(counting(cell)), None)
     if deepest is None:
         return {}
-    proof = f" (proven by {label(deepest.proof)})" if deepest.proof else ""
+    proof = f" (proven by {cellid.label(deepest.proof)})" if deepest.proof else ""
     remedy = changes.in_words(deepest.remedy) + proof
     return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven, "known": deepest.signature}
 
@@ -84,7 +86,7 @@ def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
             continue
         before = known.get((after.base, after.machine))
         yield Attempt(
-            cell=label(after.base),
+            cell=cellid.label(after.base),
             before=_stands(before) if before else "not run",
             change=after.change.name,
             does=after.change.does,
@@ -111,7 +113,7 @@ def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str
     for cell in cells:
         machines.setdefault(cell.id, []).append(cell.machine or NOTHING)
     return tuple(
-        label(cell_id) + ("" if len(found) == results[cell_id] else f" on {', '.join(found)}")
+        cellid.label(cell_id) + ("" if len(found) == results[cell_id] else f" on {', '.join(found)}")
         for cell_id, found in machines.items()
     )
 
@@ -141,11 +143,16 @@ def plain(cell: CellEntry) -> bool:
     return cell.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and cell.as_expected is not False
 
 
+def good(cell: CellEntry) -> bool:
+    """Return whether a cell works, with no silent known issue left open."""
+    return plainly_good(cell.verdict, cell.unverified)
+
+
+def doubted(cell: CellEntry) -> bool:
+    """Return whether a silent known issue fits a cell and was neither shown nor refuted."""
+    return any(name.startswith(PREFIX) for name in cell.unverified)
+
+
 def failed_in(cell: CellEntry) -> str:
     """Where it failed; what is not to be had here failed nowhere."""
     return "" if cell.verdict is Verdict.UNAVAILABLE else cell.phase or ""
-
-
-def label(cell_id: str) -> str:
-    """The part of an id after the name of the matrix."""
-    return cell_id.partition("/")[2] or cell_id

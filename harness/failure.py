@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -11,9 +10,7 @@ from harness.model import Phase, Verdict
 from harness.reporttypes import UNTOLD, CellEntry
 from harness.signatures import Diagnosis
 from harness.verdict import Judgement
-
-CHANGING = re.compile(r"\bline \d+|\d+(?:\.\d+)+")
-"""What differs in two lines about the same failure: lines of files, and versions."""
+from harness.vocabulary import CHANGING as CHANGING  # noqa: PLC0414 - others take it from here
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -20,7 +20,7 @@ from typing import Literal
 
 import msgspec
 
-from harness import builds, controls, interpreters, locks, schema
+from harness import builds, cellid, controls, given_files, guarded_files, interpreters, locks, schema
 from harness.errors import BadInput
 from harness.filelocks import exclusive
 from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step
@@ -114,9 +114,9 @@ def read(folder: Path) -> Manifest:
     """The manifest of a folder. Raises BadInput where there is none: the fetch did not come to its end."""
     path = folder / MANIFEST
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        message = f"{path}: {error.strerror}; `simmatrix fetch MATRIX --to {folder}` makes it, and goes on where it was"
+        content = given_files.read_content(path)
+    except BadInput as error:
+        message = f"{error}; `simmatrix fetch MATRIX --to {folder}` makes it, and goes on where it was"
         raise BadInput(message) from None
     try:
         return schema.load_json(content, Manifest, str(path))
@@ -189,7 +189,7 @@ class Fetched:
 
     def interpreter(self, cell: Cell) -> Interpreter | str:
         """The very Python that a cell was locked for, or why the cell cannot be run."""
-        entry = self._cells.get(cell.id)
+        entry = self._entry(cell)
         if entry is None:
             matrix = "MATRIX" if cell.matrix == controls.MATRIX else cell.matrix
             return f"was not fetched; `simmatrix fetch {matrix} --to {self.folder.name}` brings it"
@@ -212,9 +212,9 @@ class Fetched:
 
         Its requirements go beside the results; as an answer it is not kept, since it holds for this folder only.
         """
-        entry = self._cells[cell.id]
-        if entry.answer is None:
-            told = f"was not fetched: {entry.decisive}; fetch it again"
+        entry = self._entry(cell)
+        if entry is None or entry.answer is None:
+            told = f"was not fetched: {entry.decisive if entry else 'it is new'}; fetch it again"
             return None, Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=told)
         try:
             kept = self._answer(entry.answer)
@@ -232,7 +232,8 @@ class Fetched:
     def supply(self, cell: Cell, lock: Lock, interpreter: Interpreter) -> Step | None:
         """Compare the wheels of a cell with their hashes and hand over what was built; a step where that fails."""
         try:
-            built = self._answer(self._cells[cell.id].answer or "").built
+            entry = self._entry(cell)
+            built = self._answer(entry.answer or "" if entry else "").built
             for pin in lock.pins:
                 if pin.name in built:
                     wheel = self.sound(built[pin.name].file)
@@ -264,8 +265,12 @@ class Fetched:
     def _cells(self) -> dict[str, FetchedCell]:
         return {one.id: one for one in self.manifest.cells}
 
+    def _entry(self, cell: Cell) -> FetchedCell | None:
+        """Return what was fetched of a cell, by its id of today or by that of earlier versions."""
+        return self._cells.get(cell.id) or self._cells.get(cellid.older(cell))
+
     def _answer(self, name: str) -> Answer:
-        return msgspec.json.decode(self.sound(name).read_bytes(), type=Answer)
+        return guarded_files.decoder(Answer).decode(self.sound(name).read_bytes())
 
     def _here(self, pin: Pin) -> Pin:
         """A pin whose wheel is named by its path; an sdist is not here, its built wheel is handed over instead."""

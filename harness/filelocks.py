@@ -12,11 +12,13 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-
-from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
+from typing import TYPE_CHECKING
 
 from harness import process
 from harness.errors import CouldNotTell
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
 
 NO_FLOCK = frozenset({errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP})
 
@@ -134,6 +136,8 @@ def _byte(folder: Path) -> int:
 def _acquired(path: Path, *, wait: bool) -> BaseFileLock | None:
     if not path.parent.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
+    from filelock import FileLock, SoftFileLock, Timeout  # noqa: PLC0415 - start-up
+
     lock: BaseFileLock = FileLock(path, thread_local=False)
     patience = -1 if wait else 0
     try:

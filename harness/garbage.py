@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import tempfile
 from array import array
 from collections.abc import Iterable, Iterator
@@ -20,7 +19,10 @@ from pathlib import Path
 from stat import S_ISDIR
 from time import time
 
-from harness import filelocks, uvcli
+from harness import filelocks, guarded_files, uvcli
+from harness.hostile_data import Unreadable
+from harness.scratch_folders import removed
+from harness.store import MOST_RECORD
 
 DAY = 86400.0
 """Seconds before which nothing of the state, and no scratch folder, is taken for waste: it may be being written."""
@@ -222,7 +224,10 @@ def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
 
 def _names(record: Path) -> set[str]:
     """Evidence that a record names, and the keys and hashes in it, by which records know each other."""
-    content = record.read_bytes()
+    try:
+        content = guarded_files.read(record, MOST_RECORD)
+    except Unreadable:  # it names nothing any more
+        return set()
     keys = {found.decode() for found in CONTENT.findall(content)}
     return {found.decode() for found in EVIDENCE.findall(content)} | keys | {f"install-{key}" for key in keys}
 
@@ -299,7 +304,7 @@ def _free(item: Item, free: bool | None) -> bool:
 
 
 def _gone(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
+    if path.is_dir() and not path.is_symlink():
+        removed(path)
     else:
         path.unlink(missing_ok=True)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness import changes, explaining
+from harness import cellid, changes, explaining
 from harness.failure import CHANGING
-from harness.reporttypes import SEVERITY, Cause, CellEntry, Explanation, Trouble, number
+from harness.reporttypes import REPAIR, SEVERITY, CellEntry, number
+from harness.tabletypes import Cause, Explanation, Trouble
+from harness.vocabulary import parsed_requirement
 
 NAMED = 2
 """Cells that are named; more are told by the values of their axes."""
@@ -18,8 +23,6 @@ RANGE = 3
 """Values one after the other, of which the first and the last are told."""
 
 SAID, LINE = "said", "line"
-REPAIR = "repair"
-"""What the change is called that `run --repair` found."""
 
 Reason = tuple[Explanation, list[CellEntry]]
 Held = Mapping[str, set[str | None]]
@@ -63,6 +66,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
     proven = {cell.id for cell in found if (held := explaining.counting(cell)) and held[0].proof}
     cures = _cures(found, cells)
     found_out = bool(cures) and not proven
+    alone, together = ("", "") if proofs or cures else _neighbours(found, cells)
     return Trouble(
         known=known.signature if known else "",
         cause=known.cause if known else expected.reason if expected else "",
@@ -73,10 +77,12 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
         line=explanations[0].decisive,
         remedy="; ".join(cures[0].change.does) if found_out and cures[0].change else known.remedy if known else "",
         applicable=found_out or (known.applicable if known else False),
-        proofs=tuple((explaining.label(cell.id), cell.lock or "") for cell in cures) if found_out else proofs,
+        proofs=tuple((cellid.label(cell.id), cell.lock or "") for cell in cures) if found_out else proofs,
         references=tuple(dict.fromkeys((*(known.references if known else ()), *links))),
         explanations=explanations,
         proven=len({cell.base for cell in cures} if found_out else proven),
+        neighbour=alone,
+        together=together,
         also=tuple(_also(explanations)),
     )
 
@@ -90,6 +96,39 @@ def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellE
         if cell.change and cell.change.name == REPAIR and changes.works(cell)
         if (cell.base, cell.machine) in places
     ]
+
+
+def _neighbours(found: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple[str, str]:
+    """Return cells that work and have what the remedy of these asks for: one that differs only in that, one in more."""
+    alone: list[tuple[Version, str]] = []
+    together: list[tuple[Version, str]] = []
+    for cell in found:
+        wanted = _wanted(next((one.remedy for one in explaining.counting(cell)), {}))
+        beside = (one for one in cells if wanted and one.base is None and one.machine == cell.machine)
+        for other in beside:
+            installed = other.installed or {}
+            if not explaining.good(other) or not all(_has(installed, one) for one in wanted):
+                continue
+            names = {canonicalize_name(one.name) for one in wanted}
+            differing = {axis for axis in cell.axes if cell.axes[axis] != other.axes.get(axis)}
+            version = _parsed(installed[canonicalize_name(wanted[0].name)]) or Version("0")
+            if differing and differing <= names:
+                alone.append((version, cellid.label(other.id)))
+            elif differing and not {"python", *installed, *(cell.installed or {})} & (differing - names):
+                together.append((version, cellid.label(other.id)))
+    return max(alone, default=(None, ""))[1], max(together, default=(None, ""))[1]
+
+
+def _wanted(remedy: Mapping[str, Any]) -> list[Requirement]:
+    """Return what a remedy asks for, where it asks for versions of packages and nothing else."""
+    if not {*remedy} <= {"text", "requirements", "constraints"}:
+        return []
+    return [*map(parsed_requirement, (*remedy.get("requirements", ()), *remedy.get("constraints", ())))]
+
+
+def _has(installed: Mapping[str, str], wanted: Requirement) -> bool:
+    version = installed.get(canonicalize_name(wanted.name))
+    return version is not None and wanted.specifier.contains(version, prereleases=True)
 
 
 def _also(explanations: Iterable[Explanation]) -> Iterable[Cause]:
@@ -109,9 +148,14 @@ def _named(labels: Sequence[str]) -> str:
     return ", ".join("`" + label.replace(" on ", "` on `") + "`" for label in labels) if len(labels) <= NAMED else ""
 
 
+def which(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
+    """Return which cells these are: a few by their names, more by the values of their axes."""
+    return _named([*dict.fromkeys(cellid.label(cell.id) for cell in found)]) or where(found, cells, axes)
+
+
 def where(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
     """Which cells of a matrix these are: `all 12 cells with mujoco 4.0.0`; of changed ones the first names."""
-    labels = tuple(dict.fromkeys(explaining.label(cell.id) for cell in found))
+    labels = tuple(dict.fromkeys(cellid.label(cell.id) for cell in found))
     if any(cell.base for cell in found):
         return f"{_named(labels[:NAMED])} and {number(len(labels) - NAMED, 'more cell')}"
     planned = [*{cell.id: cell.axes for cell in cells if cell.base is None}.values()]

@@ -7,6 +7,7 @@ folder or a page of links. A trouble of the network is `IndexUnreachable`, never
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import shutil
 import tempfile
@@ -28,6 +29,7 @@ from packaging.utils import (
 )
 from packaging.version import Version
 
+from harness.answers import MOST_PAGE, Overdue, Watch, in_time
 from harness.errors import BadInput, CouldNotTell
 from harness.indexsettings import NOTHING, UserIndex, combined
 from harness.model import Artifact, IndexSettings
@@ -42,6 +44,15 @@ PAUSES = (0.3, 1.5)
 
 TIMEOUT = (15, 60)
 """Seconds to connect, and between two pieces of an answer."""
+
+SHORT_TIMEOUT = (3, 10)
+"""The same where nothing depends on the answer."""
+
+PAGE_READS = 2
+"""A whole page has so many times the seconds that are allowed between two pieces of it."""
+
+SLOWEST = 2000
+"""Bytes of a file that have to come in a second."""
 
 
 class IndexUnreachable(CouldNotTell):
@@ -79,16 +90,22 @@ class _File:
 
 
 def releases(
-    name: str, matrix: IndexSettings = NOTHING, *, cutoff: str | None = None, offline: bool = False
+    name: str,
+    matrix: IndexSettings = NOTHING,
+    *,
+    cutoff: str | None = None,
+    offline: bool = False,
+    patient: bool = True,
 ) -> tuple[Release, ...]:
     """All releases of a package, oldest version first, pre-releases and yanked ones among them.
 
     The instant `cutoff` does to files what it does in uv: those uploaded later or at a time that the index does not
-    tell are left out, those of find-links places stay. With `offline` only folders and `file:` indexes answer.
+    tell are left out, those of find-links places stay. With `offline` only folders and `file:` indexes answer, without
+    `patient` a place that does not answer soon is asked only once.
     Raises IndexUnreachable, or UnknownPackage when no place has such a package.
     """
     places = combined(matrix)
-    with closing(_Client(places, offline=offline)) as client:
+    with closing(_Client(places, offline=offline, patient=patient)) as client:
         return _grouped(_listed(client, places, name), name, cutoff)
 
 
@@ -155,13 +172,17 @@ def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, 
 class _Client:
     """One session with the user's certificates, proxy and logins."""
 
-    def __init__(self, places: UserIndex, *, offline: bool) -> None:
+    def __init__(self, places: UserIndex, *, offline: bool, patient: bool = True) -> None:
         self._places = places
         self._offline = offline
+        self._pauses = PAUSES if patient else ()
+        self._timeout = TIMEOUT if patient else SHORT_TIMEOUT
         self._opened: requests.Session | None = None
 
     def project(self, address: str | None, name: str) -> list[_File] | None:
         """The files of a package on one index (None: the default one); None when it has no such package."""
+        if self._offline and (address is None or _local(address) is None):
+            raise IndexUnreachable(_offline_message(_shown(address) if address else "the package index"))
         from pypi_simple import ACCEPT_ANY, PYPI_SIMPLE_ENDPOINT  # noqa: PLC0415  (slow to import)
 
         page = f"{(address or PYPI_SIMPLE_ENDPOINT).rstrip('/')}/{canonicalize_name(name)}/"
@@ -170,9 +191,9 @@ class _Client:
             html = _there(folder.parent) and folder / "index.html"
             return _from_html(html.read_bytes(), html.as_uri()) if html.is_file() else None
 
-        def work() -> list[_File] | None:
+        def work(watch: Watch) -> list[_File] | None:
             with self._get(page, {"Accept": ACCEPT_ANY}) as response:
-                return None if response.status_code == 404 else _from_response(response, name)
+                return None if response.status_code == 404 else _from_response(response, _page(watch, response))
 
         return self._patiently(work, page)
 
@@ -184,10 +205,10 @@ class _Client:
                 return [_File(name=file.name, address=str(file)) for file in path.iterdir()]
             return _from_html(path.read_bytes(), path.absolute().as_uri())
 
-        def work() -> list[_File]:
+        def work(watch: Watch) -> list[_File]:
             with self._get(link, {}) as response:
                 response.raise_for_status()
-                return _from_html(response.content, response.url)
+                return _from_html(_page(watch, response), response.url)
 
         return self._patiently(work, link)
 
@@ -198,23 +219,24 @@ class _Client:
             shutil.copyfile(_there(path), target)
             return
 
-        def work() -> None:
-            with self._get(self._with_login(source), {}, stream=True) as response, target.open("wb") as file:
+        def work(watch: Watch) -> None:
+            with self._get(self._with_login(source), {}) as response, target.open("wb") as file:
                 response.raise_for_status()
-                for chunk in response.iter_content(1 << 20):
+                for chunk in watch.chunks(response):
                     file.write(chunk)
 
-        self._patiently(work, source)
+        self._patiently(work, source, slowest=SLOWEST)
 
     def close(self) -> None:
         """End the session."""
         if self._opened is not None:
             self._opened.close()
 
-    def _get(self, address: str, headers: dict[str, str], *, stream: bool = False) -> requests.Response:
+    def _get(self, address: str, headers: dict[str, str]) -> requests.Response:
         """One answer, 404 included; any other refusal raises."""
-        response = self._session().get(address, headers=headers, timeout=TIMEOUT, stream=stream)
-        if response.status_code != 404:
+        response = self._session().get(address, headers=headers, timeout=self._timeout, stream=True)
+        if not response.ok and response.status_code != 404:
+            response.close()
             response.raise_for_status()
         return response
 
@@ -239,22 +261,28 @@ class _Client:
                 return urlunsplit(parts._replace(netloc=f"{login}@{host}"))
         return address
 
-    def _patiently(self, work: Callable[[], T], address: str) -> T:
+    def _patiently(self, work: Callable[[Watch], T], address: str, slowest: float = float("inf")) -> T:
         """Three attempts where a second one can help; what is left is told in a sentence."""
+        if self._offline:
+            raise IndexUnreachable(_offline_message(_shown(address)))
         from requests import RequestException  # noqa: PLC0415  (slow to import)
 
-        if self._offline:
-            message = f"{_shown(address)} is on the network and the harness is offline; run without --offline"
-            raise IndexUnreachable(message)
-        for pause in (*PAUSES, None):
+        for pause in (*self._pauses, None):
             try:
-                return work()
+                return in_time(work, PAGE_READS * self._timeout[1], slowest=slowest)
+            except Overdue as error:
+                message = f"{_shown(address)} could not be had: {error}"
+                raise IndexUnreachable(message) from None
             except (RequestException, ValueError) as error:
                 if pause is None or not _passing(error):
                     message = f"{_shown(address)} could not be had: {_reason(error)}"
                     raise IndexUnreachable(message) from None
                 time.sleep(pause)
         raise AssertionError
+
+
+def _offline_message(place: str) -> str:
+    return f"{place} is on the network and the harness is offline; run without --offline"
 
 
 def _passing(error: Exception) -> bool:
@@ -305,11 +333,15 @@ def _there(path: Path) -> Path:
     return path
 
 
-def _from_response(response: requests.Response, name: str) -> list[_File]:
+def _page(watch: Watch, response: requests.Response) -> bytes:
+    return b"".join(watch.chunks(response, MOST_PAGE))
+
+
+def _from_response(response: requests.Response, content: bytes) -> list[_File]:
     from pypi_simple import ProjectPage  # noqa: PLC0415  (slow to import)
 
     if "json" not in response.headers.get("Content-Type", ""):
-        return _from_html(response.content, response.url)
+        return _from_html(content, response.url)
     return [
         _File(
             name=package.filename,
@@ -319,7 +351,7 @@ def _from_response(response: requests.Response, name: str) -> list[_File]:
             address=package.url,
             sha256=package.digests.get("sha256"),
         )
-        for package in ProjectPage.from_response(response, name).packages
+        for package in ProjectPage.from_json_data(json.loads(content), response.url).packages
     ]
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
+from harness import given_files
 from harness.errors import BadInput
 from harness.model import IndexSettings
 
@@ -104,8 +105,8 @@ def _uv_files() -> Iterator[Path]:
 
 def _uv_file(path: Path) -> UserIndex:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        table = tomllib.loads(given_files.read_text(path))
+    except (RecursionError, ValueError) as error:
         message = f"{path}: uv's settings cannot be read: {error}"
         raise BadInput(message) from None
     table = {**table, **table.get("pip", {})}

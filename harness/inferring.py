@@ -1,22 +1,21 @@
 """What follows from measured combinations and was not measured itself; told apart from them wherever it is shown.
 
 Little follows. A version between two that work with all the rest alike, on the same Python and machine, is likely to
-work, too, where nothing was seen of it; so is a Python between two. That two packages work apart says only that.
+work, too, where nothing was seen of it; so is a Python between two.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import Any
 
 import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.recommending import Known, Query, Wanted, fitting, good
-from harness.reporttypes import number
+from harness.measured_cells import Known, Query, Wanted, fitting, good
 
 PYTHON = "python"
 
@@ -24,7 +23,7 @@ PYTHON = "python"
 class Inferred(msgspec.Struct, frozen=True, kw_only=True):
     """What was not measured: `versions` and `python` as asked, `why` a sentence, `from_cells` what it follows from.
 
-    `kind` is `between` where two that work lie around it, `apart` where its packages only work each without another.
+    `kind` is `between`: two that work lie around it.
     """
 
     kind: str
@@ -36,7 +35,7 @@ class Inferred(msgspec.Struct, frozen=True, kw_only=True):
 
 def inferred(cells: Sequence[Known], query: Query) -> list[Inferred]:
     """What follows about a question that nothing measured answers."""
-    return [*_versions_between(cells, query), *_pythons_between(cells, query)] or list(_apart(cells, query))
+    return [*_versions_between(cells, query), *_pythons_between(cells, query)]
 
 
 # --- between ---------------------------------------------------------------------------------------------------
@@ -125,48 +124,3 @@ def _rest(one: Known, apart_from: str) -> str:
     chosen = {"Python": one.minor} if apart_from != PYTHON else {}
     chosen |= {name: version for name, version in one.chosen.items() if name != apart_from}
     return ", ".join(f"{name} {version}" for name, version in chosen.items())
-
-
-# --- apart -----------------------------------------------------------------------------------------------------
-
-
-def _apart(cells: Sequence[Known], query: Query) -> Iterator[Inferred]:
-    """Packages that work each without another, in locks that agree in all that both hold."""
-    free = replace(query, wanted=tuple(replace(one, versions=SpecifierSet()) for one in query.wanted), python=None)
-    if len(query.wanted) < 2 or fitting(cells, replace(free, needs=(), env=None)):
-        return
-    parts = [good(cells, replace(query, wanted=(one,))) for one in query.wanted]
-    best: Inferred | None = None
-    for first, second in combinations(parts, 2) if len(parts) == 2 else ():
-        for one, other in ((one, other) for one in first for other in second):
-            if _agree(one, other) and (best is None or _newer(one, other, query) > _order(best, query)):
-                best = _of_parts(one, other, query)
-    yield from [best] if best else []
-
-
-def _agree(one: Known, other: Known) -> bool:
-    shared = one.pins.keys() & other.pins.keys()
-    same = (one.minor, one.cell["machine"]) == (other.minor, other.cell["machine"])
-    return same and all(one.pins[name] == other.pins[name] for name in shared)
-
-
-def _newer(one: Known, other: Known, query: Query) -> tuple[Version, ...]:
-    first, second = query.names
-    return Version(str(one.version(first))), Version(str(other.version(second))), Version(one.python)
-
-
-def _order(found: Inferred, query: Query) -> tuple[Version, ...]:
-    return (*(Version(found.versions[name]) for name in query.names), Version(found.python))
-
-
-def _of_parts(one: Known, other: Known, query: Query) -> Inferred:
-    first, second = query.names
-    shared = len(one.pins.keys() & other.pins.keys())
-    return Inferred(
-        kind="apart",
-        versions={first: str(one.version(first)), second: str(other.version(second))},
-        python=one.python,
-        why=f"{first} {one.version(first)} and {second} {other.version(second)} each work, and were never measured"
-        f" together; their locks agree in all that both hold ({number(shared, 'package')})",
-        from_cells=(one.cell["id"], other.cell["id"]),
-    )

@@ -17,7 +17,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import schema
+from harness import given_files, schema
 from harness.errors import BadInput
 from harness.inputfiles import pip, project, pylock
 from harness.inputfiles.asked import Include, Inputs, Parsed, Source
@@ -50,7 +50,11 @@ def newest_python(requires: SpecifierSet | None, candidates: Iterable[str]) -> s
 
 
 def _parse(path: Path, extras: Sequence[str] = (), groups: Sequence[str] = ()) -> Parsed:
-    text = _text(path)
+    with schema.readable(str(path)):
+        return _parsed(path, _text(path), extras, groups)
+
+
+def _parsed(path: Path, text: str, extras: Sequence[str], groups: Sequence[str]) -> Parsed:
     source = Source(name=str(path), folder=path.absolute().parent, variables=os.environ)
     if path.suffix == ".toml":
         is_lock = is_valid_pylock_path(path) or (
@@ -70,14 +74,7 @@ def _text(path: Path) -> str:
             f"{path}: this format is not read; give requirements.txt, pyproject.toml, pylock.toml or environment.yml"
         )
         raise BadInput(message)
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        message = f"{path}: this is no text file in UTF-8"
-        raise BadInput(message) from None
-    except OSError as error:
-        message = f"{path}: the file cannot be read: {error.strerror}"
-        raise BadInput(message) from None
+    return given_files.read_text(path)
 
 
 def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Inputs:
@@ -88,7 +85,7 @@ def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Input
             found += Inputs(not_modelled=(f"{include.where}: {include.path}: a file on the network is not modelled",))
             continue
         target = path.parent / include.path
-        if not target.is_file():
+        if not os.path.isfile(target):  # noqa: PTH113 - a name may be too long for `Path.is_file`
             message = f"{include.where}: there is no file {target}"
             raise BadInput(message)
         if target.resolve() not in seen:

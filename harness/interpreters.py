@@ -19,7 +19,8 @@ from pathlib import Path
 import msgspec
 from packaging.version import InvalidVersion, Version
 
-from harness import discovery
+from harness import discovery, guarded_files
+from harness.hostile_data import Unreadable
 from harness.model import Interpreter
 from harness.process import Command, Limits, Profile, run
 from harness.store import cache_folder, write_atomic
@@ -253,7 +254,7 @@ def _ask(path: Path) -> Facts | None:
         log.unlink(missing_ok=True)
     answers = (line.removeprefix(_MARK) for line in lines if line.startswith(_MARK))
     try:
-        return msgspec.json.decode(next(answers, ""), type=Facts)
+        return guarded_files.decoder(Facts).decode(next(answers, ""))
     except msgspec.DecodeError:
         return None
 
@@ -269,6 +270,9 @@ def _command(argv: tuple[str, ...], folder: Path, log: Path, *, seconds: float, 
     )
 
 
+MOST_KNOWN = 16 << 20
+
+
 def _known_file() -> Path:
     return cache_folder() / "interpreters.json"
 
@@ -276,8 +280,8 @@ def _known_file() -> Path:
 @functools.cache
 def _known() -> dict[str, _Known]:
     try:
-        return msgspec.json.decode(_known_file().read_bytes(), type=dict[str, _Known])
-    except (OSError, msgspec.DecodeError):
+        return guarded_files.decoded(_known_file(), MOST_KNOWN, guarded_files.decoder(dict[str, _Known]).decode)
+    except Unreadable:
         return {}
 
 

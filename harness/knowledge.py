@@ -5,31 +5,23 @@
 
 from __future__ import annotations
 
-import os
+import re
 from functools import cache
 from pathlib import Path
 
-from harness import signatures, verdict
+from harness import guarded_files, locks, signatures, verdict
 from harness.errors import BadInput
-from harness.evidence import Knowledge, causes, diagnosed
+from harness.evidence import Knowledge, diagnosed, names
+from harness.hostile_data import Unreadable
 from harness.model import CellRecord
+from harness.signature_files import VARIABLE, files, folder
 from harness.signatures import Signature
 
-VARIABLE = "HARNESS_SIGNATURES"
-FOLDER = "signatures"
 HEAD, TAIL = 16_000, 48_000
 """Characters of a kept text that are looked at; of a longer one its middle is left out."""
+HEAD_LINE = re.compile(r"^\[\[signature\]\]$", re.MULTILINE)
+SILENT = re.compile(r"^silent = true$", re.MULTILINE)
 KEPT = (".log", ".txt", ".jsonl")
-
-
-def folder() -> Path | None:
-    """Where the signatures lie: beside the package in a checkout, inside it in a wheel; None for none at all."""
-    named = os.environ.get(VARIABLE)
-    if named is not None:
-        return Path(named) if named else None
-    package = Path(__file__).parent
-    places = (place / "matrices" / FOLDER for place in (package, package.parent))
-    return next((place for place in places if place.is_dir()), None)
 
 
 def known() -> tuple[Signature, ...]:
@@ -38,18 +30,25 @@ def known() -> tuple[Signature, ...]:
     return _read(place) if place else ()
 
 
-def files() -> tuple[Path, ...]:
-    """The files that they stand in."""
-    place = folder()
-    return tuple(sorted(place.glob("*.toml"))) if place else ()
-
-
 @cache
 def _read(place: Path) -> tuple[Signature, ...]:
     if not place.is_dir():
         message = f"{place}: is no folder; {VARIABLE} names the folder of the signatures"
         raise BadInput(message)
     return signatures.read({path.name: _text(path) for path in sorted(place.glob("*.toml"))})
+
+
+def silent() -> tuple[Signature, ...]:
+    """Return the silent ones, without reading the others: a green result is compared with nothing else."""
+    return _read_silent(files())
+
+
+@cache
+def _read_silent(places: tuple[Path, ...]) -> tuple[Signature, ...]:
+    blocks = {path.name: [one for one in HEAD_LINE.split(_text(path))[1:] if SILENT.search(one)] for path in places}
+    return signatures.read(
+        {name: "".join(f"[[signature]]{one}" for one in found) for name, found in blocks.items() if found}
+    )
 
 
 def _text(path: Path) -> str:
@@ -62,7 +61,18 @@ def _text(path: Path) -> str:
 
 def beside(state: Path) -> Knowledge:
     """What failures are compared with, their logs lying below the state folder."""
-    return Knowledge(signatures=known, logs=lambda path: texts(state / path))
+    return Knowledge(
+        signatures=known,
+        logs=lambda path: texts(state / path),
+        locked=lambda path: _pinned(state / path),
+        silent=silent,
+    )
+
+
+def _pinned(lock: Path) -> tuple[str, ...]:
+    """Return the lines `name==version` of a lock; none if it is gone."""
+    found = locks.pinned(_text(lock)) if lock.is_file() else {}
+    return tuple(f"{name}=={version}" for name, (version, _) in found.items())
 
 
 def fitting(record: CellRecord, state: Path) -> tuple[str, ...]:
@@ -70,7 +80,10 @@ def fitting(record: CellRecord, state: Path) -> tuple[str, ...]:
     if record.cell.expect is None or record.cell.expect.signature is None:
         return ()
     found = diagnosed(record, verdict.judge(record), beside(state))
-    return causes({one.signature.id: one.signature.masks for one in found})
+    return names(found)
+
+
+MOST_TEXT = 64 << 20
 
 
 def texts(place: Path) -> dict[str, str]:
@@ -80,5 +93,8 @@ def texts(place: Path) -> dict[str, str]:
 
 
 def _bounded(path: Path) -> str:
-    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        text = guarded_files.head(path, MOST_TEXT, follow=True).decode("utf-8", "replace")
+    except Unreadable:
+        return ""
     return text if len(text) <= HEAD + TAIL else f"{text[:HEAD]}\n...\n{text[-TAIL:]}"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
@@ -17,8 +16,12 @@ from time import monotonic
 
 import msgspec
 
-from harness import display, outcomes, process, wire
+from harness import bytecode, display, outcomes, process, wire
+from harness.guarded_files import Folder
+from harness.hostile_data import Absent, Unreadable, understanding
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
+from harness.scratch_folders import scratch_folder
+from harness.store import digest, own_folders
 
 INCELL = Path(__file__).parent / "incell"
 LEADS_ON = "_simmatrix_below.pth"
@@ -30,8 +33,12 @@ TAKEN_AWAY = "the environment was taken away, or changed, while it was used"
 POLL_SECONDS = 0.05
 STARTUP_SECONDS = 120.0
 LITTLE_ROOM, FEW_NAMES = 1 << 18, 8
+LOG, REPLY, STACKS = "log.txt", "reply.jsonl", "stacks.txt"
 MOST_REPLY, MOST_TEXT, MOST_WORKERS, MOST_WRITTEN = 16 << 20, 200_000, 64, 100
 """Bytes that are read of a reply and of another file, and files of workers: what a cell leaves is not trusted."""
+
+MOST_KEPT = 4 << 20
+"""Bytes that are kept of each text of a run; of those that are read in part, these."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,28 +66,34 @@ class Site:
         """All that a probe runs in, the one that is found first at the end."""
         return (self.below, self.folder) if self.below else (self.folder,)
 
-    def cached(self, home: Path) -> dict[str, str]:
-        """The variables of a run, with where Python, numba and Warp keep what they compiled for an environment."""
-        kept = {"NUMBA_CACHE_DIR": str(self.pycache / "numba"), "WARP_CACHE_PATH": str(self.pycache / "warp")}
+    def cached(self, home: Path, code: bytecode.Lent) -> dict[str, str]:
+        """The variables of a run, with where Python, numba and Warp keep what they compile."""
         brought = {name: str(copy) for name, copy in self.brought.items()}
         path = [*(str(home / folder) for folder in self.python_path), *filter(None, [self.variables.get("PYTHONPATH")])]
         found = {"PYTHONPATH": os.pathsep.join(path)} if path else {}
-        return {**kept, **self.variables, **brought, **found, "PYTHONPYCACHEPREFIX": str(self.pycache)}
+        kept = code.variables
+        return {**kept, **self.variables, **brought, **found, bytecode.PREFIX: kept[bytecode.PREFIX]}
+
+    def code(self, shown: Path, *imports: object) -> AbstractContextManager[bytecode.Lent]:
+        """Lend a run that sees the environment at `shown`, and imports this, a place for what it compiles."""
+        source = bytecode.Source(folders=self.folders, python=self.python, kept=self.pycache)
+        return bytecode.lent(source, shown, digest(*imports))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeRun:
     """What came of one probe process.
 
-    `overran` is the limit (seconds) that ended it, `replies` where it wrote to, `full` whether that disk is,
-    `lost` how the display that it drew on ended.
+    `overran` is the limit (seconds) that ended it, `left` the folder that it wrote its reply to, `beside` the one with
+    the log. `full` is whether their disk is, `lost` how the display that it drew on ended.
     """
 
     reply: ProbeReply
     completed: process.Completed
     overran: float | None
     stacks: str
-    replies: Path
+    left: Folder
+    beside: Folder
     full: bool
     last_lines: str
     memory_mb: int
@@ -91,25 +104,37 @@ class ProbeRun:
         """What the end of the process says about the check that was running then."""
         done = self.completed
         overran = STARTUP_SECONDS if done.timed_out else self.overran
-        trouble = f"needs more than the {self.memory_mb} MB that its case allows; `memory_mb` of the case raises that"
+        limit = f"needs more than the {self.memory_mb} MB that its case allows; `memory_mb` of the case raises that"
+        trouble = done.killed if overran is None or done.out_of_memory else None
         return outcomes.Ending(
             exit_code=done.exit_code,
             signal=done.signal,
             overran=overran,
-            trouble=trouble if done.out_of_memory else None if overran is not None else done.killed,
+            trouble=trouble or (limit if done.out_of_memory else None),
             full=self.full,
             lost=self.lost,
+            least_room_mb=done.least_room_mb,
+            shares_memory=done.sandbox != process.UNSEALED or os.access("/dev/shm", os.W_OK | os.X_OK),
             stacks=self.last_lines + self.stacks,
         )
 
     def printed(self) -> str:
         """What the process printed, as far as its log is kept."""
-        log = self.completed.log
-        return log.read_bytes()[: 4 << 20].decode("utf-8", "replace") if log.is_file() else ""
+        return self.text(LOG)
+
+    def texts(self) -> Iterator[tuple[str, str]]:
+        """Yield what the probe and its workers wrote under the names that they were given, by name; nothing else."""
+        for name in (LOG, REPLY, STACKS, *_workers(self.left)):
+            if text := self.text(name):
+                yield name, text
+
+    def text(self, name: str) -> str:
+        """Return the beginning of one of these texts, empty where there is none."""
+        return _content(self.beside if name == LOG else self.left, name, MOST_KEPT).decode("utf-8", "replace")
 
     def last_words(self) -> str:
         """The last line that the process printed, or how it ended."""
-        lines = self.last_lines.splitlines()
+        lines = [line for line in self.last_lines.splitlines() if line != wire.LAST_WORDS]
         return lines[-1] if lines else f"exit code {self.completed.exit_code}, signal {self.completed.signal}"
 
 
@@ -119,59 +144,62 @@ def probe(site: Site, case: Case, limits: Mapping[str, float]) -> Iterator[Probe
 
     HOME and the reply are below a folder that goes with the block; its path is short, as sockets below it need.
     """
-    scratch = Path(tempfile.mkdtemp(prefix="simmatrix-"))
-    try:
-        yield _run(site, case, limits, scratch)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+    with scratch_folder() as scratch:
+        (scratch / "reply").mkdir()
+        with Folder(scratch) as beside, Folder(scratch / "reply") as left:
+            yield _run(site, case, limits, scratch, beside, left)
 
 
-def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> ProbeRun:
+def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path, beside: Folder, left: Folder) -> ProbeRun:
     home, replies = scratch / "home", scratch / "reply"
-    replies.mkdir(parents=True)
     furnish(site, home)
     allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
     folder, sealed = entered(site, scratch)
     request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed)
     (scratch / "request.json").write_text(wire.request_to_json(request))
-    command = process.Command(
-        argv=(
-            str(folder / site.python.relative_to(site.folder)),
-            "-s",
-            str(INCELL / "bootstrap.py"),
-            str(scratch / "request.json"),
-        ),
-        cwd=home,
-        env=site.cached(home),
-        limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
-        log=scratch / "log.txt",
-        profile=process.Profile.CELL,
-        home=home,
-        sealed=sealed,
-    )
-    try:
-        with display.shown(command, scratch / "display") as seen:
-            completed, overran = _watch(seen.command, replies / "reply.jsonl", allowed)
-            lost, places = seen.lost(), seen.places
-    except display.NoDisplayError as error:
-        completed, overran, lost, places = process.unstarted(command, str(error)), None, None, {}
+    with site.code(folder, case.api, case.imports, case.providers, case.beside) as code:
+        command = process.Command(
+            argv=(
+                str(folder / site.python.relative_to(site.folder)),
+                "-s",
+                str(INCELL / "bootstrap.py"),
+                str(scratch / "request.json"),
+            ),
+            cwd=home,
+            env=site.cached(home, code),
+            limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
+            log=scratch / LOG,
+            profile=process.Profile.CELL,
+            home=home,
+            sealed=sealed,
+            shielded=own_folders(),
+            writable=(scratch, *code.writable),
+        )
+        try:
+            with display.shown(command, scratch / "display") as seen:
+                completed, overran = _watch(seen.command, left, allowed)
+                lost, places = seen.lost(), seen.places
+        except display.NoDisplayError as error:
+            completed, overran, lost, places = process.unstarted(command, str(error)), None, None, {}
     completed = watched(site, folder, completed)
     return ProbeRun(
-        reply=wire.read_reply(_lines(replies / "reply.jsonl"), _worker_files(replies)),
+        reply=_reply(left),
         completed=completed,
         overran=overran,
-        stacks=_text(replies / "stacks.txt"),
-        replies=replies,
+        stacks=_content(left, STACKS, MOST_TEXT).decode("utf-8", "replace"),
+        left=left,
+        beside=beside,
         full=_full(scratch),
-        last_lines=_tail(command.log),
+        last_lines=_last_lines(beside),
         memory_mb=case.memory_mb,
         lost=lost,
         places={
             **{str(one): "$ENV" for one in site.folders},
             str(folder): "$ENV",
             str(site.pycache): "$PYCACHE",
+            **{str(one): "$PYCACHE" for one in code.writable},
             str(home): "$HOME",
-            str(home / "tmp"): "$TMP",
+            str(process.temporary(home)): "$TMP",
             str(replies): "$REPLY",
             str(INCELL): "$INCELL",
             str(scratch): "$SCRATCH",
@@ -183,13 +211,16 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path) -> 
 
 def _full(folder: Path) -> bool:
     """Whether the disk of a folder has no room left for data, or for names."""
-    disk = os.statvfs(folder)
+    try:
+        disk = os.statvfs(folder)
+    except OSError:  # it was removed
+        return False
     return disk.f_bavail * disk.f_frsize < LITTLE_ROOM or (disk.f_files > 0 and disk.f_favail < FEW_NAMES)
 
 
 def furnish(site: Site, home: Path) -> None:
     """Make a HOME with the cell's own files."""
-    (home / "tmp").mkdir(parents=True)
+    home.mkdir(parents=True)
     for name, content in site.files.items():
         target = home / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -231,15 +262,28 @@ def _differences(site: Site, copy: Path) -> Iterator[str]:
 
 
 def _files(folder: Path) -> dict[str, tuple[int, int]]:
-    found = ((path.relative_to(folder), path.lstat()) for path in folder.rglob("*") if not path.is_dir())
-    passed_over = {"__pycache__", LEADS_ON}
-    plain = ((name, at) for name, at in found if not passed_over & {*name.parts})
-    return {str(name): (at.st_size, 0 if S_ISLNK(at.st_mode) else at.st_mtime_ns) for name, at in plain}
+    found: dict[str, tuple[int, int]] = {}
+    waiting = [""]
+    while waiting:  # no recursion: a probe may leave folders of any depth
+        inside = waiting.pop()
+        with suppress(OSError), os.scandir(folder / inside) as entries:
+            for entry in entries:
+                name = f"{inside}{entry.name}"
+                if entry.name in {"__pycache__", LEADS_ON}:
+                    continue
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(f"{name}/")
+                elif not entry.is_dir():
+                    at = entry.stat(follow_symlinks=False)
+                    found[name] = at.st_size, 0 if S_ISLNK(at.st_mode) else at.st_mtime_ns
+    return found
 
 
-def _watch(command: process.Command, file: Path, limits: Mapping[str, float]) -> tuple[process.Completed, float | None]:
+def _watch(
+    command: process.Command, left: Folder, limits: Mapping[str, float]
+) -> tuple[process.Completed, float | None]:
     """Wait for the end, ending the probe when one check, or the end after the last one, takes longer than its limit."""
-    follower = _Follower(file)
+    follower = _Follower(left)
     with process.start(command) as running:
         since = monotonic()
         while (completed := running.wait(POLL_SECONDS)) is None:
@@ -252,66 +296,82 @@ def _watch(command: process.Command, file: Path, limits: Mapping[str, float]) ->
         return completed, None
 
 
+class _Glance(msgspec.Struct, frozen=True):
+    """The little of a record that tells which check is running."""
+
+    kind: str
+    check: str | None = None
+
+
+_glances = msgspec.json.Decoder(_Glance)
+
+
 class _Follower:
     """Reads the reply as it grows, to know which check is running; `latest` is the one that started last."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, left: Folder) -> None:
         self.latest: str | None = None
+        self._left = left
         self._records = 0
         self._seen = 0
 
     def advanced(self) -> bool:
         """Whether another check has started or ended since the last call."""
         before = self._records
-        try:
-            with self.path.open("rb") as file:
-                file.seek(self._seen)
-                tail = file.read(1 << 20)
-        except FileNotFoundError:
-            return False
-        whole = tail[: tail.rfind(b"\n") + 1]
-        self._seen += len(whole)
-        for line in whole.splitlines():
+        piece = _content(self._left, REPLY, min(wire.LONGEST_LINE, MOST_REPLY - self._seen), self._seen)
+        end = piece.rfind(b"\n") + 1
+        if not end and len(piece) == wire.LONGEST_LINE:
+            end = len(piece)  # of a line that is none of ours
+        self._seen += end
+        for line in piece[:end].splitlines():
             self._take(line)
         return self._records != before
 
     def _take(self, line: bytes) -> None:
-        try:
-            record = msgspec.json.decode(line)
-        except msgspec.DecodeError:
-            return
-        if isinstance(record, dict) and record.get("kind") in ("start", "check", "end"):
-            self.latest = str(record.get("check", self.latest))
-            self._records += 1
+        with suppress(Unreadable), understanding():
+            record = _glances.decode(line)
+            if record.kind in ("start", "check", "end"):
+                self.latest = record.check or self.latest
+                self._records += 1
 
 
-def _lines(path: Path) -> Iterator[bytes]:
-    """The lines of a file that a cell wrote, as far as they are read at all."""
-    yield from _content(path, MOST_REPLY).splitlines(keepends=True)
+def _reply(left: Folder) -> ProbeReply:
+    """Read the reply, as far as it is read at all; one that became something else is a problem."""
+    problems: tuple[str, ...] = ()
+    content = b""
+    try:
+        content = left.head(REPLY, MOST_REPLY)
+    except Absent:  # the probe has not come that far
+        pass
+    except Unreadable as error:
+        problems = (f"{REPLY}: {error}",)
+    reply = wire.read_reply(content.splitlines(keepends=True), _worker_files(left))
+    return replace(reply, problems=(*problems, *reply.problems))
 
 
-def _worker_files(folder: Path) -> dict[str, bytes]:
-    found = sorted(folder.glob("worker-*"))[:MOST_WORKERS]
-    return {path.name: _content(path, MOST_TEXT) for path in found}
+def _workers(left: Folder) -> list[str]:
+    return left.names(wire.WORKER_FILE.fullmatch, MOST_WORKERS)
 
 
-def _text(path: Path) -> str:
-    return _content(path, MOST_TEXT).decode("utf-8", "replace")
+def _worker_files(left: Folder) -> dict[str, bytes]:
+    return {name: _content(left, name, MOST_TEXT) for name in _workers(left)}
 
 
-def _tail(log: Path, size: int = 12_000) -> str:
+def _last_lines(beside: Folder, size: int = 12_000) -> str:
     """The end of our own log, whole lines."""
-    text = log.read_bytes()[-size:].decode("utf-8", "replace") if log.is_file() else ""
+    try:
+        text = beside.tail(LOG, size).decode("utf-8", "replace")
+    except Unreadable:
+        text = ""
     return "\n".join([*text.strip().splitlines(), ""])
 
 
-def _content(path: Path, limit: int) -> bytes:
+def _content(folder: Folder, name: str, limit: int, start: int = 0) -> bytes:
     """The beginning of a plain file; a cell may have left anything under its name."""
-    if path.is_symlink() or not path.is_file():
+    try:
+        return folder.head(name, limit, start)
+    except Unreadable:
         return b""
-    with path.open("rb") as file:
-        return file.read(limit)
 
 
 @cache

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC
@@ -70,21 +69,15 @@ def restored(pylock: Mapping[str, Any], requirements: str, interpreter: Interpre
 
 def to_install(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
     """Write a pylock from which uv installs exactly these wheels (name, version, file) without asking an index."""
-    lines = ['lock-version = "1.0"', 'created-by = "simmatrix"']
+    from tomli_w import dumps  # noqa: PLC0415 - start-up
+
+    packages: list[dict[str, Any]] = []
     for name, version, artifact in wheels:
         place = "url" if _remote(artifact) else "path"
-        entry = (
-            f"{{name = {json.dumps(artifact.filename)}, {place} = {json.dumps(artifact.source)}, "
-            f'hashes = {{sha256 = "{artifact.sha256}"}}}}'
-        )
-        lines += [
-            "[[packages]]",
-            f"name = {json.dumps(name)}",
-            f"version = {json.dumps(version)}",
-            *([f'index = "{PLACE.format(sha256=artifact.sha256)}"'] if _remote(artifact) else []),
-            f"wheels = [{entry}]",
-        ]
-    return "\n".join(lines) + "\n"
+        file = {"name": artifact.filename, place: artifact.source, "hashes": {"sha256": artifact.sha256}}
+        index = {"index": PLACE.format(sha256=artifact.sha256)} if _remote(artifact) else {}
+        packages.append({"name": name, "version": version, **index, "wheels": [file]})
+    return dumps({"lock-version": "1.0", "created-by": "simmatrix", "packages": packages})
 
 
 def to_keep(wheels: Iterable[Artifact]) -> str:
@@ -92,16 +85,18 @@ def to_keep(wheels: Iterable[Artifact]) -> str:
 
     An index that says nothing of it is asked for the whole file again for each environment (measured: uv 0.13).
     """
-    lines = []
-    for artifact in filter(_remote, wheels):
-        lines += [
-            "[[index]]",
-            f'name = "sha256-{artifact.sha256}"',
-            f'url = "{PLACE.format(sha256=artifact.sha256)}"',
-            "explicit = true",
-            'cache-control = { files = "max-age=365000000, immutable" }',
-        ]
-    return "".join(f"{line}\n" for line in lines)
+    from tomli_w import dumps  # noqa: PLC0415 - start-up
+
+    indexes = [
+        {
+            "name": f"sha256-{artifact.sha256}",
+            "url": PLACE.format(sha256=artifact.sha256),
+            "explicit": True,
+            "cache-control": {"files": "max-age=365000000, immutable"},
+        }
+        for artifact in filter(_remote, wheels)
+    ]
+    return dumps({"index": indexes} if indexes else {})
 
 
 def _remote(artifact: Artifact) -> bool:

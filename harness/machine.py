@@ -8,8 +8,8 @@ import platform
 import re
 import shutil
 import sys
-import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,10 +18,13 @@ from typing import Any
 
 import msgspec
 
-from harness import display, process
+from harness import display, guarded_files, process
+from harness.hostile_data import Unreadable
 from harness.normalise import normalise
 from harness.process import Command, Completed, Limits, Profile, run
+from harness.scratch_folders import scratch_folder
 from harness.store import cache_folder, digest, write_atomic
+from harness.vocabulary import READERS
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 PROBE = Path(__file__).parent / "glprobe.py"
@@ -131,6 +134,28 @@ def supplied(
     return {name: value for name, value in found.items() if name not in given}
 
 
+def other_ways(
+    supplied: Mapping[str, str], given: Mapping[str, str], packages: Collection[str] = ()
+) -> tuple[dict[str, str], ...]:
+    """The other variables that could be supplied for rendering here, each set whole, in the order to try them.
+
+    SDL's own choice first, then a window on a display, then what MuJoCo draws with; never over a variable that was
+    given.
+    """
+    capabilities = facts().capabilities
+    window = {}
+    if "display" in capabilities:
+        window = {display.VARIABLE: facts().facts["display"]["server"], "SDL_VIDEODRIVER": "x11"}
+    found = [{name: text for name, text in supplied.items() if name != "SDL_VIDEODRIVER"}, {**supplied, **window}]
+    values = [value for name, value in WAYS.items() if name in capabilities]
+    for value in values if "MUJOCO_GL" in supplied and {*packages} & (READERS["MUJOCO_GL"] or set()) else ():
+        own = {"PYOPENGL_PLATFORM": "osmesa"} if value == "osmesa" else window if value == "glfw" else {}
+        kept = {name: text for name, text in supplied.items() if name != "PYOPENGL_PLATFORM"}
+        found.append({**kept, "MUJOCO_GL": value, **own})
+    plain = [{name: text for name, text in each.items() if name not in given} for each in found]
+    return tuple(each for number, each in enumerate(plain) if each not in (supplied, *plain[:number]))
+
+
 @cache
 def conditions() -> str:
     """A mark of the programs, headers and libraries of this system: another one after something was installed."""
@@ -186,12 +211,15 @@ def _hint(need: str, machine: Machine) -> str:
 # --- parts: each a few strings, or `missing`: why it is not there ----------------------------------------------
 
 
+MOST = 16 << 20
+
+
 def _parts() -> dict[str, dict[str, str]]:
     """What each part says of itself; asked again only where something was installed, removed or started."""
     memory, marks = cache_folder() / "machine.json", _marks()
     try:
-        kept = msgspec.json.decode(memory.read_bytes(), type=_Memory)
-    except (OSError, msgspec.MsgspecError):
+        kept = guarded_files.decoded(memory, MOST, guarded_files.decoder(_Memory).decode)
+    except Unreadable:
         kept = None
     if kept and kept.marks == marks:
         process.remember(kept.sandbox)
@@ -258,8 +286,9 @@ def _ask_display() -> tuple[dict[str, str], bool]:
 
 def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
     """What the probe says from within the sandbox that cells have, and whether it would say so again."""
-    with tempfile.TemporaryDirectory(prefix="simmatrix-", ignore_cleanup_errors=True) as name:
-        home = Path(name)
+    with scratch_folder() as scratch:
+        home = scratch / "home"
+        home.mkdir()
         answer = home / "answer.json"
         argv = (sys.executable, "-I", "-S", str(PROBE), way, str(answer))
         command = _command(argv, {**base_environment(), display.VARIABLE: screen}, home, Profile.CELL)
@@ -268,8 +297,8 @@ def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
                 done = run(seen.command)
         except display.NoDisplayError as error:
             return {"missing": str(error)}, True
-        if answer.exists():
-            told = msgspec.json.decode(answer.read_bytes(), type=dict[str, str])
+        with suppress(Unreadable):
+            told = guarded_files.decoded(answer, MOST, msgspec.json.Decoder(dict[str, str]).decode)
             return {name: normalise(text, seen.places) for name, text in told.items()} if seen.places else told, True
         return {"missing": f"its driver {_death(done)}"}, done.killed is None and not done.timed_out
 
@@ -299,9 +328,9 @@ def _gpu(root: Path) -> tuple[dict[str, str], bool]:
     tool = shutil.which("nvidia-smi")
     if tool is None:
         return {"missing": "no driver of NVIDIA's"}, True
-    with tempfile.TemporaryDirectory(prefix="simmatrix-") as name:
+    with scratch_folder() as folder:
         argv = (tool, "--query-gpu=name,driver_version", "--format=csv,noheader")
-        done = run(_command(argv, ENVIRONMENT, Path(name), Profile.HOST))
+        done = run(_command(argv, ENVIRONMENT, folder, Profile.HOST))
         lines = done.log.read_text().splitlines() if done.exit_code == 0 else []
     pairs = [tuple(line.split(", ")) for line in lines if line.count(", ") == 1]
     if not pairs:

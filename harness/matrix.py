@@ -11,10 +11,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
+from harness import cellid
 from harness.model import Phase, Verdict
 from harness.strategy import FULL, Strategy
 from harness.vocabulary import (
-    WITH,
     Api,
     Capability,
     CheckName,
@@ -170,13 +170,13 @@ class CaseTable(Table, frozen=True, kw_only=True):
         Literal["baseline"] | None, Meta(description="baseline: exists in the cells of that strategy alone")
     ] = None
     timeouts: Annotated[
-        dict[Literal["import", "single", "vector", "render", "interop"], Annotated[float, Meta(gt=0)]],
+        dict[Literal["import", "single", "vector", "render", "interop"], Annotated[float, Meta(gt=0, le=1e6)]],
         Meta(description="phase to seconds for each of its checks"),
     ] = {}
     picture: Annotated[
         PictureTable | None, Meta(description="colours of a right picture after the first reset, as #rrggbb")
     ] = None
-    steps: Annotated[int, Meta(ge=1)] = 100
+    steps: Annotated[int, Meta(ge=1, le=10**9)] = 100
     seed: Annotated[int, Meta(ge=0)] = 7
     memory_mb: Annotated[int, Meta(ge=64, description="of all processes of a probe together")] = 6000
 
@@ -306,6 +306,13 @@ class ExcludeTable(Table, frozen=True, kw_only=True):
     reason: Annotated[str, Meta(min_length=1)]
 
 
+class VariantTable(Table, frozen=True, kw_only=True):
+    """Combinations under a side condition: measured and listed, but not part of a table's squares."""
+
+    when: Annotated[When, Meta(min_length=1)]
+    reason: Annotated[str, Meta(min_length=1, description="what is different about them")]
+
+
 class IncludeTable(Table, frozen=True, kw_only=True):
     """One combination more; it gives every axis a value, which the axis itself need not list."""
 
@@ -319,7 +326,7 @@ class ExpectTable(Table, frozen=True, kw_only=True):
     verdict: Verdict
     reason: Annotated[str, Meta(min_length=1)]
     cells: Annotated[
-        str | None, Meta(description="glob on the cell's id or on its label; with `-with-` in it, also of changed ones")
+        str | None, Meta(description="glob on the cell's id or on its label; with `_with-` in it, also of changed ones")
     ] = None
     when: When = {}
     phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
@@ -331,7 +338,7 @@ class ExpectTable(Table, frozen=True, kw_only=True):
     @property
     def of_changed(self) -> bool:
         """Whether it may speak of changed cells, as its glob has to say: others mean cells as the axes make them."""
-        return not self.when and self.cells is not None and WITH in self.cells
+        return not self.when and self.cells is not None and cellid.of_changed(self.cells)
 
 
 class ChangedTable(Table, frozen=True, kw_only=True):
@@ -347,7 +354,7 @@ class ChangedTable(Table, frozen=True, kw_only=True):
 
 
 class ChangeTable(Changes, frozen=True, kw_only=True):
-    """One change, tried on some cells: each with it is a cell of its own, `LABEL-with-NAME`.
+    """One change, tried on some cells: each with it is a cell of its own, `LABEL_with-NAME`.
 
     What it asks for replaces what the cell asks for of the same packages.
     """
@@ -396,6 +403,9 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
     pivot: Annotated[
         tuple[str, str] | None, Meta(description="axes of the small table, down and across; default: two that vary")
     ] = None
+    title: Annotated[
+        str, Meta(description="heading of the report after the matrix's name; `{cells}` is their number")
+    ] = ""
     page: Annotated[
         InnerPath | None,
         Meta(description="template of the report's README.md, relative to the folder of the matrix file"),
@@ -403,6 +413,7 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
     cases: tuple[CaseTable, ...] = ()
     exclude: tuple[ExcludeTable, ...] = ()
     include: tuple[IncludeTable, ...] = ()
+    variant: Annotated[tuple[VariantTable, ...], Meta(description="side conditions, kept out of the squares")] = ()
     expect: tuple[ExpectTable, ...] = ()
     change: Annotated[tuple[ChangeTable, ...], Meta(description="single changes tried on some of the cells")] = ()
 

@@ -12,9 +12,10 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import msgspec
-from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
+from harness import requirement_texts
 from harness.errors import BadInput
 from harness.matrix import (
     Axis,
@@ -142,7 +143,7 @@ def _check_name(name: str, axis: Axis) -> None:
         Label.canonical(name)
     if axis.range:
         try:
-            SpecifierSet(axis.range.range)
+            requirement_texts.specifiers(axis.range.range)
         except InvalidSpecifier:
             message = f'"{axis.range.range}" is not a specifier such as ">=2.3,<4"'
             raise ValueError(message) from None
@@ -249,6 +250,7 @@ def _conditions(matrix: Matrix) -> Iterator[tuple[Keys, When]]:
     yield from ((path, case.when) for path, case in _cases(matrix))
     yield from [(("suite",), matrix.suite.when)] if matrix.suite else []
     yield from ((("exclude", index), table.when) for index, table in enumerate(matrix.exclude))
+    yield from ((("variant", index), table.when) for index, table in enumerate(matrix.variant))
     yield from ((("expect", index), table.when) for index, table in enumerate(matrix.expect))
     yield from ((("change", index), table.when) for index, table in enumerate(matrix.change))
 
@@ -303,8 +305,9 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
         if case.env is None and not case.imports:
             message = 'a case needs an "env", or "imports" alone'
             raise ValueError(message)
-        if case.env is not None and api_of(case.env, case.api) is None:
-            message = f'the key "api" is missing{suggestion(case.env.rpartition(":")[0], APIS)}'
+        prefix = (case.env or "").rpartition(":")[0]
+        if case.env is not None and api_of(case.env, case.api) is None and "did you mean" in suggestion(prefix, APIS):
+            message = f'the key "api" is missing{suggestion(prefix, APIS)}'
             raise ValueError(message)
         case_id(case.env, case.imports)
     checks = checks_of(case.checks) if case.env else (IMPORT_CHECK,)

@@ -7,6 +7,7 @@ holds stands in `distilling`.
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -14,7 +15,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from harness import distilling, document, knowledge, store
+import msgspec
+
+from harness import cellid, distilling, given_files, store
 from harness.distilling import Layer
 from harness.errors import BadInput
 from harness.model import Plan
@@ -29,37 +32,66 @@ NAME = "report.json"
 
 def load() -> dict[str, Any]:
     """Everything at hand; of a cell measured twice on one machine the newer measurement stands. Raises BadInput."""
-    return distilling.combined([*_with_us(), *_of_others(), *_own()])
+    more = [*map(_report, files_of_others()), *_own()]
+    return distilling.combined([distilling.again(shipped()), *more]) if more else shipped()
 
 
 def shipped() -> dict[str, Any]:
-    """What comes with the harness alone."""
-    return distilling.combined(_with_us())
-
-
-def _with_us() -> Iterator[Layer]:
+    """What comes with the harness alone; of a checkout it is distilled once for each state of its reports."""
     if PACKED.is_file():
-        yield distilling.again(distilling.unpacked(PACKED.read_bytes()))
+        content = gzip.decompress(PACKED.read_bytes())
     else:
-        yield from map(_report, sorted((PACKAGE.parent / "reports").glob(f"*/{NAME}")))
+        files = [*report_files(), Path(distilling.__file__), Path(cellid.__file__)]
+        marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
+        content = store.remembered("distilled", repr(marks), _distilled, msgspec.json.decode)
+    found: dict[str, Any] = msgspec.json.decode(content)
+    return found
 
 
-def _of_others() -> Iterator[Layer]:
+def _distilled() -> bytes:
+    return msgspec.json.encode(distilling.combined(map(_report, report_files())))
+
+
+def report_files() -> list[Path]:
+    """Return the reports of a checkout; a wheel has none."""
+    return sorted((PACKAGE.parent / "reports").glob(f"*/{NAME}"))
+
+
+def files_of_others() -> list[Path]:
+    """Return the reports that the user names. Raises BadInput."""
+    files: list[Path] = []
     for folder in (Path(name) for name in os.environ.get(VARIABLE, "").split(os.pathsep) if name):
         found = sorted({*folder.glob(NAME), *folder.glob(f"*/{NAME}")})
         if not found:
             message = f"{folder}: has no {NAME}, nor has a folder in it; {VARIABLE} names folders of reports"
             raise BadInput(message)
-        yield from map(_report, found)
+        files += found
+    return files
 
 
 def _report(path: Path) -> Layer:
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(given_files.read_content(path))
+        content["cells"] = _renamed(content["cells"])
         return distilling.layer(content, partial(_text, path.parent))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (BadInput, RecursionError, ValueError, KeyError, TypeError, AttributeError) as error:
         message = f"{path}: is no report of this harness: {type(error).__name__}: {error}"
         raise BadInput(message) from None
+
+
+def _renamed(cells: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the cells of a report with the ids of today."""
+    names = {
+        cell["id"]: cellid.newer(cell["id"], cell["axes"], cell["requested_python"] if cell.get("base") else None)
+        for cell in cells
+    }
+    for cell in cells:
+        cell["id"] = names[cell["id"]]
+        if cell.get("base"):
+            cell["base"] = cellid.newer(cell["base"], cell["axes"])
+        for one in cell["diagnoses"]:
+            one["proof"] = names.get(one.get("proof"), one.get("proof"))
+    return cells
 
 
 def _text(folder: Path, name: str) -> str | None:
@@ -73,6 +105,8 @@ def _own() -> Iterator[Layer]:
     """What this store measured, judged and diagnosed as of now; no store is made where there is none."""
     if not (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
         return
+    from harness import document, knowledge  # noqa: PLC0415 - start-up
+
     opened = store.open_store()
     records = [record for record in opened.cells() if record.measured]
     planned = Plan(matrix="", cells=tuple({record.cell.id: record.cell for record in records}.values()), axes=())

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from harness import cellid
+
 
 class Phase(StrEnum):
     """What a cell goes through, in this order; a failed phase leaves those that need it `not_reached`."""
@@ -59,9 +61,19 @@ class Verdict(StrEnum):
     UNRESOLVABLE = "unresolvable"
     UNINSTALLABLE = "uninstallable"
     IMPORT_FAILS = "import_fails"
+    MISLEADS = "misleads"
     WORKS = "works"
     PARTIAL = "partial"
     BROKEN = "broken"
+
+
+class Role(StrEnum):
+    """What a cell is measured for; squares of tables hold main cells alone."""
+
+    MAIN = "main"
+    VARIANT = "variant"
+    WHAT_IF = "what-if"
+    REPAIR = "repair"
 
 
 class Level(StrEnum):
@@ -91,7 +103,8 @@ class Case:
     checks whose warnings turn the case red. `timeouts` maps a phase to seconds per check, `imports` are module
     names imported first. `packages` are distributions asked for: without an environment their modules are imported,
     else those of the ones that speak the API, where the environment is not registered without them (`providers`, which
-    the host fills in after the install). `picture` has two colours of a right picture, `above` and `below`.
+    the host fills in after the install; `beside` are modules of other packages that speak it). `picture` has two
+    colours of a right picture, `above` and `below`.
     """
 
     id: str
@@ -103,6 +116,7 @@ class Case:
     imports: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
     providers: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
     timeouts: Mapping[Phase, float] = field(default_factory=dict)
     picture: Mapping[str, str] | None = None
     steps: int = 100
@@ -287,8 +301,9 @@ class Cell:
     """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`).
 
     `system` are packages of Debian's that it needs. `empty` are variables that are set, to the empty string,
-    `python_path` folders of its HOME that modules are imported from, `bring` folders that the user brings. Where a
-    change is `tried`, `base` is the id of the cell without it, whose axes it has.
+    `python_path` folders of its HOME that modules are imported from, `bring` folders that the user brings. `asked`
+    are packages of which each has to be exercised before the cell works. Where a change is `tried`, `base` is the id of
+    the cell without it, whose axes it has.
     """
 
     id: str
@@ -306,13 +321,14 @@ class Cell:
     bring: tuple[Bring, ...] = ()
     expect: Expectation | None = None
     subject: Subject | None = None
+    asked: tuple[str, ...] = ()
     base: str | None = None
     tried: Tried | None = None
 
     @property
     def label(self) -> str:
         """The part of the id after the matrix name."""
-        return self.id.partition("/")[2]
+        return cellid.label(self.id)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -329,7 +345,8 @@ class Plan:
     """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell.
 
     `snapshot` is the cutoff that the matrix itself, or its expansion, names, `pivot` the axes of its small table,
-    `page` the text of the template of its page.
+    `title` the heading of its report, `page` the text of the template of its page. `variants` are the ids of cells that
+    the matrix names as side conditions.
     """
 
     matrix: str
@@ -340,7 +357,9 @@ class Plan:
     shown: tuple[str, ...] = ()
     snapshot: str | None = None
     pivot: tuple[str, str] | None = None
+    title: str = ""
     page: str | None = None
+    variants: frozenset[str] = frozenset()
 
 
 # --- what was found --------------------------------------------------------------------------------------------

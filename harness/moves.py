@@ -21,10 +21,12 @@ from harness.vocabulary import parsed_requirement, required_name
 class Way(StrEnum):
     """Where a change comes from, the least intrusive first."""
 
+    NAMED = "a bound that the error names"
     KNOWN = "the remedy of a known failure"
     MISSING = "what is imported and not required"
     OVERLAY = "a repaired release"
     BUILDS = "build requirements of the time"
+    REFUSED = "a bound that the error names, instead of what is asked for"
     DATE = "the index as it stood"
     LOCK = "a combination that works"
     WHEELS = "wheels only"

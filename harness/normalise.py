@@ -75,7 +75,8 @@ def _worker_line(workers: Iterable[WorkerRecord], *, echo: bool) -> str | None:
     raised = [worker.raised for worker in known if worker.raised and not _is_mask(worker.raised)]
     if raised:
         return exception_line(raised[0])
-    dead = [worker for worker in known if worker.exit_code and worker.exit_code != -signal.SIGTERM]
+    by_parent = {-signal.SIGTERM} if echo else {-signal.SIGTERM, -signal.SIGKILL}
+    dead = [worker for worker in known if worker.exit_code and worker.exit_code not in by_parent]
     for worker in sorted(dead, key=lambda worker: (worker.exit_code or 0) > 0):
         code = worker.exit_code or 0
         if code < 0:

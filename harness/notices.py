@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from harness.model import Verdict
 from harness.reporttypes import SEVERITY, CellEntry, Document, number, word
+from harness.standalone.control_characters import visible
 
 SHOWN = 10
 """Errors of one step that GitHub shows; it drops the others without a word."""
@@ -73,7 +74,7 @@ def _told(cell: CellEntry) -> str:
 
 def _data(text: str) -> str:
     """Text as the message of a workflow command."""
-    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+    return visible(text).replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
 def _property(text: str) -> str:

@@ -18,11 +18,10 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 
 import nox
 
-from harness import catalog, document
+from harness import catalog, cellid, document
 from harness.commands import reporting
 from harness.errors import BadInput, HarnessError
 from harness.model import Cell, Plan, Verdict
@@ -82,7 +81,8 @@ def sessions(name: str, called: str, planned: Sequence[Cell]) -> Iterator[Offer]
     """A session per cell, or one per Python where those would be too many to list."""
     if len(planned) <= MOST:
         for each in planned:
-            yield Offer(id=each.id, matrix=name, called=called, glob=each.id, python=each.axes["python"])
+            for cell_id in (each.id, *filter(_typed, {cellid.older(each)} - {each.id})):
+                yield Offer(id=cell_id, matrix=name, called=called, glob=each.id, python=each.axes["python"])
         return
     for python in dict.fromkeys(each.axes["python"] for each in planned):
         glob = _glob(called, python, planned)
@@ -92,10 +92,15 @@ def sessions(name: str, called: str, planned: Sequence[Cell]) -> Iterator[Offer]
         yield Offer(id=f"{called}/py{python}", matrix=name, called=called, glob=glob, python=python, many=True)
 
 
+def _typed(cell_id: str) -> bool:
+    """Return whether the session of an id of earlier versions is asked for: such sessions are not listed."""
+    return any(f"({cell_id})" in text for text in (*sys.argv[1:], os.environ.get("NOXSESSION", "")))
+
+
 def _glob(called: str, python: str, planned: Sequence[Cell]) -> str | None:
     """What matches the cells of one Python and no other, wherever in their ids it stands."""
-    for glob in (f"{called}/py{python}-*", f"{called}/*-py{python}-*", f"{called}/*-py{python}"):
-        if all(fnmatchcase(each.id, glob) == (each.axes["python"] == python) for each in planned):
+    for glob in (f"{called}/py{python}_*", f"{called}/*_py{python}_*", f"{called}/*_py{python}"):
+        if all(cellid.fits(glob, each) == (each.axes["python"] == python) for each in planned):
             return glob
     return None
 
@@ -144,7 +149,7 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
     if not content:
         session.error("inconclusive: no report was made; the reason stands above")
     report = document.read(content.encode(), "the report")
-    _end(session, [entry for entry in report.cells if fnmatchcase(entry.id, glob)], report.stale)
+    _end(session, [entry for entry in report.cells if cellid.fits(glob, entry)], report.stale)
 
 
 def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str]) -> None:

@@ -8,12 +8,25 @@ from dataclasses import dataclass
 
 from harness import normalise, wire
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
+from harness.vocabulary import MISLEADING
+
+VIOLATION = "ContractViolation"
+"""The type of what a check raises by which something contradicts what it promises."""
+
+UNMEASURED = "could not be measured"
+"""How the reason begins for which a misleading check shows nothing, and refutes nothing either."""
 
 NEEDS = {Phase.SINGLE: Phase.IMPORT} | dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.INTEROP), Phase.SINGLE)
 """The phase without which another says nothing new."""
 
 CUT_SHORT = re.compile(r"EOFError: (?:marshal data too short|EOF read where (?:object|not) expected)")
 """What Python says of bytecode that is not whole: it keeps what it could write of it where a disk is full."""
+
+DRAWING = "drawing"
+"""The fact of a check that it failed while it drew, or got ready for that: other settings may let it pass."""
+
+WINDOW_CODE = re.compile(r"/pygame/|pygame\.error|\bSDL_|XOpenDisplay|\bDISPLAY\b")
+BLANK = "blank frame"
 
 MACHINE_TROUBLE = re.compile(
     r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
@@ -22,6 +35,17 @@ MACHINE_TROUBLE = re.compile(
     rf"|{CUT_SHORT.pattern}"
 )
 """What the operating system says when this machine or its network is short of something, whatever the package."""
+
+FULL = frozenset({"No space left on device", "Disk quota exceeded"})
+ROOMY_MB = 1024
+"""Room that no write takes up between two looks at a disk: one that never had less was not full."""
+
+SHOT = "killed by SIGKILL from outside: a service or a person ended it, perhaps for want of memory"
+"""No package sends it to itself, and the harness says when it does; who did cannot be told."""
+
+SIGKILLED = re.compile(r"^(worker )?killed by SIGKILL")
+SHARED_MEMORY = re.compile(r"/dev/shm|_posixshmem|\bSemLock\b|\bshm_open\b|/multiprocessing/(?:heap|synchronize)\.py")
+"""What fails where a machine has no /dev/shm: shared memory, and the locks and queues of multiprocessing."""
 
 PYGLET_CODE = re.compile(r"/pyglet/")
 IGNORED = re.compile(r"^Traceback \(most recent call last\):\n(?:^[ \t].*\n)+\S.*$(?:\n[ \t].*$)*", re.MULTILINE)
@@ -36,8 +60,9 @@ class Ending:
     """How a probe's process ended, as far as it matters to the check that was running then.
 
     `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason, `full` is
-    whether the disk that it wrote to had no room left, `lost` how the display that it drew on ended. `stacks` are what
-    it printed last, and faulthandler's.
+    whether the disk that it wrote to had no room left, `least_room_mb` the least that was seen there, `lost` how the
+    display that it drew on ended. `shares_memory` is whether there was a /dev/shm to write to. `stacks` are what it
+    printed last, and faulthandler's.
     """
 
     exit_code: int | None = None
@@ -46,6 +71,8 @@ class Ending:
     trouble: str | None = None
     full: bool = False
     lost: str | None = None
+    least_room_mb: int | None = None
+    shares_memory: bool = True
     stacks: str = ""
 
     @property
@@ -72,28 +99,32 @@ def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
 def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -> CheckRecord:
     """The record of one check; `undrawable` is why nothing can be drawn by OpenGL here (`machine.undrawable`)."""
     outcome, decisive, mask = _outcome(reply, ending, undrawable)
-    shortage = ending.lost or _shortage(decisive or "", ending) if outcome in FAILING else None
+    shortage = ending.lost or _shortage(reply, decisive or "", ending) if outcome in FAILING else None
     if shortage:
         outcome, decisive = Outcome.INFRA, shortage
+    drawing = {DRAWING: True} if outcome in FAILING and _draws(reply, ending) else {}
     return CheckRecord(
         check=reply.check,
         outcome=outcome,
         seconds=reply.seconds,
         decisive=decisive,
         masked_by=mask,
-        facts=reply.facts,
+        facts={**reply.facts, **drawing},
     )
 
 
 def found_beside(reply: ProbeReply, ending: Ending) -> Iterator[Finding]:
-    """What the end of a probe says besides its checks: of those that can only find, and of Python's own end."""
+    """Yield what the end of a probe says besides its checks: of those that nobody asked for, and of Python's own end.
+
+    A misleading check that was not reached is no finding: what it would refute stays unverified.
+    """
     known = {check.check: check for check in reply.checks}
     for leader, names in wire.FOLLOWERS.items():
         led = leader in known and known[leader].outcome is Outcome.PASSED
         for name in names if led else ():
-            if name not in known:
+            if name not in known and name not in MISLEADING:
                 yield Finding(check=name, level=Level.WARNING, text="not looked at: the process ended before")
-            elif known[name].outcome is None:
+            elif name in known and known[name].outcome is None:
                 _, decisive, _ = _died(known[name], ending)
                 yield Finding(check=name, level=Level.WARNING, text=f"{decisive}")
     if known and not ending.trouble and all(check.outcome for check in known.values()):
@@ -127,6 +158,8 @@ def _outcome(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -
             return _died(reply, ending)
         case Outcome.FAILED:
             return _failed(reply, undrawable)
+        case Outcome.SKIPPED if reply.check in MISLEADING and (reply.reason or "").startswith(UNMEASURED):
+            return Outcome.NOT_REACHED, reply.reason, None
         case other:
             return other, reply.reason, None
 
@@ -139,16 +172,50 @@ def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
     way = _drawing(reply)
     if way is not None and way in undrawable:
         return Outcome.UNAVAILABLE, f"{undrawable[way]} ({told})", mask
+    if reply.check in MISLEADING and reply.raised and reply.raised.type != VIOLATION:
+        return Outcome.NOT_REACHED, f"{UNMEASURED}: {told}", mask
     return Outcome.FAILED, decisive, mask
 
 
-def _shortage(decisive: str, ending: Ending) -> str | None:
-    """What this machine was short of when a check failed or died, perhaps unable to say so."""
+def shot(record: CheckRecord) -> bool:
+    """Whether somebody outside ended the process of a check, or a worker of it."""
+    return record.outcome is Outcome.INFRA and SHOT in (record.decisive or "")
+
+
+def machine_trouble(text: str, decisive: str, least_room_mb: int | None) -> bool:
+    """Whether a command failed for want of something that this machine lacks, by all that it printed.
+
+    A full disk that is only mentioned must have been one; so must a read-only one be what it failed by.
+    """
+    if MACHINE_TROUBLE.search(decisive):
+        return True
+    roomy = least_room_mb is not None and least_room_mb >= ROOMY_MB
+    hearsay = {"Read-only file system"} | (FULL if roomy else set())
+    return any(found[0] not in hearsay for found in MACHINE_TROUBLE.finditer(text))
+
+
+def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
+    """What this machine was short of when a check failed or died, perhaps unable to say so; or who ended it."""
+    killed = SIGKILLED.match(decisive)
+    if killed:
+        return f"{killed[1] or ''}{SHOT}"
     if ending.full:
         return f"no room left on the disk of TMPDIR: {decisive}"
+    told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
+    if not ending.shares_memory and SHARED_MEMORY.search(told):
+        return f"this machine has no /dev/shm that can be written to: {decisive}"
     silent = decisive.endswith(normalise.SILENT)
     found = MACHINE_TROUBLE.search(ending.stacks if silent else decisive)
-    return (f"{found[0]}: {decisive}" if silent else decisive) if found else None
+    if not found or (found[0] in FULL and _made_up(reply, ending)):
+        return None
+    return f"{found[0]}: {decisive}" if silent else decisive
+
+
+def _made_up(reply: CheckReply, ending: Ending) -> bool:
+    """Whether a package says of itself that a disk is full: none was, and no call of the system said so."""
+    if not reply.raised or reply.workers or (ending.least_room_mb or 0) < ROOMY_MB:
+        return False
+    return not reply.raised.type.endswith(("OSError", "IOError")) and "rrno" not in reply.raised.message
 
 
 def _drawing(reply: CheckReply) -> str | None:
@@ -158,6 +225,14 @@ def _drawing(reply: CheckReply) -> str | None:
     if PYGLET_CODE.search(traceback) or (isinstance(gl, dict) and gl.get("modules") == ["pyglet"]):
         return "pyglet"
     return "" if gl or DRAWING_CODE.search(traceback) else None
+
+
+def _draws(reply: CheckReply, ending: Ending) -> bool:
+    """Whether a check failed by drawing: with nothing to see, or in the code of a library that draws."""
+    told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
+    if phase_of(reply.check) is Phase.RENDER and (not reply.raised or reply.raised.message.startswith(BLANK)):
+        return True
+    return any(code.search(told) for code in (PYGLET_CODE, DRAWING_CODE, WINDOW_CODE))
 
 
 def _died(reply: CheckReply, ending: Ending) -> Said:

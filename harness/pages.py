@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import advising, cameras, changes, grouping, present, rendering
+from harness import advising, cameras, cellid, changes, grouping, present, rendering
 from harness.errors import BadInput
-from harness.reporttypes import CaseEntry, CellEntry, Document, Report
+from harness.reporttypes import CaseEntry, CellEntry, Document
+from harness.tabletypes import Report
 
 
 def render(template: str, document: Document, report: Report) -> str:
     """Fill a template with `document`, `report` and functions that find cells. Raises BadInput for a wrong template.
 
     `cell("LABEL")` is the cell of this label, `cells(AXIS="VALUE", ...)` those with these values (a list is any of
-    them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL-with-NAME")` what a change did;
+    them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL_with-NAME")` what a change did,
+    `changed("LABEL", "NAME")` the cell that a change of this name makes of that cell;
     `CELL | camera_pairs` is what became of its cameras, `rendering` and `advising` know how devices are chosen,
     `VERSIONS | in_order` is what it says.
     """
@@ -27,7 +29,13 @@ def render(template: str, document: Document, report: Report) -> str:
     environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs, "in_order": grouping.in_order}
     found = _Cells(document.cells)
     known: dict[str, Any] = {"rendering": rendering, "advising": advising}
-    known |= {"cell": found.labelled, "cells": found.having, "case": _case, "effect": found.effect}
+    known |= {
+        "cell": found.labelled,
+        "cells": found.having,
+        "case": _case,
+        "effect": found.effect,
+        "changed": found.changed,
+    }
     try:
         return environment.from_string(template).render(document=document, report=report, **known)
     except TemplateError as error:
@@ -47,9 +55,18 @@ class _Cells:
         self.cells = tuple(latest.values())
 
     def labelled(self, label: str) -> CellEntry:
-        found = next((cell for cell in self.cells if cell.id.partition("/")[2] == label), None)
+        found = next((cell for cell in self.cells if cellid.named(label, cell)), None)
         if found is None:
             message = f'its page speaks of a cell "{label}", which the matrix does not have'
+            raise BadInput(message)
+        return found
+
+    def changed(self, label: str, name: str) -> CellEntry:
+        base = self.labelled(label)
+        made = (cell for cell in self.cells if cell.base == base.id and cell.change and cell.change.name == name)
+        found = next(made, None)
+        if found is None:
+            message = f'its page speaks of a change "{name}" of "{label}", which the matrix does not have'
             raise BadInput(message)
         return found
 

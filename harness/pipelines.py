@@ -193,6 +193,20 @@ def python(text: str) -> str:
     raise BadInput(message)
 
 
+def install_words(noted: str | None, release: str) -> str | None:
+    """Return what pip installs to get a simmatrix: a commit, an address, or a release; None where only a folder has it.
+
+    `noted` is the text of its direct_url.json (PEP 610), which installers leave of what did not come from an index.
+    """
+    if noted is None:
+        return f"simmatrix=={release}"
+    origin = json.loads(noted)
+    address, commit = str(origin.get("url", "")), origin.get("vcs_info", {}).get("commit_id")
+    if "://" not in address or address.startswith("file:"):
+        return None
+    return f"git+{address}@{commit}" if commit else address
+
+
 def words(text: str, what: str) -> str:
     """Words of a shell, each quoted; refused where the platform would put something of its own in their place."""
     try:

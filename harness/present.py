@@ -1,46 +1,27 @@
-"""A report as Markdown and on a terminal. Nothing is computed here: what is shown was grouped by `tables`."""
+"""A report as Markdown. Nothing is computed here: what is shown was grouped by `tables`."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import groupby
+from typing import Any
 
-from harness.model import Verdict
-from harness.reporttypes import (
-    SYMBOLS,
-    UNTOLD,
-    Attempt,
-    Effect,
-    Pivot,
-    Remark,
-    Report,
-    Row,
-    Sheet,
-    Square,
-    Trouble,
-    number,
-    word,
-)
-
-if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
-    from rich.text import Text
+from harness.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
+from harness.model import Role, Verdict
+from harness.reporttypes import SYMBOLS, UNTOLD, number, word
+from harness.standalone.control_characters import visible
+from harness.tabletypes import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
 
 TEMPLATE = "report.md.j2"
 
-LISTED = 60
-"""Cells, or rows of the small table, of which every one is shown on a terminal; of more, the green are counted."""
+LONGEST_WHY = 200
+"""Characters of a decisive line that a row shows; the section on its cause has all of it."""
 
-REFERENCES = 3
-"""Links of a cause that a terminal shows; the Markdown report has all."""
+NAMED, LISTED = 3, 6
+"""Combinations that are named where there are more than a few, and how many are a few."""
 
-PIPED_WIDTH = 100
-"""Columns where the output is no terminal."""
-
-GREEN, YELLOW, RED, GREY = "green", "yellow", "red", "bright_black"
-INDENT = 2
-EFFECTS = {Effect.CURES: GREEN, Effect.BREAKS: RED, Effect.NOTHING: GREY, Effect.UNTOLD: GREY}
+NBSP = "\N{NO-BREAK SPACE}"
 
 
 def markdown(report: Report, template: str) -> str:
@@ -49,56 +30,179 @@ def markdown(report: Report, template: str) -> str:
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
     environment.filters |= filters()
-    return environment.from_string(template).render(report=report)
+    page = visible(environment.from_string(template).render(report=report))
+    return page.replace("![", "!\\[")  # it shows no picture, wherever one came from
 
 
 def filters() -> dict[str, Callable[..., Any]]:
-    """What templates may do with the values of a report."""
+    """Return what templates may do with the values of a report."""
     return {
-        "became": _became,
+        "became": became,
         "by_cell": by_cell,
+        "by_kind": _by_kind,
         "cause": _cause,
-        "cause_in_short": _cause_in_short,
-        "cell": _table_cell,
+        "cell": table_cell,
         "codes": _codes,
+        "count_kinds": _count_kinds,
         "counts": _counts,
-        "first_sentence": _first_sentence,
+        "coverage": coverage,
+        "files": _files,
+        "few": _few,
+        "first_sentence": first_sentence,
+        "left_out": _left_out,
+        "legend": legend,
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
         "number": number,
-        "proven": _proven,
+        "outcome": _outcome,
+        "proven": proven,
         "reference": _reference,
+        "result": result,
         "rule": lambda columns, mark: " | ".join(mark for _ in columns),
         "table": small_table,
-        "unknown": _unknown,
-        "results": _results,
-        "seen_in": lambda labels, cells: _codes(labels) if len(labels) < cells else f"all {number(cells, 'cell')}",
+        "task": _task,
+        "tests": _tests,
+        "text": prose,
+        "code": code,
+        "file": lambda path: file_link(path, path),
+        "address": address,
+        "line": lambda text: " ".join(text.split("\n")),
+        "unknown": unknown,
+        "results": results,
+        "seen_in": lambda labels, cells: _few(labels) if len(labels) < cells else f"all {number(cells, 'cell')}",
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
+        "short": _short,
     }
 
 
+# --- the small table -------------------------------------------------------------------------------------------
+
+
 def small_table(pivot: Pivot) -> str:
-    """The table over two axes as Markdown, its lines ended."""
-    head = [f"{_table_cell(pivot.down)} ╲ {_table_cell(pivot.across)}", *map(_table_cell, pivot.columns)]
+    """Return the table over two axes as Markdown, its lines ended."""
+    head = [f"{table_cell(pivot.down)} ╲ {table_cell(pivot.across)}", *map(table_cell, pivot.columns)]
     rows = [
-        [_table_cell(name), *map(_square, squares)] for name, squares in zip(pivot.rows, pivot.squares, strict=True)
+        [table_cell(name), *(_square(pivot, square) for square in squares)]
+        for name, squares in zip(pivot.rows, pivot.squares, strict=True)
     ]
     lines = [head, ["---", *(":-:" for _ in pivot.columns)], *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _results(sheet: Sheet) -> str:
+def _square(pivot: Pivot, square: Sequence[Square]) -> str:
+    """`◐ 10/11`, the Pythons small below it; a line for each verdict."""
+    parts = []
+    for one in square:
+        details = small(pivot, one)
+        sign = table_cell(mark(pivot, one)).replace(" ", NBSP)
+        parts.append(sign + (f"<br><sub>{table_cell(details)}</sub>" if details else ""))
+    return "<br>".join(parts)
+
+
+def mark(pivot: Pivot, one: Square) -> str:
+    """Return the sign of a verdict, what else is to know of it, and the tasks that passed of those tried."""
+    signs = SYMBOLS[one.verdict] + "→✔" * one.fixed + "?" * one.doubted + "†" * one.patched + "*" * one.varies
+    machines = _machines(pivot)
+    place = f"{machines.index(one.machine) + 1}: " if len(machines) > 1 else ""
+    return f"{place}{signs}" + (f" {one.passed}/{one.tried}" if one.tried else "")
+
+
+def small(pivot: Pivot, one: Square) -> str:
+    """Return the small print of a square: Pythons where they differ, and what tells its verdicts apart."""
+    known = len(_pythons(pivot)) < 2 or "python" in {pivot.down, pivot.across}
+    return "; ".join(
+        filter(
+            None, ("" if known else ", ".join(one.pythons), *one.where, f"fails in {one.phase}" if one.phase else "")
+        )
+    )
+
+
+def _parts(pivot: Pivot) -> list[Square]:
+    return [one for squares in pivot.squares for square in squares for one in square]
+
+
+def _machines(pivot: Pivot) -> list[str]:
+    return sorted({one.machine for one in _parts(pivot)})
+
+
+def _pythons(pivot: Pivot) -> list[str]:
+    return list(dict.fromkeys(python for one in _parts(pivot) for python in one.pythons))
+
+
+def legend(pivot: Pivot) -> str:
+    """Explain the signs of a small table that occur in it, in one paragraph."""
+    return " ".join(_legend(pivot))
+
+
+def _legend(pivot: Pivot) -> Iterator[str]:
+    parts, machines, pythons = _parts(pivot), _machines(pivot), _pythons(pivot)
+    shown = {one.verdict for one in parts}
+    yield ", ".join(f"{sign} {word(verdict)}" for verdict, sign in SYMBOLS.items() if verdict in shown) + "."
+    if any(one.tried for one in parts):
+        uneven = any(one.uneven for one in parts)
+        yield "`n/m`: n of m tasks passed" + ("; not every Python ran every task." if uneven else ".")
+    if "python" not in {pivot.down, pivot.across} and pythons:
+        yield f"All on Python {pythons[0]}." if len(pythons) == 1 else _python_words(parts)
+    if any(not square for squares in pivot.squares for square in squares):
+        yield "Empty: not tried."
+    if any(one.fixed for one in parts):
+        yield "→✔: works with a change that is listed below."
+    if any(one.varies for one in parts):
+        yield "`*`: fails under a side condition, listed below as variant."
+    if any(one.patched for one in parts):
+        yield "†: with patched metadata; the release as published cannot be installed."
+    if any(one.doubted for one in parts):
+        yield "✔?: raises nothing, but a known silent defect was not excluded."
+    if len(machines) > 1:
+        yield f"Machines: {', '.join(f'{place} {name}' for place, name in enumerate(machines, 1))}."
+
+
+def _python_words(parts: Iterable[Square]) -> str:
+    several = any(len(one.pythons) > 1 for one in parts)
+    return "Small: the Python versions tried." if several else "Small: the one Python version tried."
+
+
+def coverage(report: Report) -> str:
+    """Say when and where a report was measured, and which platforms it does not cover."""
+    if not report.measured:
+        return "Nothing was measured yet."
+    first, last = report.measured
+    days = f"on {first}" if first == last else f"from {first} to {last}"
+    count = len(report.machines)
+    where = "one machine" if count == 1 else f"{count} kinds of machine"
+    missing = f" Not covered: {', '.join(report.uncovered)}." if report.uncovered else ""
+    return f"Measured {days} on {where}: {'; '.join(report.platforms)}.{missing}"
+
+
+# --- sentences -------------------------------------------------------------------------------------------------
+
+
+def result(sheet: Sheet) -> str:
+    """Say in a sentence how many combinations work, and whether anything is unexpected."""
+    wrong = sum(row.as_expected is False for row in sheet.rows)
+    if wrong:
+        expected = f" {number(wrong, 'result')} {'is' if wrong == 1 else 'are'} not as expected."
+    else:
+        expected = " Every result is as expected." if any(row.as_expected for row in sheet.rows) else ""
+    verb = "works" if sheet.works == 1 else "work"
+    open_ = f" {sheet.doubted} more raise nothing, but a known silent defect was not excluded." * bool(sheet.doubted)
+    return f"{sheet.works} of {number(sheet.main, 'combination')} {verb}.{open_}{expected}"
+
+
+def results(sheet: Sheet) -> str:
     """`6 cells`, or `6 cells, 11 results on 2 machines`."""
     cells, machines = number(sheet.cells, "cell"), len(sheet.machines)
     return cells if machines == 1 else f"{cells}, {number(sheet.results, 'result')} on {number(machines, 'machine')}"
 
 
 def _counts(sheet: Sheet) -> str:
-    """`✔ 6 works, ✘ 2 broken; 3 combinations left out.`"""
+    """`✔ 6 works, ✘ 2 broken (4 repairs among them); 3 combinations left out.`"""
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
-    return counts + (f"; {number(sheet.left_out, 'combination')} left out." if sheet.left_out else ".")
+    roles = " and ".join(number(count, role) for role, count in sheet.roles)
+    among = f" ({roles} among them)" if roles else ""
+    return counts + among + (f"; {number(sheet.left_out, 'combination')} left out." if sheet.left_out else ".")
 
 
-def _became(one: Trouble) -> str:
+def became(one: Trouble) -> str:
     """`◐ 2 partial, ✘ broken in single`: what became of the cells of a cause."""
     several = len(one.verdicts) > 1
     verdicts = ", ".join(
@@ -107,257 +211,116 @@ def _became(one: Trouble) -> str:
     return verdicts + (f" in {', '.join(one.phases)}" if one.phases else "")
 
 
+def _outcome(row: Row) -> str:
+    """`◐ partial in render, repair (not expected)`."""
+    phase = f" in {row.phase}" if row.phase else ""
+    patched = ", patched" if row.repaired else ""
+    role = f", {row.role}" if row.role is not Role.MAIN else ""
+    unexpected = " (not expected)" if row.as_expected is False else ""
+    return f"{SYMBOLS[row.verdict]} {word(row.verdict)}{phase}{patched}{role}{unexpected}"
+
+
 def _cause(row: Row) -> str:
     """The known cause of a cell, linked to where more is said, and whether its remedy is proven there."""
-    return f"[`{row.known}`](#{row.known}){', remedy proven' if row.proven else ''}" if row.known else ""
+    if not row.known:
+        return ""
+    link = f"[`{row.known}`](#{row.known})" if re.fullmatch(r"[\w.-]+", row.known) else code(row.known)
+    return f"{link}{', fix proven' if row.proven else ''}"
 
 
-def _cause_in_short(one: Trouble) -> str:
-    """The known failure with its first sentence, else what the matrix says, else the line."""
-    if one.known:
-        return f"[`{one.known}`](#{one.known}): {_first_sentence(one.cause)}"
-    lead = _unknown(one)
-    return f"{lead}; the matrix says: {one.cause}" if one.cause else f"{lead}: {one.line}" if one.line else lead
-
-
-def _unknown(one: Trouble) -> str:
-    """What stands for a cause where no known failure fits."""
+def unknown(one: Trouble) -> str:
+    """Return what stands for a cause where no known failure fits."""
     verdict = one.verdicts[0][0]
     return "it works" if verdict is Verdict.WORKS else word(verdict) if verdict in UNTOLD else "not known"
 
 
-def _first_sentence(text: str) -> str:
-    """Up to the first full stop that ends one; with a lead of its own line by line."""
+def first_sentence(text: str) -> str:
+    """Return the text up to the first full stop that ends a sentence."""
     found = re.match(r".*?[^.][.](?= [A-Z`(]|$)", text)
     return (found[0] if found else text).removesuffix(".")
 
 
-def _proven(one: Trouble) -> str:
-    """By which cell the remedy is proven, and for how many of them where not for all; or that it is not."""
+def proven(one: Trouble) -> str:
+    """Say by which cell a fix is proven, and for how many of them where not for all; or that nobody tried it."""
     if one.proofs:
-        return f"by `{one.proofs[0][0]}`" + (f", for {one.proven} of {one.cells}" if one.proven < one.cells else "")
-    return "no" if one.applicable else "-"
+        return f"proven by {code(one.proofs[0][0])}" + (
+            f", for {one.proven} of {one.cells}" if one.proven < one.cells else ""
+        )
+    if one.neighbour:
+        return f"proven by a neighbour: {code(one.neighbour)} works and differs only in this"
+    if one.together:
+        return f"not tried alone; {code(one.together)} works with this and more"
+    return "not tried" if one.applicable else ""
 
 
 def _reference(link: str) -> str:
     """A link as short as it can be: `owner/name#12`, else its host."""
     found = re.match(r"https?://(?:www\.)?([^/]+)(?:/([^/]+/[^/]+)/(?:issues|pull|discussions)/(\d+))?", link)
     text = (f"{found[2]}#{found[3]}" if found[3] else found[1]) if found else link
-    return f"[{text}]({link})"
+    return f"[{text}]({link})" if ADDRESS.fullmatch(link) else code(link)
 
 
-def _codes(labels: Iterable[str]) -> str:
-    return ", ".join("`" + label.replace(" on ", "` on `") + "`" for label in labels)
-
-
-def _table_cell(text: str) -> str:
-    """Text that stays in one cell of a Markdown table."""
-    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
-
-
-def _square(square: Sequence[Square]) -> str:
-    """`✘ 2/3`: the worst verdict per machine, and how many of how many cells have it where not all do."""
-    return "  ".join(
-        SYMBOLS[one.verdict] + (f" {one.count}/{one.total}" if one.count != one.total else "") for one in square
-    )
-
-
-# --- the terminal ----------------------------------------------------------------------------------------------
-
-
-def print_terminal(report: Report, console: Console | None = None) -> None:
-    """Print the whole report on the terminal (stdout unless another console is given), at its width."""
-    target = console or _console()
-    for sheet in report.sheets:
-        for part in _sheet(sheet):
-            target.print(part)
-    for sentence in report.stale:
-        target.print(_styled((f"out of date: {sentence}", YELLOW)))
-    for machine, facts in report.machines:
-        told = "; ".join(f"{name} {fact}" for name, fact in facts)
-        target.print(_styled((f"measured on {machine}" + (f": {told}" if told else ""), GREY)))
-
-
-def _console() -> Console:
-    import sys  # noqa: PLC0415 - start-up
-
-    from rich.console import Console  # noqa: PLC0415 - start-up
-
-    class Terminal(Console):
-        """One that leaves it to the command what the end of a pipe means; Rich would exit with 1."""
-
-        def on_broken_pipe(self) -> None:
-            raise BrokenPipeError
-
-    return Terminal(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
-
-
-def _sheet(sheet: Sheet) -> Iterable[RenderableType]:
-    yield _heading(sheet)
-    yield ""
-    if sheet.pivot:
-        yield _pivot_table(sheet.pivot)
-        if len(sheet.machines) > 1:
-            yield _styled((f"{' ' * INDENT}in each square, from left to right: {', '.join(sheet.machines)}", GREY))
-        yield ""
-    yield _list(sheet)
-    yield ""
-    if any(one.known or one.cells > 1 for one in sheet.troubles):
-        yield from _troubles(sheet.troubles)
-    if sheet.attempts:
-        yield from _attempts(sheet.attempts)
-    if sheet.repairs:
-        yield from _remarks("repaired: no resolver accepts them as the index has them", sheet.repairs)
-    if sheet.drawing:
-        yield from _remarks("frames: what drew them, and what was set for them to appear", sheet.drawing)
-    if sheet.findings:
-        yield from _remarks("findings, which stop no user's loop", sheet.findings)
-    if sheet.dropped:
-        yield from _remarks("left out", sheet.dropped)
-
-
-def _heading(sheet: Sheet) -> Text:
-    parts: list[tuple[str, str]] = [(sheet.matrix, "bold"), (f"  {_results(sheet)}", "")]
-    for verdict, count in sheet.counts:
-        parts += [("   ", ""), (f"{SYMBOLS[verdict]} {count} {word(verdict)}", _colour(verdict))]
-    return _styled(*parts)
-
-
-def _pivot_table(pivot: Pivot) -> RenderableType:
-    from rich import box  # noqa: PLC0415 - start-up
-    from rich.padding import Padding  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold")
-    table.add_column(f"{pivot.down} \\ {pivot.across}", no_wrap=True)
-    for column in pivot.columns:
-        table.add_column(column, justify="center")
-    rows = list(zip(pivot.rows, pivot.squares, strict=True))
-    shown = rows if len(rows) <= LISTED else [row for row in rows if not _green(row[1])]
-    for name, squares in shown:
-        table.add_row(_styled((name, "bold")), *map(_square_text, squares))
-    if len(shown) < len(rows):
-        table.add_row(_styled((f"{number(len(rows) - len(shown), 'more row')} in which all works", GREY)))
-    return Padding(table, (0, 0, 0, INDENT))
-
-
-def _green(squares: Iterable[Sequence[Square]]) -> bool:
-    """Whether all that was tried in a row works."""
-    return all(one.verdict is Verdict.WORKS for square in squares for one in square)
-
-
-def _square_text(square: Sequence[Square]) -> Text:
-    parts = [(_square([one]), _colour(one.verdict)) for one in square]
-    return _styled(*(piece for part in parts for piece in (part, ("  ", ""))))
-
-
-def _list(sheet: Sheet) -> RenderableType:
-    """The cells: verdict, name, what was installed, and the line that says why; of very many the green are counted."""
-    from rich.table import Table  # noqa: PLC0415 - start-up
-
-    table = Table.grid(padding=(0, 2), expand=True)
-    table.add_column(no_wrap=True)
-    table.add_column(ratio=1, overflow="fold")
-    table.add_column(justify="right", no_wrap=True)
-    rows = sheet.rows if len(sheet.rows) <= LISTED else [row for row in sheet.rows if not _plain(row)]
-    for row in rows:
-        table.add_row(_verdict(row), _details(sheet, row), _measured(row))
-    if len(rows) < len(sheet.rows):
-        more = number(len(sheet.rows) - len(rows), "more cell")
-        table.add_row("", _styled((f"{more} of which there is nothing to say; the Markdown report lists them", GREY)))
-    return table
-
-
-def _plain(row: Row) -> bool:
-    """Whether there is nothing to say of a cell: it works, as expected, or was not run."""
-    return row.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and row.as_expected is not False and not row.why
-
-
-def _verdict(row: Row) -> Text:
-    phase = (f"\n  in {row.phase}" if row.phase else "") + ("\n  repaired" if row.repaired else "")
-    return _styled((f"{SYMBOLS[row.verdict]} {word(row.verdict)}", f"bold {_colour(row.verdict)}"), (phase, GREY))
-
-
-def _details(sheet: Sheet, row: Row) -> Text:
-    versions = ", ".join(f"{name} {version}" for name, version in zip(sheet.columns, row.versions, strict=True))
-    where = f"\non {row.machine}" if len(sheet.machines) > 1 and row.verdict is not Verdict.NOT_RUN else ""
-    parts = [(row.label, ""), (f"\n{versions}{where}", GREY)]
-    if row.why:
-        parts.append((f"\n{row.why}", "" if row.verdict is Verdict.WORKS else _colour(row.verdict)))
-    parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]
-    parts += [(f"\nknown as {row.known}", ""), _told(row)] if row.known else []
-    if row.expected:
-        parts.append((f"\n{row.expected}", "bold" if row.as_expected is False else GREY))
-    return _styled(*parts)
-
-
-def _told(row: Row) -> tuple[str, str]:
-    return f"\nremedy: {_first_sentence(row.remedy)}", GREEN if row.proven else ""
-
-
-def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
-    """One line per cause, and what is known of it."""
-    from rich.padding import Padding  # noqa: PLC0415 - start-up
-
-    yield _styled(("by cause", "bold"))
-    for one in troubles:
-        head = (f"{_became(one)}: {one.where.replace('`', '')}", _colour(one.verdicts[0][0]))
-        known = f"{one.known}: {one.cause}" if one.known else _cause_in_short(one)
-        parts = [head, (f"\n{known}", "")]
-        if one.remedy:
-            proof = f" (proven {_proven(one)})" if one.proofs else " (not proven here)" if one.applicable else ""
-            parts.append((f"\nremedy: {one.remedy}{proof}".replace("`", ""), GREEN if one.proofs else ""))
-        parts += [(f"\n{link}", GREY) for link in one.references[:REFERENCES]]
-        yield Padding(_styled(*parts), (0, 0, 0, INDENT))
-    yield ""
-
-
-def _measured(row: Row) -> Text:
-    findings = f"\n{number(row.findings, 'finding')}" if row.findings else ""
-    return _styled((f"{row.seconds:.1f} s" if row.verdict is not Verdict.NOT_RUN else "", ""), (findings, GREY))
-
-
-def _attempts(attempts: Iterable[Attempt]) -> Iterable[RenderableType]:
-    from rich.padding import Padding  # noqa: PLC0415 - start-up
-
-    yield _styled(("changes tried, one at a time", "bold"))
-    for tried in by_cell(attempts):
-        yield Padding(_styled((tried[0].cell, ""), (f"\n{tried[0].before}", GREY)), (0, 0, 0, INDENT))
-        for one in tried:
-            told = f": {'; '.join(one.does)}{' (advice)' if one.advice else ''}\n{one.after}"
-            head = (f"{one.effect}: {one.change}", EFFECTS.get(one.effect, YELLOW))
-            yield Padding(_styled(head, (told, GREY)), (0, 0, 0, 2 * INDENT))
-    yield ""
+def _task(one: Task) -> str:
+    """The name of a task, and its environment where that is another."""
+    if not one.env:
+        return f"import of {code(one.name)}"
+    return code(one.name) if one.env == one.name else f"{code(one.name)} ({code(one.env)})"
 
 
 def by_cell(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
-    """The changes tried on one cell of one machine together, in their order."""
+    """Return the changes tried on one cell of one machine together, in their order."""
     found: dict[tuple[str, str], list[Attempt]] = {}
     for one in attempts:
         found.setdefault((one.cell, one.machine), []).append(one)
     return list(found.values())
 
 
-def _remarks(title: str, remarks: Iterable[Remark]) -> Iterable[RenderableType]:
-    from rich.padding import Padding  # noqa: PLC0415 - start-up
-
-    yield _styled((title, "bold"))
-    for remark in remarks:
-        about = f" ({remark.about})" if remark.about else ""
-        where = remark.cells[0] if len(remark.cells) == 1 else number(len(remark.cells), "cell")
-        yield Padding(_styled((remark.text, ""), (f"{about}: {where}", GREY)), (0, 0, 0, INDENT))
-    yield ""
+def _by_kind(findings: Iterable[Remark]) -> list[tuple[str, list[Remark]]]:
+    return [(kind, list(held)) for kind, held in groupby(findings, key=lambda remark: remark.kind)]
 
 
-def _styled(*parts: tuple[str, str]) -> Text:
-    from rich.text import Text  # noqa: PLC0415 - start-up
+def _count_kinds(findings: Sequence[Remark]) -> str:
+    """`4 on reproducibility, 27 on API conformance`."""
+    return ", ".join(
+        f"{len(held)} on {kind}" if kind != "other" else f"{len(held)} other" for kind, held in _by_kind(findings)
+    )
 
-    return Text.assemble(*parts, overflow="fold")
+
+def _left_out(gone: Remark) -> str:
+    """`3 combinations`, of a few their names."""
+    if gone.count == len(gone.cells) <= NAMED:
+        return _codes(gone.cells)
+    return number(gone.count, "combination")
 
 
-def _colour(verdict: Verdict) -> str:
-    if verdict is Verdict.WORKS:
-        return GREEN
-    if verdict in UNTOLD:
-        return GREY
-    return YELLOW if verdict is Verdict.PARTIAL else RED
+def _files(row: Row) -> str:
+    """Links to the lock of a cell and to a picture of each task."""
+    links = [("lock", row.lock)] if row.lock else []
+    return ", ".join(file_link(name, path) for name, path in [*links, *row.frames])
+
+
+def _tests(names: Sequence[str]) -> str:
+    """The names of a few tests, and how many there are besides; a dash for none."""
+    if not names:
+        return "-"
+    shown = ", ".join(map(code, names[:NAMED]))
+    return shown + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+
+
+# --- Markdown --------------------------------------------------------------------------------------------------
+
+
+def _codes(labels: Iterable[str]) -> str:
+    return ", ".join(" on ".join(map(code, label.split(" on "))) for label in labels)
+
+
+def _few(labels: Sequence[str]) -> str:
+    """A few names as code; of more than `LISTED`, how many there are besides the first."""
+    if len(labels) <= LISTED:
+        return _codes(labels)
+    return f"{_codes(labels[:NAMED])} and {len(labels) - NAMED} more"
+
+
+def _short(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST_WHY else f"{line[: LONGEST_WHY - 1].rstrip()}…"

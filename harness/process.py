@@ -6,22 +6,27 @@ The harness's end, even by SIGKILL, closes the pipe to each supervisor, which en
 from __future__ import annotations
 
 import functools
+import io
 import marshal
 import os
 import select
 import shlex
+import signal
 import subprocess
 import sys
-import tempfile
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from time import monotonic
+from types import NoneType
 from typing import Any, Self, overload
 
 from harness.errors import BadInput, CouldNotTell
+from harness.hostile_data import Unreadable, understanding
+from harness.scratch_folders import scratch_folder
 from harness.supervisor import SIZE, tree
 
 SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
@@ -34,6 +39,7 @@ OVERLAY = "overlay"
 UNSEALED = "subreaper"
 """The sandbox in which nothing keeps sealed folders from writes."""
 
+MOST_WRITTEN = 100
 FORCED = "HARNESS_SANDBOX"
 CONFINING = (
     "/proc/sys/user/max_user_namespaces",
@@ -43,7 +49,11 @@ CONFINING = (
     "/proc/sys/kernel/apparmor_restrict_unprivileged_userns",
 )
 """Settings of the kernel that forbid namespaces; not every kernel has all."""
-STUCK_SECONDS = 30.0  # beyond its deadline a supervisor itself is ended
+STUCK_SECONDS = 20.0  # beyond its deadline a supervisor itself is ended
+WAKE_SECONDS = 1.0  # between two wakings of a supervisor that somebody may have stopped
+LOADER = ("LD_LIBRARY_PATH",)
+"""All that a supervisor inherits of the environment: what this Python may need to start. It can be read by the command
+through /proc, where the command has the rights for that; tokens of the user must not stand there."""
 
 
 class Profile(StrEnum):
@@ -70,9 +80,11 @@ class Limits:
 class Command:
     """What to run, and within which bounds. `env` is the whole environment, to which CELL adds HOME, TMPDIR, XDG_*.
 
-    CELL needs `home`, an existing folder; TMPDIR is `home/tmp` (keep it under 75 characters: multiprocessing binds
-    sockets below it, whose addresses end at 107). `sealed` folders can be written to, but keep none of it: what was
-    written is reported. `writable` folders below a sealed one stay as they are.
+    CELL needs `home`, an existing folder; TMPDIR is `tmp` beside it (keep it under 75 characters: multiprocessing
+    binds sockets below it, whose addresses end at 107), so that who removes HOME still has it: without one Python
+    takes the machine's own. Both go with the folder that they lie in. `sealed` folders can be written to, but keep
+    none of it: what was written is reported. `shielded` folders cannot be written to at all, where a mount namespace
+    is allowed. `writable` folders below a sealed or shielded one stay as they are, as do `home` and TMPDIR.
     """
 
     argv: tuple[str, ...]
@@ -84,6 +96,7 @@ class Command:
     home: Path | None = None
     sealed: tuple[Path, ...] = ()
     writable: tuple[Path, ...] = ()
+    shielded: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -94,7 +107,9 @@ class Completed:
     `out_of_memory`, that the whole machine had no memory left. None of these says anything about the command.
     `out_of_memory` without `killed` means its own limit. `written` are paths relative to the sealed folder, at most
     100. `stray` counts the processes that outlived the command and were ended. `peak_mb`
-    is the most that all its processes held at a look, pages that they share counted for each.
+    is the most that all its processes held at a look, pages that they share counted for each. `starved` counts the
+    processes of this machine, or of our control group, that the kernel ended meanwhile for want of memory.
+    `least_room_mb` is the least room that was seen on the disk of `home`.
     """
 
     argv: tuple[str, ...]
@@ -110,6 +125,13 @@ class Completed:
     sandbox: str
     stray: int
     peak_mb: int = 0
+    starved: int = 0
+    least_room_mb: int | None = None
+
+    @property
+    def shot(self) -> bool:
+        """Whether SIGKILL ended it that nobody owns up to: a service or a person short of memory, hardly itself."""
+        return self.signal == signal.SIGKILL and not (self.killed or self.timed_out or self.out_of_memory)
 
 
 class Running:
@@ -125,9 +147,11 @@ class Running:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 bufsize=0,
+                env={name: os.environ[name] for name in LOADER if name in os.environ},
                 start_new_session=True,
             )
         self._overdue = monotonic() + command.limits.seconds + STUCK_SECONDS
+        self._woken = monotonic()
         self._report = b""
         self._completed: Completed | None = None
         self._pipe = threading.Lock()
@@ -157,9 +181,8 @@ class Running:
         until = float("inf") if timeout is None else monotonic() + timeout
         while self._completed is None:
             now = monotonic()
-            if now > self._overdue:
-                self._supervisor.kill()
-            if self._readable(max(0.0, min(until, max(self._overdue, now + 1)) - now)):
+            self._see_to_supervisor(now)
+            if self._readable(max(0.0, min(until, now + WAKE_SECONDS) - now)):
                 self._read()
             elif monotonic() >= until:
                 break
@@ -167,6 +190,7 @@ class Running:
 
     def kill(self, reason: str) -> None:
         """End it: SIGTERM, half a second, SIGKILL."""
+        self._overdue = min(self._overdue, monotonic() + STUCK_SECONDS)
         self._tell(" ".join(reason[:500].split()).encode(errors="replace") + b"\n")
 
     def __enter__(self) -> Self:
@@ -188,6 +212,14 @@ class Running:
             except (BrokenPipeError, ValueError):  # it has ended already; the report, or its absence, says how
                 return
 
+    def _see_to_supervisor(self, now: float) -> None:
+        """End a supervisor that is overdue; wake it, in case it was stopped."""
+        if now > self._overdue:
+            self._supervisor.kill()
+        elif now - self._woken > WAKE_SECONDS:
+            self._woken = now
+            self._supervisor.send_signal(signal.SIGCONT)
+
     def _hang_up(self) -> None:
         assert self._supervisor.stdin
         with self._pipe:
@@ -208,9 +240,11 @@ class Running:
         self._hang_up()
         self._supervisor.stdout.close()
         code = self._supervisor.wait()
-        whole = self._report if not code else b""
-        silent = {"killed": f"supervisor: it ended with {code}, without a word"}
-        self._completed = _completed(self, marshal.loads(whole) if whole else silent)
+        report = _report(self._report) if not code else None
+        if report is None:
+            _end_orphans(self.command)
+            report = {"killed": f"supervisor: it ended with {code}, without a word"}
+        self._completed = _completed(self, report)
         _live.discard(self)
 
 
@@ -321,10 +355,72 @@ def _order(command: Command, sandbox: str) -> dict[str, Any]:
         "memory_mb": command.limits.memory_mb,
         "output_kb": command.limits.output_kb,
         "sandbox": sandbox,
+        "confined": command.profile is Profile.CELL,
         "home": str(command.home and command.home.absolute()),
         "sealed": [str(folder.resolve()) for folder in command.sealed],
-        "writable": [str(folder.resolve()) for folder in command.writable],
+        "writable": [str(folder.resolve()) for folder in (*command.writable, *_own(command.home))],
+        "shielded": [str(folder.resolve()) for folder in command.shielded],
     }
+
+
+def _report(text: bytes) -> dict[str, Any] | None:
+    """Read the report of a supervisor, if it is one: a command with enough rights may have written into its pipe."""
+    stream = io.BytesIO(text)
+    try:
+        with understanding():
+            report = marshal.load(stream)
+    except Unreadable:
+        return None
+    if stream.read(1):  # it is not the only one
+        return None
+    fits = isinstance(report, dict) and "killed" in report and all(map(_fits, report.items()))
+    return dict(report) if fits else None
+
+
+REPORTED: Mapping[str, tuple[type, ...]] = {
+    "exit_code": (int, NoneType),
+    "signal": (int, NoneType),
+    "timed_out": (bool,),
+    "out_of_memory": (bool,),
+    "killed": (str, NoneType),
+    "seconds": (float,),
+    "peak_mb": (int,),
+    "starved": (int,),
+    "least_room_mb": (int,),
+    "truncated": (bool,),
+    "stray": (int,),
+    "written": (list,),
+}
+
+
+def _fits(item: tuple[object, object]) -> bool:
+    name, value = item
+    if isinstance(value, list) and not all(isinstance(path, str) for path in value):
+        return False
+    return isinstance(name, str) and isinstance(value, REPORTED.get(name, ()))
+
+
+def _end_orphans(command: Command) -> None:
+    """Kill what a command left whose supervisor was killed: its processes are known by the home that is theirs alone.
+
+    In a PID namespace there are none.
+    """
+    if command.profile is not Profile.CELL or command.home is None:
+        return
+    mark = os.fsencode(f"HOME={command.home.absolute()}")
+    until = monotonic() + STUCK_SECONDS
+    while monotonic() < until and (left := list(_having(mark))):
+        for pid in left:
+            with suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+
+
+def _having(variable: bytes) -> Iterator[int]:
+    """Yield the processes that were started with a variable, ourselves apart."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if variable in (folder / "environ").read_bytes().split(b"\0") and int(folder.name) != os.getpid():
+                yield int(folder.name)
 
 
 def _private(home: Path | None) -> dict[str, str]:
@@ -332,7 +428,6 @@ def _private(home: Path | None) -> dict[str, str]:
         message = "a command of a cell needs a home"
         raise ValueError(message)
     folders = {
-        "TMPDIR": "tmp",
         "XDG_CACHE_HOME": ".cache",
         "XDG_CONFIG_HOME": ".config",
         "XDG_DATA_HOME": ".local/share",
@@ -340,9 +435,19 @@ def _private(home: Path | None) -> dict[str, str]:
         "XDG_RUNTIME_DIR": ".run",
     }
     home = home.absolute()
-    for name in ("TMPDIR", "XDG_RUNTIME_DIR"):  # the others are made by those who use them
-        (home / folders[name]).mkdir(mode=0o700, exist_ok=True)
-    return {"HOME": str(home)} | {name: str(home / folder) for name, folder in folders.items()}
+    for folder in (temporary(home), home / folders["XDG_RUNTIME_DIR"]):  # the others are made by those who use them
+        folder.mkdir(mode=0o700, exist_ok=True)
+    own = {"HOME": str(home), "TMPDIR": str(temporary(home))}
+    return own | {name: str(home / folder) for name, folder in folders.items()}
+
+
+def temporary(home: Path) -> Path:
+    """The TMPDIR of a command that has this HOME."""
+    return home.with_name("tmp")
+
+
+def _own(home: Path | None) -> tuple[Path, ...]:
+    return () if home is None else (home, temporary(home))
 
 
 def _completed(running: Running, report: Mapping[str, Any]) -> Completed:
@@ -356,10 +461,12 @@ def _completed(running: Running, report: Mapping[str, Any]) -> Completed:
         seconds=report.get("seconds", 0.0),
         log=running.log,
         truncated=report.get("truncated", False),
-        written=tuple(report.get("written", ())),
+        written=tuple(report.get("written", ()))[:MOST_WRITTEN],
         sandbox=running.sandbox,
         stray=report.get("stray", 0),
         peak_mb=report.get("peak_mb", 0),
+        starved=report.get("starved", 0),
+        least_room_mb=report.get("least_room_mb"),
     )
 
 
@@ -384,8 +491,9 @@ def _best_sandbox() -> str:
 
 def _holds(sandbox: str) -> bool:
     """Whether a write into a sealed folder stays out of it there, and is seen where there is an overlay."""
-    with tempfile.TemporaryDirectory(prefix="simmatrix-", ignore_cleanup_errors=True) as folder:
-        home, sealed = Path(folder), Path(folder, "sealed")
+    with scratch_folder() as scratch:
+        home, sealed = scratch / "home", scratch / "sealed"
+        home.mkdir()
         sealed.mkdir()
         command = Command(
             argv=("/bin/sh", "-c", ": > written"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -10,7 +9,6 @@ from harness import changes, verdict
 from harness.evidence import Knowledge, diagnosed
 from harness.model import Cell, CellRecord, Change, Plan, Question, Repair, Tried
 from harness.signatures import Signature
-from harness.vocabulary import LONGEST_LABEL, WITH
 
 Recipes = Mapping[str, tuple[Repair, ...]]
 
@@ -50,15 +48,8 @@ def _made(cell: Cell, signature: Signature, change: Change, recipes: Recipes) ->
     if changes.same(made, cell):
         return None
     tried = Tried(name=str(signature.id), reason=f"the remedy of {signature.id}", change=change, proving=True)
-    return replace(made, id=f"{cell.matrix}/{_label(cell, signature)}", base=cell.id, tried=tried, expect=None)
-
-
-def _label(cell: Cell, signature: Signature) -> str:
-    label = f"{cell.label}{WITH}{signature.id}"
-    if len(label) <= LONGEST_LABEL:
-        return label
-    digest = hashlib.sha256(label.encode()).hexdigest()[:8]
-    return f"{label[: LONGEST_LABEL - len(digest) - 1]}-{digest}"
+    name = changes.id_of(cell, str(signature.id), change)
+    return replace(made, id=name, base=cell.id, tried=tried, expect=None)
 
 
 def beside(plan: Plan, more: Iterable[Cell]) -> Plan:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from xml.etree import ElementTree
 
 from harness import normalise
 from harness.model import Outcome
-from harness.outcomes import MACHINE_TROUBLE, Ending
+from harness.outcomes import MACHINE_TROUBLE, SHOT, Ending
 
 PASSED, FAILED, INTERRUPTED, INTERNAL, USAGE, NO_TESTS = range(6)
 """Exit codes of pytest; a test file that cannot be imported interrupts it."""
@@ -18,12 +19,20 @@ LOADING_CONFTEST = "while loading conftest"
 """A conftest that cannot be imported is a usage error for pytest, and yet a fault of what it imports."""
 
 
+MOST_NAMED, LONGEST_NAME = 1000, 300
+"""Tests that are named, and characters of a name: a suite may write anything."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
-    """The tests of a run by how they ended (`passed`, `failed`, `error`, `skipped`), and the first that went wrong."""
+    """The tests of a run, counted by how they ended (`passed`, `failed`, `error`, `skipped`).
+
+    `fault` is the first that went wrong with its message, `bad` names those that failed or raised, the first of them.
+    """
 
     tests: Mapping[str, int]
     fault: str | None = None
+    bad: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, junit: str) -> Report:
@@ -34,14 +43,17 @@ class Report:
             root = None
         counts: Counter[str] = Counter()
         fault = None
+        bad: list[str] = []
         for case in root.iter("testcase") if root is not None else ():
             ended = {child.tag: child for child in case}
             how = next((name for name in ("error", "failure", "skipped") if name in ended), "passed")
             counts[{"failure": "failed"}.get(how, how)] += 1
-            if fault is None and how in {"error", "failure"}:
+            if how in {"error", "failure"}:
                 named = ".".join(filter(None, (case.get("classname"), case.get("name"))))
-                fault = f"{named}: {_message(ended[how])}"
-        return cls(tests=dict(sorted(counts.items())), fault=fault)
+                fault = fault or f"{named}: {_message(ended[how])}"
+                bad.append(named[:LONGEST_NAME])
+        names = tuple(dict.fromkeys(bad))[:MOST_NAMED]  # a test and its teardown may both go wrong
+        return cls(tests=dict(sorted(counts.items())), fault=fault, bad=names)
 
 
 def outcome(report: Report, ending: Ending, text: str) -> tuple[Outcome, str | None]:
@@ -50,6 +62,8 @@ def outcome(report: Report, ending: Ending, text: str) -> tuple[Outcome, str | N
         return Outcome.INFRA, ending.trouble
     if ending.overran is not None:
         return Outcome.TIMED_OUT, f"no end within {ending.overran:g} s"
+    if ending.signal == signal.SIGKILL:
+        return Outcome.INFRA, SHOT
     if ending.signal:
         return Outcome.CRASHED, normalise.death(ending.exit_code, ending.signal, text)
     found, decisive = _by_code(ending.exit_code or 0, report, text)

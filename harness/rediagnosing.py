@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import msgspec
 
 from harness import changes, document, verdict
-from harness.evidence import Knowledge, causes, gathered, written
-from harness.model import FAILING, Phase, Verdict
+from harness.evidence import Knowledge, gathered, names, shown_silent, together, written
+from harness.model import FAILING, Phase, Plan, Verdict
 from harness.reporttypes import UNTOLD, CaseEntry, CellEntry, ChangeEntry, Document
-from harness.signatures import Around, Evidence, Signature, diagnose, machine_applicable
+from harness.signatures import Around, Evidence, Signature, diagnose, lurking, machine_applicable
+from harness.standalone import silent
 from harness.verdict import Judgement
 
 STEPS = (Phase.RESOLVE, Phase.INSTALL)
@@ -23,31 +24,102 @@ Logs = Callable[[str], Mapping[str, str]]
 
 
 def diagnosed(made: Document, known: Knowledge) -> Document:
-    """The document with the causes of its red cells as they are known now."""
+    """Return the document with the causes of its red cells and the silent issues of its cases as known now."""
     signatures = known.signatures()
-    cells = [_changed(_diagnosed(cell, signatures, known.logs), signatures) for cell in made.cells]
+    current = {str(old): str(one.id) for one in signatures for old in one.formerly}
+    cells = [_changed(_diagnosed(_renamed(cell, current), signatures, known), signatures) for cell in made.cells]
     return msgspec.structs.replace(made, cells=changes.proven(cells))
 
 
-def _diagnosed(cell: CellEntry, known: Iterable[Signature], logs: Logs) -> CellEntry:
+def _renamed(cell: CellEntry, current: Mapping[str, str]) -> CellEntry:
+    """Return a cell that names known failures by the ids that they have now."""
+    replace, expect, change = msgspec.structs.replace, cell.expectation, cell.change
+    if expect and expect.signature and expect.signature in current:
+        expect = replace(expect, signature=current[expect.signature])
+    if change:
+        change = replace(change, remedy_of=tuple(dict.fromkeys(current.get(name, name) for name in change.remedy_of)))
+    return replace(cell, expectation=expect, change=change)
+
+
+def placed(made: Document, plan: Plan) -> Document:
+    """Return the document with titles, tables, roles and what is expected of red cells as a matrix has them now."""
+    name, replace = plan.matrix, msgspec.structs.replace
+    before = made.matrices.get(name)
+    if before and before.axes != plan.axes:  # another matrix of this name
+        return made
+    entry = document.matrix_entry(plan)
+    kept = replace(before, pivot=entry.pivot, title=entry.title) if before else entry
+    planned = {cell.id: cell for cell in plan.cells}
+
+    def brought(cell: CellEntry) -> CellEntry:
+        of = planned.get(cell.id)
+        placed = replace(cell, role=document.role(cell.id, cell.change, plan.variants))
+        if of is None or cell.verdict in UNTOLD or cell.verdict is Verdict.WORKS:
+            return placed
+        return replace(placed, expectation=document.expectation(of))
+
+    cells = tuple(brought(cell) if cell.matrix == name else cell for cell in made.cells)
+    return replace(made, cells=cells, matrices={**made.matrices, name: kept})
+
+
+def _diagnosed(cell: CellEntry, signatures: Iterable[Signature], known: Knowledge) -> CellEntry:
+    lurks = _lurking(cell, signatures)
+    cell = _looked_up(cell, lurks)
     if cell.verdict in UNTOLD or cell.verdict is Verdict.WORKS:
         return cell
+    locked = known.locked(cell.lock) if cell.lock and cell.installed is None else ()
     around = Around(
-        installed=cell.installed, requirements=cell.requirements, python=cell.python or cell.requested_python
+        installed=cell.installed,
+        requirements=(*cell.requirements, *locked),
+        python=cell.python or cell.requested_python,
     )
-    found = diagnose(known, tuple(failures(cell, logs)), around)
-    fitting = causes({str(one.signature.id): one.signature.masks for one in found})
+    shown = shown_silent(lurks, list(map(exercised, cell.cases)), _lines(cell))
+    found = together(shown, diagnose(signatures, tuple(failures(cell, known.logs)), around))
     return msgspec.structs.replace(
         cell,
         diagnoses=tuple(document.diagnosis_entry(one) for one in found),
-        as_expected=_as_expected(cell, fitting),
+        as_expected=_as_expected(cell, names(found)),
     )
 
 
+def _lurking(cell: CellEntry, known: Iterable[Signature]) -> tuple[Signature, ...]:
+    """Return the silent issues whose packages a cell has."""
+    if cell.installed is None:
+        return ()
+    return lurking(known, Around(installed=cell.installed, python=cell.python or cell.requested_python))
+
+
+def exercised(case: CaseEntry) -> silent.Exercised:
+    """Return a case of a document as silent issues see it."""
+    return silent.Exercised(
+        env=case.env,
+        api=case.api,
+        phases={phase: str(how) for phase, how in case.phases.items()},
+        checks={check: str(how) for check, how in case.checks.items()},
+        opengl=bool(case.drawn),
+    )
+
+
+def _looked_up(cell: CellEntry, lurks: tuple[Signature, ...]) -> CellEntry:
+    """Return a cell of which it is said anew which silent issues fit its cases and are neither shown nor refuted."""
+    replace = msgspec.structs.replace
+    cases = tuple(replace(one, unverified=silent.open_issues(lurks, exercised(one))) for one in cell.cases)
+    phases = (name for name in cell.unverified if not name.startswith(silent.PREFIX))
+    names = (name for case in cases for name in case.unverified)
+    return replace(cell, cases=cases, unverified=tuple(dict.fromkeys((*phases, *names))))
+
+
+def _lines(cell: CellEntry) -> dict[str, str | None]:
+    """Return the misleading checks that failed, each with its line in the first case."""
+    return {name: case.reasons.get(name) for case in reversed(cell.cases) for name in case.misleads}
+
+
 def _as_expected(cell: CellEntry, found: tuple[str, ...]) -> bool | None:
-    """Judged again where an expectation names a signature."""
-    if cell.as_expected is None or cell.expectation is None:
-        return cell.as_expected
+    """Return whether a cell is as expected, judged again: its matrix may expect something else of it now."""
+    if cell.as_expected is None:
+        return None
+    if cell.expectation is None:
+        return cell.verdict is Verdict.WORKS
     judged = Judgement(verdict=cell.verdict, phases=cell.phases, phase=cell.phase, decisive=cell.decisive)
     return verdict.fits(cell.expectation, judged, found)
 

@@ -1,4 +1,4 @@
-"""What is told of a run: the types of the report document (`report.json`) and of the tables made from it.
+"""The types of the report document (`report.json`).
 
 The document's keys are a contract: some may be added, none renamed. Paths are relative to the document.
 """
@@ -6,19 +6,18 @@ The document's keys are a contract: some may be added, none renamed. Paths are r
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, Literal
 
 import msgspec
 
-from harness.model import Level, Outcome, Phase, Verdict
+from harness.model import Level, Outcome, Phase, Role, Verdict
 
 SEVERITY = (
     Verdict.UNRESOLVABLE,
     Verdict.UNINSTALLABLE,
     Verdict.IMPORT_FAILS,
     Verdict.BROKEN,
+    Verdict.MISLEADS,
     Verdict.PARTIAL,
     Verdict.INCONCLUSIVE,
     Verdict.UNAVAILABLE,
@@ -27,12 +26,16 @@ SEVERITY = (
 )
 """Worst first: what says something against the packages (the earlier it stops, the worse), then what says nothing."""
 
+REPAIR = "repair"
+"""The name of the change that `repair` and `run --repair` found."""
+
 UNTOLD = frozenset({Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE, Verdict.NOT_RUN})
 """Verdicts that say nothing about the packages; nothing can be expected or unexpected about them."""
 
 SYMBOLS: Mapping[Verdict, str] = {
     Verdict.WORKS: "✔",
     Verdict.PARTIAL: "◐",
+    Verdict.MISLEADS: "≠",
     Verdict.BROKEN: "✘",
     Verdict.IMPORT_FAILS: "⊗",
     Verdict.UNINSTALLABLE: "⊘",
@@ -68,6 +71,10 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     `drawn` is the OpenGL context that drew its frames: api (egl, osmesa, glx), vendor, renderer, version, device.
     `told` is what a check measured that its page shows.
+
+    `misleads` are the checks (`vocabulary.MISLEADING`) which showed that it contradicts its own specification without
+    an error; such a case is not passed. `unverified` are the silent known issues, as `silent:ID`, that fit it and that
+    no check has shown or refuted. `exercised` are the packages whose code it really ran, where its checks noted them.
     """
 
     case: str
@@ -82,6 +89,9 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     evidence: dict[Phase, str] = {}
     drawn: dict[str, str] = {}
     told: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET
+    misleads: tuple[str, ...] = ()
+    unverified: tuple[str, ...] = ()
+    exercised: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
 
 
 class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -111,6 +121,28 @@ class SubjectEntry(msgspec.Struct, frozen=True, kw_only=True):
     groups: tuple[str, ...] = ()
 
 
+class EditEntry(msgspec.Struct, frozen=True, kw_only=True, rename={"old": "from", "new": "to"}):
+    """One line of a wheel's metadata that was changed."""
+
+    field: str
+    old: str
+    new: str
+
+
+class RepairEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What was changed of a release, so that anybody can make the same wheel, from its wheel or its sdist."""
+
+    package: str
+    version: str
+    edits: tuple[EditEntry, ...]
+    reason: str
+    link: str | None
+    wheel_from_sha256: str | msgspec.UnsetType = msgspec.UNSET
+    sdist_sha256: str | msgspec.UnsetType = msgspec.UNSET
+    wheel_sha256: str
+    build: tuple[str, ...]
+
+
 class BroughtEntry(msgspec.Struct, frozen=True, kw_only=True):
     """What the user brought: `mark` is a hash of what it held, `changed` whether that differs from the commit."""
 
@@ -121,12 +153,28 @@ class BroughtEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """The subject's own tests in this cell. `tests` counts them by how they ended."""
+    """The subject's own tests in this cell. `tests` counts them by how they ended.
+
+    `failed` names those that failed or raised, at most a thousand. A suite whose environment cannot be made is
+    `not_reached`: `decisive` and `diagnoses` say why, and the cell keeps the verdict of its cases.
+    """
 
     outcome: Outcome
     tests: dict[str, int]
     decisive: str | None
     evidence: str | None
+    failed: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
+    diagnoses: tuple[DiagnosisEntry, ...] | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def total(self) -> int:
+        """The number of tests that were collected."""
+        return sum(self.tests.values())
+
+    @property
+    def not_run(self) -> bool:
+        """Whether the tests were asked for and could not be run."""
+        return self.outcome is Outcome.NOT_REACHED and self.decisive is not None
 
 
 class ControlEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -176,6 +224,8 @@ class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
 class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One cell on one machine, measured or not. `phase` is the one that decided the verdict.
 
+    `id` is such as `quickstart/py3.11_gymnasium-1.2.3_mujoco-3.3.7`: equal for equal questions only.
+
     A cell that a `change` makes of another one has the axes of that, its `base`.
 
     `asked` marks what it asks for besides its axes: the same for the same packages and cases. `controls` has, by API,
@@ -204,7 +254,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     unverified: tuple[str, ...]
     expected: Verdict
     as_expected: bool | None
-    repairs: tuple[dict[str, Any], ...]
+    repairs: tuple[RepairEntry, ...]
     findings: tuple[FindingEntry, ...]
     phases: dict[Phase, Outcome]
     cases: tuple[CaseEntry, ...]
@@ -222,6 +272,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     controls: dict[str, ControlEntry] | msgspec.UnsetType = msgspec.UNSET
     base: str | None = None
     change: ChangeEntry | None = None
+    role: Role = Role.MAIN
 
 
 class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -235,13 +286,15 @@ class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
     """What the tables need of a matrix: its axes in order, and the packages whose versions it wants shown.
 
-    `snapshot` is the cutoff that it names, if it does, `pivot` the axes that it wants in the small table.
+    `snapshot` is the cutoff that it names, if it does, `pivot` the axes that it wants in the small table, `title` the
+    heading that it gives its report.
     """
 
     axes: tuple[str, ...]
     shown: tuple[str, ...] = ()
     snapshot: str | None = None
     pivot: tuple[str, str] | None = None
+    title: str | None = None
 
 
 class Document(msgspec.Struct, frozen=True, kw_only=True):
@@ -255,181 +308,3 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     matrices: dict[str, MatrixEntry] = {}
     stale: tuple[str, ...] = ()
     probes: dict[str, str] = {}
-
-
-# --- the tables --------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Row:
-    """One cell as the list shows it: on one machine, or on all those that found the same.
-
-    `versions` stand in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working
-    cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one;
-    `repaired` the releases that nobody gets as they are here; `known` is the signature of the cause, where one is.
-    """
-
-    id: str
-    label: str
-    verdict: Verdict
-    as_expected: bool | None
-    phase: str
-    why: str
-    hidden_by: tuple[str, ...]
-    expected: str
-    versions: tuple[str, ...]
-    findings: int
-    seconds: float
-    machine: str
-    repaired: tuple[str, ...] = ()
-    cause: str = ""
-    remedy: str = ""
-    proven: bool = False
-    known: str = ""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Square:
-    """Where two axis values meet on one machine: the worst verdict, and how many of the cells there have it."""
-
-    machine: str
-    verdict: Verdict
-    count: int
-    total: int
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pivot:
-    """The cells of a matrix over two of its axes.
-
-    A square holds an entry for each machine of the sheet, in their order; none where no cell is.
-    """
-
-    down: str
-    across: str
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    squares: tuple[tuple[tuple[Square, ...], ...], ...]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Cause:
-    """A known failure that fits cells, and its remedy in words, which a machine can apply or not.
-
-    `proofs` are the cells that the remedy cured, each with its lock.
-    """
-
-    signature: str
-    cause: str
-    remedy: str
-    applicable: bool
-    proofs: tuple[tuple[str, str], ...]
-    references: tuple[str, ...]
-
-
-class Effect(StrEnum):
-    """What a change did to a cell."""
-
-    CURES = "cures"
-    PARTLY = "cures part of it"
-    UNCOVERS = "another failure behind it"
-    NOTHING = "no difference"
-    BREAKS = "breaks"
-    UNTOLD = "not known"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Attempt:
-    """A change tried on a cell: where it stood before and stands after, each in words, and what the change did."""
-
-    cell: str
-    before: str
-    change: str
-    does: tuple[str, ...]
-    reason: str
-    advice: bool
-    link: str
-    after: str
-    effect: Effect
-    lock: str
-    machine: str
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Explanation:
-    """Why cells are not green: those with the same reason together."""
-
-    verdict: Verdict
-    phase: str
-    decisive: str
-    hidden_by: tuple[str, ...]
-    expected: str
-    link: str
-    cells: tuple[str, ...]
-    causes: tuple[Cause, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Trouble:
-    """One cause and all the cells that have it; `known` is its signature, empty where none fits.
-
-    `where` says which `cells` these are, as values of axes. The `cause` of an unknown one is what the matrix says of
-    it, if anything. `proofs` are changed cells that work, by which the remedy is proven for `proven` of the cells.
-    `also` are known failures that fit some of the cells, too, after the deepest one.
-    """
-
-    known: str
-    cause: str
-    verdicts: tuple[tuple[Verdict, int], ...]
-    phases: tuple[str, ...]
-    cells: int
-    where: str
-    line: str
-    remedy: str
-    applicable: bool
-    proofs: tuple[tuple[str, str], ...]
-    references: tuple[str, ...]
-    explanations: tuple[Explanation, ...]
-    proven: int = 0
-    also: tuple[Cause, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Remark:
-    """The same text about one or more cells: a finding, or the reason why combinations were left out."""
-
-    about: str
-    text: str
-    cells: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Sheet:
-    """Everything about one matrix. `counts` are of results: each cell has one for each machine that ran it."""
-
-    matrix: str
-    cells: int
-    results: int
-    machines: tuple[str, ...]
-    counts: tuple[tuple[Verdict, int], ...]
-    pivot: Pivot | None
-    columns: tuple[str, ...]
-    rows: tuple[Row, ...]
-    troubles: tuple[Trouble, ...]
-    findings: tuple[Remark, ...]
-    dropped: tuple[Remark, ...]
-    locks: tuple[Remark, ...]
-    repairs: tuple[Remark, ...] = ()
-    drawing: tuple[Remark, ...] = ()
-    attempts: tuple[Attempt, ...] = ()
-    left_out: int = 0
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Report:
-    """What a presentation needs: a sheet per matrix, and what they share."""
-
-    generated: str
-    sheets: tuple[Sheet, ...]
-    machines: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
-    stale: tuple[str, ...]

@@ -27,6 +27,7 @@ T = TypeVar("T")
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
+SURROGATE = re.compile(r"(?i)\\ud[89a-f]")
 _ANY_KEY = "[...]"  # how msgspec writes a key of a mapping
 _PLACES = re.compile(r" - at (?:`key` in )?`\$([^`]*)`")
 _SEGMENT = re.compile(r"\.([^.\[]+)|\[(\d+)\]|(\[\.\.\.\])")
@@ -67,26 +68,47 @@ class SelfReading(Protocol):
 
 def load_toml(text: str, kind: type[T], file: str) -> T:
     """Read TOML text as `kind`; `file` is the name that messages give it. Dates are read as ISO 8601 strings."""
-    try:
-        plain = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        what, _, where = str(error).removesuffix(")").rpartition(" (at ")
-        message = f"{file}: {where}: {_lower(what)}"
-        raise BadInput(message) from None
-    return _checked(_without_dates(plain), kind, file, literals=lambda: tomllib.loads(text, parse_float=str))
+    with readable(file):
+        plain = toml_table(text, file)
+        return _checked(_without_dates(plain), kind, file, literals=lambda: tomllib.loads(text, parse_float=str))
+
+
+def toml_table(text: str, file: str) -> dict[str, Any]:
+    """Read TOML text as it is. Raises BadInput."""
+    with readable(file):
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            what, _, where = str(error).removesuffix(")").rpartition(" (at ")
+            message = f"{file}: {where}: {_lower(what)}"
+            raise BadInput(message) from None
 
 
 def load_json(text: str | bytes, kind: type[T], file: str) -> T:
     """Read JSON text as `kind`; `file` is the name that messages give it. NaN and infinities are refused."""
+    with readable(file):
+        try:
+            plain = json.loads(text, parse_constant=_refuse_constant)
+        except json.JSONDecodeError as error:
+            message = f"{file}: line {error.lineno}, column {error.colno}: {_lower(error.msg)}"
+            raise BadInput(message) from None
+        _check_characters(text, plain)
+        return _checked(plain, kind, file, literals=lambda: plain)
+
+
+@contextmanager
+def readable(file: str) -> Iterator[None]:
+    """Let what no reader of a format can take become the sentence of a user, with its file."""
     try:
-        plain = json.loads(text, parse_constant=_refuse_constant)
-    except json.JSONDecodeError as error:
-        message = f"{file}: line {error.lineno}, column {error.colno}: {_lower(error.msg)}"
-        raise BadInput(message) from None
-    except ValueError as error:  # not UTF-8, or a constant that JSON does not have
-        message = f"{file}: {error}"
-        raise BadInput(message) from None
-    return _checked(plain, kind, file, literals=lambda: plain)
+        yield
+    except RecursionError:
+        message = f"{file}: is nested too deep"
+    except ValueError as error:
+        what = "has an integer of too many digits" if "set_int_max_str_digits" in str(error) else str(error)
+        message = f"{file}: {what}"
+    else:
+        return
+    raise BadInput(message) from None
 
 
 def json_schema(kind: type) -> dict[str, Any]:
@@ -127,6 +149,15 @@ def key_path(*segments: str | int) -> str:
         else:
             path += ("." if path else "") + (segment if _BARE_KEY.fullmatch(segment) else json.dumps(segment))
     return path
+
+
+def toml_value(value: str | bool | int | Sequence[Any]) -> str:
+    """Write a value as TOML has it in one line: a text, a number, a truth, or a list of such."""
+    from tomli_w import dumps  # noqa: PLC0415 - start-up
+
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return dumps({"x": value}).removeprefix("x = ").rstrip("\n")
 
 
 @contextmanager
@@ -170,6 +201,17 @@ def _without_dates(plain: Any) -> Any:
     if isinstance(plain, list):
         return [_without_dates(value) for value in plain]
     return plain.isoformat() if isinstance(plain, date | time) else plain
+
+
+def _check_characters(text: str | bytes, plain: Any) -> None:
+    """Refuse half of a surrogate pair, which no text that is printed or written can hold."""
+    escaped = SURROGATE.search(text if isinstance(text, str) else text.decode(errors="replace"))
+    try:
+        if escaped:
+            json.dumps(plain, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        message = "has half of a surrogate pair where a character should be"
+        raise ValueError(message) from None
 
 
 def _refuse_constant(name: str) -> Any:

@@ -9,9 +9,17 @@ from dataclasses import dataclass
 from email.parser import HeaderParser
 from pathlib import Path
 
+from harness import guarded_files
+from harness.errors import in_the_way
+from harness.hostile_data import Absent, Unreadable, understanding
+
 LEGACY_REQUIRES = ("setuptools>=40.8.0",)
 LEGACY_BACKEND = "setuptools.build_meta:__legacy__"
 """What PEP 517 prescribes where pyproject.toml says nothing."""
+
+
+MOST = 16 << 20
+"""Bytes of a pyproject.toml."""
 
 
 class BadSdist(Exception):
@@ -37,7 +45,9 @@ def unpack(archive: Path, folder: Path) -> Path:
         else:
             with tarfile.open(archive) as tar:
                 tar.extractall(folder, filter="data")
-    except (tarfile.TarError, zipfile.BadZipFile, EOFError) as error:
+    except Exception as error:
+        if in_the_way(error):  # a full disk says nothing of the archive
+            raise
         why = str(error).partition("\n")[0].rstrip(":")
         message = f"{archive.name} cannot be unpacked: {why}"
         raise BadSdist(message) from None
@@ -50,23 +60,38 @@ def unpack(archive: Path, folder: Path) -> Path:
 
 def build_system(source: Path) -> BuildSystem:
     """Read what builds the source. Raises BadSdist."""
-    path = source / "pyproject.toml"
+    file = source / "pyproject.toml"
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8")).get("build-system") if path.exists() else None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = guarded_files.text(file, MOST, follow=True)
+        with understanding():
+            table = tomllib.loads(content).get("build-system")
+    except Absent:
+        table = None
+    except Unreadable as error:
         message = f"pyproject.toml cannot be read: {error}"
         raise BadSdist(message) from None
     if table is None:
         return BuildSystem()
-    requires = table.get("requires")
-    if not isinstance(requires, list) or not all(isinstance(line, str) for line in requires):
-        message = "pyproject.toml: `build-system.requires` is not a list of requirements"
+    if not isinstance(table, dict):
+        message = "pyproject.toml: `build-system` is not a table"
         raise BadSdist(message)
+    backend = table.get("build-backend", LEGACY_BACKEND)
+    if not isinstance(backend, str):
+        message = "pyproject.toml: `build-system.build-backend` is not a string"
+        raise BadSdist(message)
+    requires, path = table.get("requires"), table.get("backend-path", [])
     return BuildSystem(
-        requires=tuple(requires),
-        backend=table.get("build-backend", LEGACY_BACKEND),
-        backend_path=tuple(table.get("backend-path", ())),
+        requires=_texts(requires, "`build-system.requires` is not a list of requirements"),
+        backend=backend,
+        backend_path=_texts(path, "`build-system.backend-path` is not a list of folders"),
     )
+
+
+def _texts(plain: object, wrong: str) -> tuple[str, ...]:
+    if not isinstance(plain, list) or not all(isinstance(line, str) for line in plain):
+        message = f"pyproject.toml: {wrong}"
+        raise BadSdist(message)
+    return tuple(plain)
 
 
 def requires_dist(wheel: Path) -> tuple[str, ...]:

@@ -21,6 +21,9 @@ from harness.reporttypes import Document
 ALONE = 1.0
 """Seconds of a cell where none was ever recorded: then only their number counts."""
 
+MOST = 10_000
+"""Shards of a run."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shard:
@@ -35,6 +38,9 @@ class Shard:
         match = re.fullmatch(r"(\d+)/(\d+)", text)
         if match is None:
             message = f"{text!r} is no shard; write I/N, which one of how many, as in 2/4"
+            raise ValueError(message)
+        if max(map(len, match.groups())) > len(str(MOST)) or int(match[2]) > MOST:
+            message = f"{text[:40]!r}: there are at most {MOST:,} shards"
             raise ValueError(message)
         number, count = map(int, match.groups())
         if not 1 <= number <= count:

@@ -21,6 +21,7 @@ from harness.model import Change, Phase
 from harness.schema import load_toml, located
 from harness.standalone import matching
 from harness.vocabulary import (
+    Api,
     Instant,
     Label,
     PackageName,
@@ -53,7 +54,7 @@ class PortablePattern(Word):
     @classmethod
     def canonical(cls, text: str) -> str:
         """Return the text itself, once it compiles and has nothing that is Python's alone."""
-        Pattern.canonical(text)
+        compiled = Pattern.compiled(text, re.MULTILINE)
         foreign = PYTHONS_ESCAPE.search(text.replace("\\\\", ""))
         plain = re.sub(ESCAPED, "e", text)
         found = next((what for syntax, what in UNPORTABLE if re.search(syntax, _searched(syntax, plain))), None)
@@ -62,7 +63,7 @@ class PortablePattern(Word):
         if found:
             message = f'"{text}" has what a browser does not know: {found}'
             raise ValueError(message)
-        if re.search(text, "", re.MULTILINE):
+        if compiled.search(""):
             message = f'"{text}" matches the empty text, and so everything'
             raise ValueError(message)
         return text
@@ -176,14 +177,33 @@ class Signature(Table, frozen=True, kw_only=True):
         False
     )
     silent: Annotated[
-        bool, Meta(description="nothing is raised: it is told by the packages that are there, never by evidence")
+        bool, Meta(description="nothing is raised: the packages that are there tell of it, in green results, too")
     ] = False
+    envs: Annotated[
+        tuple[Annotated[str, Meta(min_length=1)], ...],
+        Meta(description="what ids of environments a silent one speaks of: `Fetch*-v3`; `!Ant-*` leaves some out"),
+    ] = ()
+    apis: Annotated[tuple[Api, ...], Meta(description="the APIs that a silent one speaks of [all]")] = ()
+    opengl: Annotated[bool, Meta(description="a silent one that shows only in pictures which OpenGL drew")] = False
+    check: (
+        Annotated[
+            str,
+            Meta(pattern=r"^[a-z]+(\.[a-z_0-9]+)+$", description="the check that shows a silent one, or refutes it"),
+        ]
+        | None
+    ) = None
+    formerly: Annotated[tuple[Label, ...], Meta(description="ids that it had before, by which it is still found")] = ()
     references: tuple[str, ...] = ()
     examples: Annotated[
         tuple[str, ...],
         Meta(description="texts that it matches, of other paths, lines and versions; a silent one has none"),
     ] = ()
     verified_on: tuple[VerifiedTable, ...] = ()
+
+    @property
+    def loud(self) -> bool:
+        """Whether something is written by which it can be told."""
+        return bool(self.pattern or self.signal)
 
     @property
     def as_file(self) -> dict[str, Any]:
@@ -201,6 +221,11 @@ class Signature(Table, frozen=True, kw_only=True):
             "masks": self.masks,
             "generic": self.generic,
             "silent": self.silent,
+            "envs": list(self.envs),
+            "apis": list(map(str, self.apis)),
+            "opengl": self.opengl,
+            "check": self.check,
+            "formerly": list(map(str, self.formerly)),
             "references": list(self.references),
         }
         return {name: value for name, value in said.items() if value}
@@ -220,21 +245,22 @@ def read(texts: Mapping[str, str]) -> tuple[Signature, ...]:
         for index, one in enumerate(load_toml(text, SignaturesFile, file).signature):
             with located(file, "signature", index):
                 _check(one)
-            if one.id in known:
-                message = f'{file}: signature[{index}].id: "{one.id}" is listed twice, first in {known[one.id]}'
-                raise BadInput(message)
-            known[one.id] = file
+            for name in (one.id, *one.formerly):
+                if name in known:
+                    message = f'{file}: signature[{index}].id: "{name}" is listed twice, first in {known[name]}'
+                    raise BadInput(message)
+                known[name] = file
             found.append(one)
     return tuple(found)
 
 
 def _check(one: Signature) -> None:
-    message = None
-    if one.silent:
-        message = _check_silent(one)
+    message = _check_silent(one)
+    if message or (one.silent and not one.loud):
+        pass
     elif len(one.examples) < EXAMPLES:
         message = f'"{one.id}" has too few examples: {EXAMPLES} texts at least that differ'
-    elif not one.pattern and not one.signal:
+    elif not one.loud:
         message = f'"{one.id}" has neither a "pattern" nor a "signal", and so could be anything'
     elif one.generic and not (one.packages or one.masks):
         message = f'"{one.id}" is generic, and so has to name its "packages"'
@@ -245,10 +271,13 @@ def _check(one: Signature) -> None:
 
 
 def _check_silent(one: Signature) -> str | None:
+    scoped = [name for name in ("envs", "apis", "opengl", "check") if getattr(one, name)]
+    if not one.silent:
+        return f'"{one.id}" has "{scoped[0]}", which only a silent one has' if scoped else None
     if not one.packages:
         return f'"{one.id}" is silent, and so has to name its "packages"'
-    if one.pattern or one.signal or one.examples:
-        return f'"{one.id}" is silent: nothing is written that a "pattern", "signal" or "examples" could be of'
+    if one.examples and not one.loud:
+        return f'"{one.id}" is silent and has no "pattern": nothing is written that its "examples" could be of'
     return None
 
 

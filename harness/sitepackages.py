@@ -2,52 +2,99 @@
 
 from __future__ import annotations
 
-import base64
-import csv
-import hashlib
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
-from importlib.metadata import Distribution, distributions
+from collections.abc import Iterator
+from importlib.metadata import Distribution
 from pathlib import Path
 
-from packaging.requirements import InvalidRequirement, Requirement
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
+from harness import guarded_files
+from harness.hostile_data import Absent, Unreadable, understanding
+
+MOST_METADATA = 64 << 20
+"""Bytes of a file of metadata: the longest RECORD is some megabytes."""
+
+KINDS = (".dist-info", ".egg-info")
+
 
 def versions(path: Path) -> dict[str, str]:
-    """Which packages an environment has: name to version."""
-    return dict(sorted((canonicalize_name(one.name), plain(one.version)) for one in packages(path)))
+    """Return which packages an environment has, name to version. Raises Unreadable."""
+    with understanding():
+        return dict(sorted((canonicalize_name(one.name), plain(one.version)) for one in packages(path)))
 
 
 def modules(path: Path) -> dict[str, tuple[str, ...]]:
-    """The top-level modules of each package, as its RECORD lists files: name to modules, sorted."""
-    return {canonicalize_name(one.name): _top_level(one) for one in packages(path)}
+    """Return the top-level modules of each package, as RECORD lists its files, sorted. Raises Unreadable."""
+    with understanding():
+        return {canonicalize_name(one.name): _top_level(one) for one in packages(path)}
 
 
 def requiring(path: Path, name: str) -> tuple[str, ...]:
-    """The packages that declare, in whatever extra, that they need this one."""
-    return tuple(sorted({asker for asker, need in _needs(path) if canonicalize_name(need.name) == name}))
+    """Return the packages that declare, in whatever extra, that they need this one. Raises Unreadable."""
+    with understanding():
+        return tuple(sorted({asker for asker, need in _needs(path) if canonicalize_name(need.name) == name}))
+
+
+def bounds(path: Path, name: str) -> tuple[SpecifierSet, ...]:
+    """Return the bounds that packages declare on this one, in whatever extra. Raises Unreadable."""
+    with understanding():
+        needs = [need for _, need in _needs(path) if canonicalize_name(need.name) == name]
+        return tuple(dict.fromkeys(need.specifier for need in needs if need.specifier))
 
 
 def unheld(path: Path) -> tuple[tuple[str, str], ...]:
-    """What packages require that is not there, extras apart: who asks, and the requirement."""
+    """Return what packages require that is not there, extras apart: who asks, and what. Raises Unreadable."""
     here = versions(path)
-    return tuple(
-        (asker, str(need))
-        for asker, need in _needs(path)
-        if canonicalize_name(need.name) not in here and "extra" not in str(need.marker or "")
-    )
+    with understanding():
+        return tuple(
+            (asker, str(need))
+            for asker, need in _needs(path)
+            if canonicalize_name(need.name) not in here and "extra" not in str(need.marker or "")
+        )
 
 
-def changed(path: Path) -> tuple[str, ...]:
-    """Compare every file with its RECORD; return those that changed or are gone, relative to the environment."""
-    return tuple(sorted(name for one in packages(path) for name in _changed(one, path)))
+class Installed(Distribution):
+    """A package that is installed, whose metadata are read as a file that anything may have happened to."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def read_text(self, filename: str) -> str | None:
+        """Return a file of its metadata; bytes that are no UTF-8 are replaced. Raises Unreadable."""
+        try:
+            return guarded_files.read(self.folder / filename, MOST_METADATA).decode("utf-8", "replace")
+        except Absent:
+            return None
+
+    def locate_file(self, path: object) -> Path:
+        """Return where one of its files lies."""
+        return self.folder.parent / str(path)
+
+    @property
+    def name(self) -> str:
+        """Its name. Raises Unreadable."""
+        return self._said("Name")
+
+    @property
+    def version(self) -> str:
+        """Its version. Raises Unreadable."""
+        return self._said("Version")
+
+    def _said(self, key: str) -> str:
+        with understanding():
+            if key in self.metadata and (value := str(self.metadata[key]).strip()):
+                return value
+        message = f"{self.folder.name} says no {key}"
+        raise Unreadable(message)
 
 
-def packages(path: Path) -> Iterable[Distribution]:
-    """All that is installed, as the standard library sees it."""
-    return distributions(path=[str(folder) for folder in folders(path)])
+def packages(path: Path) -> Iterator[Installed]:
+    """Yield all that is installed, by the names of their folders."""
+    for folder in folders(path):
+        yield from (Installed(found) for found in sorted(folder.iterdir()) if found.name.endswith(KINDS))
 
 
 def folders(path: Path) -> Iterator[Path]:
@@ -68,21 +115,18 @@ def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
     for one in packages(path):
         asker = canonicalize_name(one.name)  # which is read from a file each time
         for line in one.requires or ():
-            with suppress(InvalidRequirement):
-                yield asker, Requirement(line)
+            if need := _requirement(line):
+                yield asker, need
+
+
+def _requirement(line: str) -> Requirement | None:
+    try:
+        with understanding():
+            return Requirement(line)
+    except Unreadable:
+        return None
 
 
 def _top_level(one: Distribution) -> tuple[str, ...]:
     tops = {file.parts[0].partition(".")[0] for file in one.files or () if file.suffix in {".py", ".so"}}
     return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))
-
-
-def _changed(distribution: Distribution, environment: Path) -> Iterator[str]:
-    for name, mark, _ in csv.reader((distribution.read_text("RECORD") or "").splitlines()):
-        method, _, wanted = mark.partition("=")
-        if not wanted:
-            continue
-        path = Path(str(distribution.locate_file(name)))
-        found = path.is_file() and base64.urlsafe_b64encode(hashlib.new(method, path.read_bytes()).digest())
-        if not found or found.decode().rstrip("=") != wanted:
-            yield path.resolve().relative_to(environment.resolve()).as_posix()

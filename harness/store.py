@@ -8,9 +8,11 @@ logs and frames.
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from time import time
@@ -18,23 +20,44 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from harness import cellid, guarded_files
 from harness.errors import BadInput
 from harness.filelocks import exclusive
-from harness.model import CellRecord, Finding, Interpreter, Lock, Outcome, PhaseRecord, Question, Step
+from harness.hostile_data import Absent, Unreadable, understanding
+from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, PhaseRecord, Question, Step
 
 T = TypeVar("T")
+
+REMEMBERED = 16
+"""Results of a kind that `remembered` keeps: several checkouts share a cache."""
+
+MOST_RECORD, MOST_INSTANT = 256 << 20, 100
+"""Bytes that are read of a record, and of an instant."""
 
 NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 
 
 def state_folder() -> Path:
     """The folder of results and locks: `HARNESS_STATE`, else `.harness` in the working folder; ignored by git."""
-    return ignored_by_git(Path(os.environ.get("HARNESS_STATE") or ".harness").absolute())
+    return ignored_by_git(_state_path())
 
 
 def cache_folder() -> Path:
     """The folder of environments, wheels and downloads: `HARNESS_CACHE`, else the user's cache folder."""
-    return ignored_by_git(Path(os.environ.get("HARNESS_CACHE") or _users_cache()).absolute())
+    return ignored_by_git(_cache_path())
+
+
+def own_folders() -> tuple[Path, ...]:
+    """Return the folders of the harness that are there: no probe and no build is to write to them."""
+    return tuple(folder for folder in (_state_path(), _cache_path()) if folder.is_dir())
+
+
+def _state_path() -> Path:
+    return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
+
+
+def _cache_path() -> Path:
+    return Path(os.environ.get("HARNESS_CACHE") or _users_cache()).absolute()
 
 
 def _users_cache() -> Path:
@@ -90,12 +113,31 @@ def write_atomic(path: Path, content: bytes) -> None:
 
 def write_changed(path: Path, content: bytes) -> None:
     """Write the whole file, unless it says that already."""
-    try:
-        if path.read_bytes() == content:
+    with suppress(Unreadable):
+        if guarded_files.read(path, len(content) + 1) == content:
             return
-    except OSError:
-        pass
     write_atomic(path, content)
+
+
+def remembered(kind: str, mark: str, make: Callable[[], bytes], check: Callable[[bytes], object]) -> bytes:
+    """Return what `make` makes, from the cache folder where it was made for an equal mark.
+
+    What `check` raises an error of is damaged, and made anew.
+    """
+    try:
+        folder = cache_folder() / "remembered" / kind
+        name = digest(mark)
+        with suppress(Unreadable), understanding():
+            content = guarded_files.read(folder / name, MOST_RECORD)
+            check(content)
+            return content
+        content = make()
+        for old in sorted(folder.glob("*"), key=lambda file: file.stat().st_mtime)[: -REMEMBERED + 1]:
+            old.unlink(missing_ok=True)
+        write_atomic(folder / name, content)
+    except (OSError, BadInput):  # a cache that cannot be used costs only time
+        return make()
+    return content
 
 
 def digest(*parts: Any) -> str:
@@ -196,9 +238,11 @@ class Store:
         """The cutoff of a matrix without a snapshot: the instant of its first lock, kept so long or until renewed."""
         path = self.folder / "instants" / name
         with exclusive(path.with_name(f"{name}.lock")):  # of several first runs, one says it
-            if renew or not path.exists() or time() - path.stat().st_mtime > hours * 3600:
-                write_atomic(path, now().encode())
-            return path.read_text()
+            kept = _instant(path)
+            if renew or kept is None or time() - path.stat().st_mtime > hours * 3600:
+                kept = now()
+                write_atomic(path, kept.encode())
+            return kept
 
     def load_phase(self, key: str) -> PhaseRecord | None:
         """One phase of one case, if it was measured here under the same key."""
@@ -216,13 +260,17 @@ class Store:
         """Keep the record of a cell; one machine never overwrites another's."""
         write_changed(self.cell_file(record.machine, record.cell.id), _encode(record))
 
-    def load_cell(self, machine: str, cell_id: str) -> CellRecord | None:
-        """The last record of a cell on a machine."""
-        return _read(self.cell_file(machine, cell_id), CellRecord)
+    def load_cell(self, machine: str, cell: Cell) -> CellRecord | None:
+        """Return the last record of a cell on a machine, also where an earlier version kept it by its older id."""
+        found = _read(self.cell_file(machine, cell.id), CellRecord)
+        if found is None and (before := _read(self.cell_file(machine, cellid.older(cell)), CellRecord)):
+            found = replace(before, cell=_renamed(before.cell))
+        return found if found and found.cell.id == cell.id else None
 
-    def glance(self, machine: str, cell_id: str) -> Glance | None:
-        """What the last record of a cell tells of its cost."""
-        return _read(self.cell_file(machine, cell_id), Glance)
+    def glance(self, machine: str, cell: Cell) -> Glance | None:
+        """Return what the last record of a cell tells of its cost."""
+        files = (self.cell_file(machine, name) for name in (cell.id, cellid.older(cell)))
+        return next((found for file in files if (found := _read(file, Glance))), None)
 
     def save_machine(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep the facts of a machine that cells are measured on."""
@@ -236,8 +284,13 @@ class Store:
         """Every cell record of every machine."""
         for path in sorted((self.folder / "cells").glob("*/*/*.json")):
             record = _read(path, CellRecord)
-            if record:
+            if record is None:
+                continue
+            cell = _renamed(record.cell)
+            if cell is record.cell:
                 yield record
+            elif not self.cell_file(record.machine, cell.id).exists():
+                yield replace(record, cell=cell)
 
     def evidence(self, name: str) -> Path:
         """A folder for the logs, stacks and frames of one probe run."""
@@ -259,6 +312,27 @@ class Store:
         write_atomic(Path(self._path(kind, key)), _encode(value))
 
 
+def _instant(path: Path) -> str | None:
+    """Return the instant that a file holds; None where there is none, or it is damaged."""
+    try:
+        kept = guarded_files.text(path, MOST_INSTANT)
+        with understanding():
+            datetime.fromisoformat(kept)
+    except Absent:
+        return None
+    except Unreadable as error:
+        logging.getLogger("harness").warning("%s: %s; the cutoff of this matrix is now", path, error)
+        return None
+    return kept
+
+
+def _renamed(cell: Cell) -> Cell:
+    """Return the cell of a record, by its id of today; one of `try` keeps the id that it was measured by."""
+    name = cellid.newer(cell.id, cell.axes, cell.python if cell.base else None)
+    base = cell.base and cellid.newer(cell.base, cell.axes)
+    return cell if name == cell.id else replace(cell, id=name, base=base)
+
+
 def open_store() -> Store:
     """The store of the working folder."""
     return Store(state_folder())
@@ -269,13 +343,8 @@ def _encode(value: Any) -> bytes:
 
 
 def _read(path: str | Path, kept: type[T]) -> T | None:
-    """None where the file is absent, or of an older shape and so of no use."""
+    """None where the file is absent, damaged, or of an older shape and so of no use."""
     try:
-        with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - thousands of files
-            content = file.readall()
-    except FileNotFoundError:
-        return None
-    try:
-        return msgspec.json.decode(content, type=kept)
-    except msgspec.MsgspecError:
+        return guarded_files.decoded(path, MOST_RECORD, guarded_files.decoder(kept).decode)
+    except Unreadable:
         return None

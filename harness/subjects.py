@@ -18,11 +18,12 @@ from typing import Any
 from packaging.dependency_groups import resolve_dependency_groups
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
-from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
+from packaging.utils import canonicalize_name, parse_wheel_filename
 
-from harness import builds, checkouts, environments, locks, schema
+from harness import builds, checkouts, environments, locks, requirement_texts, schema
 from harness.errors import BadInput, CouldNotTell
 from harness.filelocks import exclusive
+from harness.hostile_data import Unreadable, understanding
 from harness.inputfiles import project
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Question, Step, Subject, Tested
 from harness.store import cache_folder, digest, write_atomic
@@ -128,8 +129,8 @@ def kept(subject: Subject, interpreter: Interpreter, question: Question) -> Read
     refused = _python_refused(about.name or UNNAMED, about.python, interpreter)
     if refused:
         return refused
-    memories = (path for path in _memories(subject, interpreter, question) if path.exists())
-    found = next((built for path in memories if (built := builds.kept(path.read_text(encoding="ascii")))), None)
+    memories = _memories(subject, interpreter, question)
+    found = next((built for path in memories if (built := builds.remembered(path))), None)
     return _read(found.path, interpreter, about.groups) if found else None
 
 
@@ -175,12 +176,13 @@ def _built(
 
 def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Ready | Step:
     try:
-        name, version, _, tags = parse_wheel_filename(path.name)
-        with zipfile.ZipFile(path) as archive:
-            entries = sorted((info.filename, info.CRC, info.file_size) for info in archive.infolist())
-            headers = _headers(archive, "METADATA")
-            record = archive.read(_inside(archive, "RECORD")).decode("utf-8", "replace").splitlines()
-    except (InvalidWheelFilename, zipfile.BadZipFile, KeyError) as error:
+        with understanding():
+            name, version, _, tags = parse_wheel_filename(path.name)
+            with zipfile.ZipFile(path) as archive:
+                entries = sorted((info.filename, info.CRC, info.file_size) for info in archive.infolist())
+                headers = _headers(archive, "METADATA")
+                record = archive.read(_inside(archive, "RECORD")).decode("utf-8", "replace").splitlines()
+    except Unreadable as error:
         return _failed(Phase.INSTALL, f"{path.name} is no wheel: {error}")
     if not any(tag in locks.tags(interpreter) for tag in tags):
         return _failed(Phase.INSTALL, f"{path.name} is not for Python {interpreter.minor} on this platform")
@@ -255,7 +257,7 @@ def completed(asked: Question, subject: Subject, known: Ready, interpreter: Inte
 
 def refuse_naming(name: str, lines: Iterable[str], instead: str) -> None:
     """Raise BadInput where one of these lines would bring the subject from an index, or would be passed over."""
-    if any(canonicalize_name(Requirement(line).name) == name for line in lines):
+    if any(canonicalize_name(requirement_texts.requirement(line).name) == name for line in lines):
         message = (
             f"{name} is the subject, which no requirement, override or axis may name; its extras are for {instead}"
         )

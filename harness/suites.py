@@ -6,21 +6,20 @@ itself stays pure. The package is met as it was installed: what it is made of is
 
 from __future__ import annotations
 
-import inspect
 import re
 import shutil
-import sys
-import tempfile
 import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from secrets import token_hex
 
-from harness import display, launch, normalise, process, pytestsays, subjects
+from harness import bytecode, display, launch, normalise, process, pytestsays, sources, subjects
 from harness.errors import CouldNotTell
+from harness.guarded_files import Folder
+from harness.hostile_data import Unreadable
 from harness.model import (
     FAILING,
     CheckRecord,
@@ -32,12 +31,14 @@ from harness.model import (
     Phase,
     PhaseRecord,
     Question,
+    Step,
     Subject,
     Suite,
 )
 from harness.outcomes import Ending
 from harness.pytestsays import Report
-from harness.store import Store, digest, now, write_atomic
+from harness.scratch_folders import scratch_folder
+from harness.store import Store, now, own_folders, write_atomic
 from harness.subjects import TESTS, Ready
 from harness.vocabulary import required_name
 
@@ -80,15 +81,29 @@ def moved(lock: Lock, other: Lock) -> str | None:
     return f"the tests ask for {', '.join(told)}" if told else None
 
 
-def untold(decisive: str, *, unavailable: bool = False) -> PhaseRecord:
-    """The record of a suite that could not be run."""
-    outcome = Outcome.UNAVAILABLE if unavailable else Outcome.INFRA
-    return PhaseRecord(phase=Phase.SUITE, outcome=outcome, decisive=normalise.bounded(decisive))
+def not_run(decisive: str, step: Step) -> PhaseRecord:
+    """Return the record of a suite whose environment cannot be made, for the reason that this step gives.
+
+    It is `not_reached` where packages are at fault: the cell keeps the verdict of its cases.
+    """
+    kept = {Outcome.UNAVAILABLE, Outcome.INFRA}
+    outcome = step.outcome if step.outcome in kept else Outcome.NOT_REACHED
+    if step.phase is Phase.RESOLVE and step.outcome is Outcome.TIMED_OUT:
+        outcome = Outcome.INFRA
+    check = CheckRecord(check=f"suite.{step.phase}", outcome=step.outcome, decisive=step.decisive)
+    return PhaseRecord(
+        phase=Phase.SUITE,
+        outcome=outcome,
+        decisive=normalise.bounded(decisive),
+        checks=(check,),
+        evidence=step.log,
+        reused=step.reused,
+    )
 
 
 def judging() -> str:
-    """A hash of what turns a run into an outcome: one judged in another way is measured again."""
-    return digest(*(inspect.getsource(module) for module in (sys.modules[__name__], pytestsays, normalise)))
+    """Identify what turns a run into an outcome: one judged in another way is measured again."""
+    return sources.digest(__name__)
 
 
 # --- running it ------------------------------------------------------------------------------------------------
@@ -122,6 +137,7 @@ class _Ran:
     seconds: float
     evidence: str
     tests: Mapping[str, int] = field(default_factory=dict)
+    bad: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
 
 
@@ -138,7 +154,11 @@ def measure(bench: Bench) -> PhaseRecord:
             told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {ran.decisive}"
             ran = replace(ran, outcome=Outcome.FLAKY, decisive=told)
     check = CheckRecord(
-        check=CHECK, outcome=ran.outcome, seconds=ran.seconds, decisive=ran.decisive, facts={"tests": dict(ran.tests)}
+        check=CHECK,
+        outcome=ran.outcome,
+        seconds=ran.seconds,
+        decisive=ran.decisive,
+        facts={"tests": dict(ran.tests), "failed": list(ran.bad)},
     )
     return PhaseRecord(
         phase=Phase.SUITE,
@@ -153,18 +173,9 @@ def measure(bench: Bench) -> PhaseRecord:
     )
 
 
-@contextmanager
-def _scratch() -> Iterator[Path]:
-    folder = Path(tempfile.mkdtemp(prefix="simmatrix-"))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
 def _run(bench: Bench, seconds: float) -> _Ran:
     bench.notify(Phase.SUITE)
-    with _scratch() as scratch:
+    with scratch_folder() as scratch, Folder(scratch) as left:
         try:
             source = subjects.copied(bench.subject, scratch / "source")
         except CouldNotTell as error:
@@ -173,21 +184,23 @@ def _run(bench: Bench, seconds: float) -> _Ran:
         site, places = bench.site, {**bench.places, str(source): "$SUBJECT", str(scratch): "$SCRATCH"}
         launch.furnish(site, scratch / "home")
         folder, sealed = launch.entered(site, scratch)
-        ran, shown = _shown(_command(bench, seconds, scratch, source, folder, sealed), scratch)
+        with site.code(folder, CHECK, bench.known.modules) as code:
+            place = _Place(scratch, source, folder, sealed, code)
+            ran, shown = _shown(_command(bench, seconds, place), scratch)
         completed = launch.watched(site, folder, ran)
         places |= {**{str(one): "$ENV" for one in (*site.folders, folder)}, **shown}
 
         def clean(text: str) -> str:
             return normalise.normalise(text, places)
 
-        text = clean(completed.log.read_text(encoding="utf-8", errors="replace"))
-        report = HOST.sub("", _text(scratch / "junit.xml"))
-        evidence = bench.store.evidence(bench.name)
+        text = clean(_text(left, completed.log.name))
+        report = HOST.sub("", _text(left, "junit.xml"))
+        evidence = bench.store.evidence(f"{bench.name}-{token_hex(4)}")
         write_atomic(evidence / "log.txt", text.encode())
         write_atomic(evidence / "junit.xml", clean(report).encode())
         told = Report.read(report)
         ending = _ending(completed, bench.suite, seconds)
-        outcome, decisive = _foreign(_text(scratch / "modules.txt"), source) or pytestsays.outcome(told, ending, text)
+        outcome, decisive = _foreign(_text(left, "modules.txt"), source) or pytestsays.outcome(told, ending, text)
         if outcome in FAILING and not site.stands():
             outcome, decisive = Outcome.INFRA, launch.TAKEN_AWAY
         return _Ran(
@@ -196,14 +209,24 @@ def _run(bench: Bench, seconds: float) -> _Ran:
             seconds=round(completed.seconds, 3),
             evidence=bench.store.relative(evidence),
             tests=told.tests,
+            bad=told.bad,
             findings=(*_findings(completed), *([_empty(decisive)] if outcome is Outcome.SKIPPED else [])),
         )
 
 
-def _command(
-    bench: Bench, seconds: float, scratch: Path, source: Path, folder: Path, sealed: tuple[Path, ...]
-) -> process.Command:
-    site = bench.site
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a run works: its scratch folder, the copy of the source, and the environment as it sees it."""
+
+    scratch: Path
+    source: Path
+    folder: Path
+    sealed: tuple[Path, ...]
+    code: bytecode.Lent
+
+
+def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
+    site, scratch, folder = bench.site, at.scratch, at.folder
     python = folder / site.python.relative_to(site.folder)
     path = ":".join([str(python.parent), site.variables.get("PATH", "")])
     return process.Command(
@@ -216,16 +239,18 @@ def _command(
             *bench.suite.arguments,
             "--color=no",
             "-rfE",
-            f"--rootdir={source}",
+            f"--rootdir={at.source}",
             f"--junitxml={scratch / 'junit.xml'}",
         ),
-        cwd=source,
-        env={**site.cached(scratch / "home"), "PATH": path, "VIRTUAL_ENV": str(folder)},
+        cwd=at.source,
+        env={**site.cached(scratch / "home", at.code), "PATH": path, "VIRTUAL_ENV": str(folder)},
         limits=process.Limits(seconds=seconds, memory_mb=bench.suite.memory_mb),
         log=scratch / "log.txt",
         profile=process.Profile.CELL,
         home=scratch / "home",
-        sealed=sealed,
+        sealed=at.sealed,
+        shielded=own_folders(),
+        writable=(scratch, *at.code.writable),
     )
 
 
@@ -305,8 +330,10 @@ def _findings(completed: process.Completed) -> Iterator[Finding]:
         yield Finding(check="suite.stray", level=Level.WARNING, text=text)
 
 
-def _text(path: Path) -> str:
-    """A file that a cell wrote, as far as it is read at all."""
-    if path.is_symlink() or not path.is_file() or path.stat().st_size > MOST_REPORT:
+def _text(left: Folder, name: str) -> str:
+    """A file that a cell wrote, as far as it is read at all; one that is too long is not."""
+    try:
+        content = left.head(name, MOST_REPORT + 1)
+    except Unreadable:
         return ""
-    return path.read_text(encoding="utf-8", errors="replace")
+    return content.decode("utf-8", "replace") if len(content) <= MOST_REPORT else ""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from functools import cache
-from pathlib import Path
 
 from harness import machine
 from harness.model import Finding, Level
 from harness.process import Command, Limits, Profile, run
+from harness.scratch_folders import scratch_folder
 
 DPKG = "dpkg-query"
 
@@ -39,14 +38,14 @@ def installed(names: tuple[str, ...]) -> frozenset[str] | None:
 
 @cache
 def _installed(program: str, names: tuple[str, ...]) -> frozenset[str]:
-    with tempfile.TemporaryDirectory(prefix="simmatrix-") as folder:
+    with scratch_folder() as folder:
         done = run(
             Command(
                 argv=(program, "--show", "--showformat", "${Package} ${db:Status-Status}\\n", *names),
-                cwd=Path(folder),
+                cwd=folder,
                 env=machine.ENVIRONMENT,
                 limits=Limits(seconds=60),
-                log=Path(folder, "log"),
+                log=folder / "log",
                 profile=Profile.HOST,
             )
         )

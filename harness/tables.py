@@ -3,40 +3,43 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
-from harness import explaining, grouping
+from harness import cellid, explaining, grouping, platforms, squares, suite_tables
 from harness.errors import BadInput
-from harness.model import Verdict
-from harness.reporttypes import (
-    SEVERITY,
-    CaseEntry,
-    CellEntry,
-    Document,
-    MatrixEntry,
-    Pivot,
-    Remark,
-    Report,
-    Row,
-    Sheet,
-    Square,
-)
-from harness.vocabulary import READERS
+from harness.model import Outcome, Phase, Role, Verdict
+from harness.reporttypes import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry
+from harness.squares import NOTHING
+from harness.tabletypes import Remark, Report, Row, Sheet, Task
+from harness.vocabulary import settings as settings  # noqa: PLC0414 - others take it from here
 
-NOTHING = "-"
+TITLE = "what works together"
+"""The heading of a matrix that names none."""
+
+KINDS = {
+    "deprecations": (".deprecation",),
+    "reproducibility": (".repeat", "behave."),
+    "API conformance": ("single.", "vector.", "interop."),
+    "rendering": ("render.",),
+    "other": ("",),
+}
+"""Sorts of findings, and what the names of their checks contain; the first that fits holds."""
+
+ORDER = ("reproducibility", "API conformance", "rendering", "deprecations", "other")
+"""The sorts as a report lists them."""
 
 
 def report(document: Document, pivot: tuple[str, str] | None = None) -> Report:
-    """Everything that a presentation shows; `pivot` names the axes of the small table, down and across."""
+    """Return all that a presentation shows; `pivot` names the axes of the small table, down and across."""
     matrices = {name: document.matrices.get(name) or _guessed(document.cells, name) for name in _names(document)}
     check_pivot(pivot, [matrix.axes for matrix in matrices.values()])
     return Report(
         generated=document.generated,
         sheets=tuple(_sheet(document, name, matrix, pivot) for name, matrix in matrices.items()),
-        machines=tuple((name, _facts(facts)) for name, facts in sorted(document.machines.items())),
+        machines=tuple((name, platforms.facts(facts)) for name, facts in sorted(document.machines.items())),
         stale=document.stale,
+        **platforms.coverage(document),
     )
 
 
@@ -63,48 +66,67 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     columns = tuple(dict.fromkeys((*matrix.axes, *matrix.shown)))
     counts = Counter(cell.verdict for cell in cells)
     asked = pivot if pivot and set(pivot) <= set(matrix.axes) else matrix.pivot
-    chosen = asked or _default_axes(matrix.axes, cells)
-    dropped = [(gone.reason, "", gone.id) for gone in document.dropped if gone.id.partition("/")[0] == name]
-    found = [
-        (finding.text, f"{finding.check}, {finding.level}", cell.id) for cell in cells for finding in cell.findings
-    ]
-    locks = [(cell.lock, "", cell.id) for cell in cells if cell.lock]
+    main = [cell for cell in cells if cell.role is Role.MAIN]
+    chosen = asked or squares.default_axes(matrix.axes, main)
+    dropped = [gone for gone in document.dropped if cellid.matrix(gone.id) == name]
+    ids = {role: dict.fromkeys(cell.id for cell in cells if cell.role is role) for role in Role}
+    bad = {cell.id for cell in main if cell.verdict not in {*UNTOLD, Verdict.WORKS}}
+    works = {cell.id for cell in main if cell.verdict is Verdict.WORKS} - bad
+    doubted = {cell.id for cell in main if explaining.doubted(cell)} & works
     return Sheet(
         matrix=name,
+        title=(matrix.title or TITLE).replace("{cells}", str(len(ids[Role.MAIN]))),
         cells=len({cell.id for cell in cells}),
+        main=len(ids[Role.MAIN]),
+        works=len(works - doubted),
+        doubted=len(doubted),
+        roles=tuple((role, len(ids[role])) for role in Role if role is not Role.MAIN and ids[role]),
         results=len(cells),
         machines=machines,
         counts=tuple((verdict, counts[verdict]) for verdict in reversed(SEVERITY) if counts[verdict]),
-        pivot=_pivot([cell for cell in cells if cell.base is None], chosen, machines) if chosen else None,
+        pivot=squares.pivot(cells, chosen, machines) if chosen else None,
         columns=columns,
         rows=_rows(cells, columns, machines),
         troubles=grouping.troubles(cells, matrix.axes),
-        findings=_grouped(found),
-        dropped=_grouped(dropped),
-        left_out=sum(gone.count for gone in document.dropped if gone.id.partition("/")[0] == name),
-        locks=_grouped(locks),
+        findings=_findings(cells, matrix.axes),
+        dropped=_dropped((gone.reason, gone.id, gone.count) for gone in dropped),
+        left_out=sum(gone.count for gone in dropped),
+        tasks=_tasks(main),
+        suites=tuple(suite_tables.changes(main, matrix.axes)),
         attempts=tuple(explaining.attempts(cells)),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
-        repairs=_grouped((_repaired(one), str(one["link"]), cell.id) for cell in cells for one in cell.repairs),
+        repairs=_grouped((_repaired(one), str(one.link), cell.id) for cell in cells for one in cell.repairs),
     )
+
+
+def _tasks(cells: Iterable[CellEntry]) -> tuple[Task, ...]:
+    """Return each environment with the phases asked of it, and in how many of the cells that tried it it passed."""
+    seen: dict[tuple[str, str, str], list[CaseEntry]] = {}
+    for case in (case for cell in cells for case in cell.cases):
+        seen.setdefault((case.case, case.env or "", case.api), []).append(case)
+    return tuple(
+        Task(
+            name=name,
+            env=env,
+            api=api,
+            phases=tuple(phase for phase in Phase if any(_reached(case, phase) for case in cases)),
+            passed=sum(map(squares.passed, cases)),
+            tried=sum(map(squares.tried, cases)),
+        )
+        for (name, env, api), cases in seen.items()
+    )
+
+
+def _reached(case: CaseEntry, phase: Phase) -> bool:
+    return case.phases.get(phase, Outcome.SKIPPED) not in {Outcome.SKIPPED, Outcome.NOT_REACHED}
 
 
 def _drawing(cell: CellEntry) -> Iterator[tuple[str, str]]:
-    """Of a cell with frames: what drew them, and what a user has to set for them, too; each with what it is."""
+    """Yield the renderer of a cell with frames, and the variables that a user has to set; each with its heading."""
     drawn = [case for case in cell.cases if case.frames]
     for words in dict.fromkeys(context(case) for case in drawn if case.drawn):
-        yield "what drew", words
-    yield from (("to be set", words) for words in (settings(cell.supplied, cell.installed or {}) if drawn else ()))
-
-
-def settings(supplied: Mapping[str, str], installed: Iterable[str]) -> tuple[str, ...]:
-    """What of the variables that the harness supplied matters to the packages that are there: `NAME=value` of each."""
-    there = {*installed}
-    return tuple(
-        f"{name}={value}"
-        for name, value in supplied.items()
-        if (readers := READERS.get(name)) is None or readers & there
-    )
+        yield "renderer", words
+    yield from (("set", words) for words in (settings(cell.supplied, cell.installed or {}) if drawn else ()))
 
 
 def context(case: CaseEntry) -> str:
@@ -115,8 +137,8 @@ def context(case: CaseEntry) -> str:
 
 
 def _rows(cells: Iterable[CellEntry], columns: Sequence[str], machines: Sequence[str]) -> tuple[Row, ...]:
-    """A row for each result; what several machines found alike is one."""
-    rows = [_row(cell, columns) for cell in cells]
+    """Return a row for each result, red ones first; results that several machines share are one row."""
+    rows = sorted((_row(cell, columns) for cell in cells), key=_urgency)
     if len(machines) == 1:
         return tuple(rows)
     alike: dict[Row, list[Row]] = {}
@@ -130,14 +152,22 @@ def _rows(cells: Iterable[CellEntry], columns: Sequence[str], machines: Sequence
     )
 
 
+def _urgency(row: Row) -> int:
+    """Sort what fails first, then what says nothing of the packages, then what works."""
+    if row.as_expected is False:
+        return 0
+    return 3 if row.verdict is Verdict.WORKS else 2 if row.verdict in UNTOLD else 1
+
+
 def _named(found: Sequence[str], machines: Sequence[str]) -> str:
     return "every machine" if len(found) == len(machines) else ", ".join(found)
 
 
 def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
+    passed, tried = squares.tasks([cell])
     return Row(
         id=cell.id,
-        label=explaining.label(cell.id),
+        label=cellid.label(cell.id),
         verdict=cell.verdict,
         as_expected=cell.as_expected,
         phase=explaining.failed_in(cell),
@@ -148,15 +178,21 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
         findings=len(cell.findings),
         seconds=cell.seconds,
         machine=cell.machine or NOTHING,
-        repaired=tuple(f"{repair['package']} {repair['version']}" for repair in cell.repairs),
+        role=cell.role,
+        passed=passed,
+        tried=tried,
+        suite=suite_tables.tests(cell),
+        lock=cell.lock or "",
+        frames=tuple((case.case, case.frames[0]) for case in cell.cases if case.frames),
+        repaired=tuple(f"{repair.package} {repair.version}" for repair in cell.repairs),
         **explaining.told(cell),
     )
 
 
-def _repaired(repair: Mapping[str, Any]) -> str:
-    """What was changed of a release, and why."""
-    changes = ", ".join(f"`{edit['field']}: {edit['from']}` to `{edit['to']}`" for edit in repair["edits"])
-    return f"{repair['package']} {repair['version']}, {changes}: {repair['reason']}"
+def _repaired(repair: RepairEntry) -> str:
+    """Return what was changed of a release, and why."""
+    changes = ", ".join(f"`{edit.field}: {edit.old}` to `{edit.new}`" for edit in repair.edits)
+    return f"{repair.package} {repair.version}, {changes}: {repair.reason}"
 
 
 def _version(cell: CellEntry, column: str) -> str:
@@ -169,7 +205,7 @@ def _version(cell: CellEntry, column: str) -> str:
 
 def _why(cell: CellEntry) -> str:
     """The decisive line, with the environment it came from where there are others; or what could not be shown."""
-    if cell.unverified:
+    if cell.unverified and cell.verdict is Verdict.WORKS:
         reasons = dict.fromkeys(case.decisive for case in cell.cases if case.decisive)
         return f"not verified: {', '.join(cell.unverified)}" + (f" ({'; '.join(reasons)})" if reasons else "")
     hit = [case for case in cell.cases if case.decisive and case.decisive == cell.decisive]
@@ -179,72 +215,48 @@ def _why(cell: CellEntry) -> str:
     return cell.decisive or ""
 
 
-# --- the pivot -------------------------------------------------------------------------------------------------
-
-
-def _default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, str] | None:
-    """The first two axes that vary, Python last, else one that does and any other; None where nothing varies."""
-    varying = [axis for axis in axes if len({cell.axes.get(axis) for cell in cells}) > 1]
-    if len(axes) < 2 or not varying:
-        return None
-    if len(varying) > 2 and "python" in varying:
-        varying.remove("python")
-    down = varying[0]
-    return down, (varying[1:] or [axis for axis in axes if axis != down])[0]
-
-
-def _pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[str]) -> Pivot:
-    down, across = axes
-    rows, columns = (grouping.in_order(cell.axes.get(axis, NOTHING) for cell in cells) for axis in axes)
-    met: dict[tuple[str, str], list[CellEntry]] = {}
-    for cell in cells:
-        met.setdefault((cell.axes.get(down, NOTHING), cell.axes.get(across, NOTHING)), []).append(cell)
-    squares = tuple(tuple(_square(met.get((row, column), ()), machines) for column in columns) for row in rows)
-    return Pivot(down=down, across=across, rows=rows, columns=columns, squares=squares)
-
-
-def _square(cells: Sequence[CellEntry], machines: Sequence[str]) -> tuple[Square, ...]:
-    """One entry per machine; a cell without a result there was not run there."""
-    if not cells:
-        return ()
-    known = {(cell.id, cell.machine or NOTHING): cell.verdict for cell in cells}
-    ids = dict.fromkeys(cell.id for cell in cells)
-    return tuple(_worst(one, [known.get((cell_id, one), Verdict.NOT_RUN) for cell_id in ids]) for one in machines)
-
-
-def _worst(machine: str, verdicts: Sequence[Verdict]) -> Square:
-    run = [verdict for verdict in verdicts if verdict is not Verdict.NOT_RUN]  # what was not run hides nothing
-    worst = min(run or verdicts, key=SEVERITY.index)
-    return Square(machine=machine, verdict=worst, count=verdicts.count(worst), total=len(verdicts))
-
-
 # --- what needs words ------------------------------------------------------------------------------------------
+
+
+def _findings(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Remark, ...]:
+    """Return the findings, equal ones together: those on reproducibility first, then those of most cells."""
+    groups: dict[tuple[str, str, str], list[tuple[str, CellEntry]]] = {}
+    for cell in cells:
+        for finding in cell.findings:
+            groups.setdefault((_kind(finding.check), finding.level, finding.text), []).append((finding.check, cell))
+    remarks = [
+        Remark(
+            about=f"{', '.join(dict.fromkeys(check for check, _ in found))}; {level}",
+            text=text,
+            cells=tuple(dict.fromkeys(cellid.label(cell.id) for _, cell in found)),
+            where=grouping.which([cell for _, cell in found], cells, axes),
+            kind=kind,
+        )
+        for (kind, level, text), found in groups.items()
+    ]
+    return tuple(sorted(remarks, key=lambda remark: (ORDER.index(remark.kind), -len(remark.cells))))
+
+
+def _kind(check: str) -> str:
+    return next(kind for kind, marks in KINDS.items() if any(mark in check for mark in marks))
+
+
+def _dropped(gone: Iterable[tuple[str, str, int]]) -> tuple[Remark, ...]:
+    """(reason, id or pattern, how many combinations), equal reasons together, those of most combinations first."""
+    groups: dict[str, list[tuple[str, int]]] = {}
+    for reason, name, count in gone:
+        groups.setdefault(reason, []).append((cellid.label(name), count))
+    remarks = [
+        Remark(about="", text=reason, cells=tuple(name for name, _ in held), count=sum(count for _, count in held))
+        for reason, held in groups.items()
+    ]
+    return tuple(sorted(remarks, key=lambda remark: -remark.count))
 
 
 def _grouped(said: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
     """(text, what it is about, cell id), equal ones together, those of most cells first."""
     groups: dict[tuple[str, str], list[str]] = {}
     for text, about, cell_id in said:
-        groups.setdefault((about, text), []).append(explaining.label(cell_id))
+        groups.setdefault((about, text), []).append(cellid.label(cell_id))
     remarks = [Remark(about=about, text=text, cells=tuple(dict.fromkeys(ids))) for (about, text), ids in groups.items()]
     return tuple(sorted(remarks, key=lambda remark: -len(remark.cells)))
-
-
-def _facts(facts: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Facts of a machine as words; what is not known is left out."""
-    told = {name.replace("_", " "): _words(fact) for name, fact in sorted(facts.items())}
-    return tuple((name, words) for name, words in told.items() if words)
-
-
-def _words(fact: Any) -> str:
-    match fact:
-        case None:
-            return ""
-        case {"missing": why}:
-            return f"none ({why})"
-        case dict():
-            return ", ".join(str(value) for _, value in sorted(fact.items()))  # report.json keeps no other order
-        case list() | tuple():
-            return ", ".join(map(_words, fact))
-        case _:
-            return str(fact)

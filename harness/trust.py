@@ -9,23 +9,28 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from harness import misleading
 from harness.model import FAILING, CheckRecord, ControlRecord, Outcome, Phase, PhaseRecord
 from harness.outcomes import NEEDS, phase_of
+from harness.vocabulary import MISLEADING
 
 
 def trusted(record: PhaseRecord, control: ControlRecord | None) -> PhaseRecord:
     """The record of a phase as it counts: `infra` where all of its failures may be the adapter's, or the machine's."""
-    if control is None or not control.failed or record.outcome not in FAILING:
+    if control is None or not control.failed:
         return record
     failing = [check for check in record.checks if check.outcome in FAILING]
-    if not failing:  # a finding that the case requires not to be there
+    if record.outcome not in FAILING and not failing:
+        return record
+    if record.outcome in FAILING and not misleading.settled(failing):  # a finding that may not be there
         check = _suspect(record.phase.value, control)
         return (
             replace(record, outcome=Outcome.INFRA, decisive=_told(control, check, record.decisive)) if check else record
         )
     checks = tuple(_trusted(check, control) for check in record.checks)
-    worst = min((check.outcome for check in checks), key=list(Outcome).index)
-    decisive = next(check.decisive for check in checks if check.outcome is worst)
+    counting = misleading.settled(checks)
+    worst = min((check.outcome for check in counting), key=list(Outcome).index, default=record.outcome)
+    decisive = next((check.decisive for check in counting if check.outcome is worst), None)
     return replace(record, outcome=worst, decisive=decisive, checks=checks)
 
 
@@ -48,7 +53,8 @@ def _suspect(check: str, control: ControlRecord) -> str | None:
     if check in control.passed:
         return None
     doubtful = set(_reached_over(phase_of(check)))
-    return next((failed for failed in control.failed if phase_of(failed) in doubtful), None)
+    deciding = (failed for failed in control.failed if failed not in MISLEADING)
+    return next((failed for failed in deciding if phase_of(failed) in doubtful), None)
 
 
 def _reached_over(phase: Phase) -> Iterator[Phase]:

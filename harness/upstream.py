@@ -5,7 +5,6 @@ Made of plain values; the text still has to be redacted by `redacting`.
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,8 +14,11 @@ from typing import Any
 from packaging.utils import canonicalize_name
 
 from harness import changes, explaining, redacting, reproducing
+from harness.hostile_data import json_object
+from harness.markdown_texts import address, block, code, prose, table_cell
 from harness.model import FAILING, Case, Cell, Phase
 from harness.reporttypes import CellEntry, DiagnosisEntry, word
+from harness.standalone.control_characters import visible
 from harness.tables import settings
 from harness.vocabulary import required_name
 
@@ -69,7 +71,7 @@ class Failing:
 def issue(failing: Failing) -> str:
     """The report, as Markdown."""
     parts = [_title(failing), *_what(failing), *_known(failing), *_versions(failing), *_again(failing), *_lock(failing)]
-    return "\n\n".join(parts) + "\n"
+    return visible("\n\n".join(parts) + "\n")
 
 
 def _title(failing: Failing) -> str:
@@ -77,19 +79,21 @@ def _title(failing: Failing) -> str:
     installed = failing.entry.installed or {}
     names = [name for name in failing.cell.axes if name in installed] or list(_asked(failing))[:3]
     told = ", ".join(f"{name} {installed[name]}" for name in names if name in installed)
-    return f"# {told or ', '.join(failing.cell.question.requirements)}: {failing.entry.decisive or 'fails'}"
+    return (
+        f"# {prose(told or ', '.join(failing.cell.question.requirements))}: {prose(failing.entry.decisive or 'fails')}"
+    )
 
 
 def _what(failing: Failing) -> Iterator[str]:
     case, check = failing.case, failing.check
-    where = f" of `{case.env}`" if case and case.env else ""
+    where = f" of {code(case.env)}" if case and case.env else ""
     yield f"## What happens\n\n{SAYS.get(failing.phase, str(failing.phase))}{where}: {word(_outcome(failing))}" + (
         f" (`{check}`)." if check else "."
     )
-    yield _block(failing.entry.decisive or "nothing was said")
+    yield block(failing.entry.decisive or "nothing was said")
     quoted = "\n".join(excerpt(failing.texts, failing.check, failing.entry.decisive).splitlines()[-LONGEST:])
     if quoted.strip() and quoted.strip() != failing.entry.decisive:
-        yield _block(quoted, "pytb" if "Traceback" in quoted else "")
+        yield block(quoted, "pytb" if "Traceback" in quoted else "")
 
 
 SAYS = {
@@ -111,7 +115,7 @@ def _known(failing: Failing) -> Iterator[str]:
     deepest = next(iter(explaining.counting(failing.entry)), None)
     if deepest is None:
         return
-    links = "".join(f"\n- <{link}>" for link in deepest.references)
+    links = "".join(f"\n- {address(link)}" for link in deepest.references)
     yield f"## Cause\n\n{deepest.cause}" + (f"\n{links}" if links else "")
     yield from [_remedy(deepest)] if deepest.proof else []
 
@@ -130,7 +134,7 @@ def _versions(failing: Failing) -> Iterator[str]:
     drawn = next((case.drawn for case in entry.cases if case.drawn), {})
     rows += [("drawn by", ", ".join(drawn[part] for part in ("api", "renderer", "version") if part in drawn))]
     rows += [(name, _shown(name, value)) for name, value in _variables(failing).items()]
-    lines = [f"| {name} | {value} |" for name, value in rows if value]
+    lines = [f"| {table_cell(name)} | {table_cell(value)} |" for name, value in rows if value]
     yield "\n".join(["## Versions", "", "| what | version |", "| --- | --- |", *lines])
 
 
@@ -140,7 +144,7 @@ def _machine(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     drawing = next((way for way in ways if way.get("vendor")), {})
     yield "OpenGL", ", ".join(drawing[name] for name in ("vendor", "renderer", "version") if drawing.get(name))
     gpu = facts.get("gpu") or {}
-    yield "GPU", ", ".join(str(gpu[name]) for name in ("name", "driver") if gpu.get(name)) or "none"
+    yield "GPU", ", ".join(str(gpu[name]) for name in ("models", "driver") if gpu.get(name)) or "none"
 
 
 def _asked(failing: Failing) -> tuple[str, ...]:
@@ -176,7 +180,7 @@ def _again(failing: Failing) -> Iterator[str]:
     """The commands, with plain uv and Python; where there are none that everybody can run, so it is said."""
     minor = ".".join((failing.entry.python or failing.entry.requested_python).split(".")[:2])
     lines = [f"uv venv --python {minor} repro", _install(failing)]
-    commands = _block("\n".join(lines), "sh")
+    commands = block("\n".join(lines), "sh")
     if failing.phase in {Phase.RESOLVE, Phase.INSTALL}:
         yield f"## To reproduce\n\n{commands}"
         return
@@ -192,8 +196,8 @@ def _again(failing: Failing) -> Iterator[str]:
         return
     lines.append(" ".join([*said, *display, "repro/bin/python repro.py"]))
     where = " the lock at the end of this report as `requirements.txt` and" if failing.lock else ""
-    yield f"## To reproduce\n\nWith{where} this as `repro.py`:\n\n{_block(script.rstrip(), 'python')}"
-    yield _block("\n".join(lines), "sh")
+    yield f"## To reproduce\n\nWith{where} this as `repro.py`:\n\n{block(script.rstrip(), 'python')}"
+    yield block("\n".join(lines), "sh")
 
 
 NO_SCRIPT = "What was run then is an environment of its own, which these lines do not hold."
@@ -214,19 +218,14 @@ def _lock(failing: Failing) -> Iterator[str]:
         count = failing.lock.count("==")
         yield (
             f"<details><summary>All {count} packages, pinned and hashed (requirements.txt)</summary>\n\n"
-            f"{_block(failing.lock.rstrip())}\n\n</details>"
+            f"{block(failing.lock.rstrip())}\n\n</details>"
         )
     else:
         question = failing.cell.question
         asked = [*question.requirements, *(f"{line}  # constraint" for line in question.constraints)]
         asked += [f"{line}  # override" for line in question.overrides]
-        listed = _block("\n".join(asked))
+        listed = block("\n".join(asked))
         yield f"Asked for:\n\n{listed}"
-
-
-def _block(text: str, language: str = "") -> str:
-    fence = "```" if "```" not in text else "````"
-    return f"{fence}{language}\n{text}\n{fence}"
 
 
 # --- evidence --------------------------------------------------------------------------------------------------
@@ -247,12 +246,10 @@ def excerpt(texts: Mapping[str, str], check: str, decisive: str | None) -> str:
 def _tracebacks(text: str, check: str) -> Iterator[str]:
     """Of a reply, those of a check and of its workers, which come first."""
     for line in text.splitlines():
-        try:
-            entry = json.loads(line)
-        except ValueError:  # it was cut
-            continue
-        if isinstance(entry, dict) and entry.get("check", check) == check:
-            told = [worker for worker in entry.get("workers") or () if isinstance(worker, dict)]
+        entry = json_object(line)
+        if entry and entry.get("check", check) == check:
+            workers = entry.get("workers")
+            told = [worker for worker in workers if isinstance(worker, dict)] if isinstance(workers, list) else []
             for raised in (one.get("raised") for one in (*told, entry)):
                 if isinstance(raised, dict) and isinstance(raised.get("traceback"), str):
                     yield raised["traceback"]

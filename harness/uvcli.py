@@ -13,11 +13,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from harness import indexsettings, normalise, process
 from harness.filelocks import use
 from harness.model import IndexSettings, Interpreter
+from harness.scratch_folders import scratch_folder
 from harness.store import cache_folder, state_folder, write_atomic
 
 DEADLINE = 600.0
@@ -64,8 +64,8 @@ def scratch() -> Iterator[Path]:
     """An empty folder on the cache's own disk: uv reads settings from the folder it works in."""
     parent = cache_folder() / "tmp"
     parent.mkdir(exist_ok=True)
-    with TemporaryDirectory(dir=parent, ignore_cleanup_errors=True) as folder:
-        yield Path(folder)
+    with scratch_folder(parent) as folder:
+        yield folder
 
 
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
@@ -103,6 +103,16 @@ def tidy(what: str) -> bool:
             index=IndexSettings(), folder=folder, log=folder / "uv.log", cache=shared_cache(), variables=impatient
         )
         return _run(call, ("cache", what)).ok
+
+
+def forget(packages: Iterable[str]) -> bool:
+    """Let uv forget all that it keeps of these packages, so that they are downloaded anew."""
+    with scratch() as folder:
+        patient = {"UV_LOCK_TIMEOUT": "60"}
+        call = Call(
+            index=IndexSettings(), folder=folder, log=folder / "uv.log", cache=shared_cache(), variables=patient
+        )
+        return _run(call, ("cache", "clean", *sorted(packages))).ok
 
 
 def keep_log(said: Said, log: Path) -> str:

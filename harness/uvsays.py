@@ -10,14 +10,14 @@ import re
 from dataclasses import dataclass
 
 from harness import normalise
-from harness.errors import BadInput
+from harness.errors import UnusableRequirement
 from harness.model import Outcome, Phase, Step
 from harness.outcomes import MACHINE_TROUBLE
 
 TROUBLE = re.compile(
     r"Failed to fetch|Request failed after|error sending request|dns error|operation timed out"
     r"|lack of valid authentication|returned a 40[13]|network was disabled|Network connectivity is disabled"
-    r"|Hash mismatch|Failed to extract archive"
+    r"|Hash mismatch|Failed to extract archive|Received some unexpected JSON"
     r"|No space left|Disk quota exceeded|Read-only file system|Permission denied|Too many open files"
     r"|Cannot allocate memory|Could not acquire lock|Failed to inspect Python interpreter"
 )
@@ -28,6 +28,32 @@ BAD_INPUT = re.compile(
     r"Couldn't parse requirement|Distribution not found at|Failed to read `--find-links`|Unsupported requirement"
     r"|^(?:error: )?invalid value|Failed to parse: |does not appear to be a Python project"
 )
+MALFORMED = re.compile(
+    r"The wheel is invalid:|`RECORD` file is invalid|Archive contains unacceptable filename"
+    r"|unsafe (?:member path|symbolic-link target|hard-link target)|cannot extract unsupported member type"
+    r"|failed to open file `[^`]*/\.tmp[^`/]*/[^`/]+\.dist-info/RECORD`"
+)
+"""What uv refuses in an archive that came whole: no index has made that of it, and no disk."""
+
+NO_PROJECT = re.compile(
+    r"Failed to (?:download and )?build `[^`]+==[^`]*`\n.*does not appear to be a Python project", re.S
+)
+"""An sdist of an index without anything to build; a folder of the user's is named by its path."""
+
+URL_REQUIREMENT = re.compile(r"was included as a URL dependency")
+FOREIGN = re.compile(r"The \.dist-info directory `([^`]+)` does not start with the normalized package name: (\S+)")
+"""A file of another package under this one's name: an index mixed them up, or a build did, which names none of them."""
+
+UNKNOWN_TO_INDEX = re.compile(
+    r"was not found in the (?:package registry|provided package locations|cache)|has an invalid package format"
+)
+"""A failed resolution that an index may have caused and mended since."""
+
+OTHER_FILE = (
+    "it is not the file that was locked: if the index was wrong then and is mended, lock anew "
+    "(`simmatrix lock MATRIX --upgrade`)"
+)
+
 BUILD = re.compile(
     r"Failed to (?:download and )?build `?([^`\s]+)`?|build backend returned an error|Call to `.*` failed"
 )
@@ -75,26 +101,54 @@ def unlisted(text: str) -> str | None:
 
 
 def failure(text: str, phase: Phase) -> Step:
-    """Tell whose failure it is; `phase` is what uv was asked to do. Raises BadInput for a requirement that is none.
+    """Tell whose failure it is; `phase` is what uv was asked to do. Raises UnusableRequirement for one that is none.
 
     Whatever is not known to be about packages is infra: it could not be told.
     """
     words = _words(text)
     own = str(words)
+    if MALFORMED.search(own) or NO_PROJECT.search(own):
+        return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=_places_apart(_plain(words)))
     if BAD_INPUT.search(own):
         message = f"uv cannot use what it was given: {_plain(words)}; correct the requirement or setting"
-        raise BadInput(message)
+        raise UnusableRequirement(message)
+    if foreign := FOREIGN.search(own):
+        told = f"the index hands out another package's file as {foreign[2]} (it holds {foreign[1]}); try again later"
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=told)
     if TROUBLE.search(own):
         return Step(phase=phase, outcome=Outcome.INFRA, decisive=_trouble(words))
+    found = _of_packages(words, own, phase)
+    unknown = f"uv failed in a way that is not known: {_plain(words)}"
+    return found or Step(phase=phase, outcome=Outcome.INFRA, decisive=unknown)
+
+
+def _of_packages(words: _Words, own: str, phase: Phase) -> Step | None:
+    """Return what uv says of packages, where it says anything of them."""
     if BUILD.search(own):
         return _build(words)
     if METADATA.search(own):
         return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=_metadata(words))
+    if URL_REQUIREMENT.search(own):
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=_plain(words))
     if "No solution found" in own:
         return Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=normalise.decisive_line(own))
     if phase is Phase.INSTALL and re.search(r"Failed to install|malformed|has no binary distribution", own):
-        return Step(phase=phase, outcome=Outcome.FAILED, decisive=_plain(words))
-    return Step(phase=phase, outcome=Outcome.INFRA, decisive=f"uv failed in a way that is not known: {_plain(words)}")
+        return Step(phase=phase, outcome=Outcome.FAILED, decisive=_places_apart(_plain(words)))
+    return None
+
+
+def may_be_mended(step: Step) -> bool:
+    """Tell whether a failed resolution may come out otherwise today: an index lacked a page, or had a broken file."""
+    return step.phase is Phase.RESOLVE and bool(UNKNOWN_TO_INDEX.search(step.decisive or ""))
+
+
+def _places_apart(line: str) -> str:
+    """Return a line without the random names of folders in uv's cache."""
+    return re.sub(
+        r"`[^`]*/(?:\.tmp[^`/]*|archive-v\d+/[^`/]+|src)(?:/([^`]*))?`",
+        lambda found: f"`{found[1] or 'its source'}`",
+        line,
+    )
 
 
 def _words(text: str) -> _Words:
@@ -143,6 +197,8 @@ def _trouble(words: _Words) -> str:
         return normalise.bounded(hints[0].removeprefix("hint: "))
     told = [line for line in words.own if STATEMENT.match(line)] or words.own
     lines = [LEAD.sub("", line).strip() for line in told]
+    if any("Hash mismatch" in line for line in lines):
+        return normalise.bounded(f"{lines[0]}: {lines[-1]}; {OTHER_FILE}")
     return normalise.bounded(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
 
 

@@ -13,6 +13,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cache
 
+from harness import misleading
+from harness.exercised import idle, lacking, nothing_of
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -29,12 +31,16 @@ from harness.model import (
     Verdict,
 )
 from harness.reporttypes import SEVERITY, UNTOLD, ExpectationEntry
+from harness.standalone.silent import plainly_good
 from harness.trust import trusted
+from harness.vocabulary import MISLEADING
 
 RANK = {outcome: place for place, outcome in enumerate(Outcome)}
 """The worst is 0."""
 
 ONLY_IMPORT = "only the import was tried"
+
+AFTER_IMPORT = frozenset({Verdict.PARTIAL, Verdict.BROKEN})
 
 Outcomes = Mapping[Phase, Outcome]
 
@@ -59,9 +65,17 @@ def judge(evidence: CellRecord) -> Judgement:
     suite = suite_phase(evidence)
     phases = _cell_phases(evidence, cases, suite)
     verdict = _verdict(evidence, cases, suite)
-    phase, decisive = _decided_by(_deciding(verdict), evidence, cases, suite)
+    needed = lacking(evidence) if evidence.cell.asked and verdict in AFTER_IMPORT else None
+    if needed:
+        return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=needed)
+    missed = idle(evidence)
+    if missed and (verdict is Verdict.WORKS or (verdict in AFTER_IMPORT and len(missed) == len(evidence.cell.asked))):
+        return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=nothing_of(missed, evidence))
+    phase, decisive = _shown(cases) if verdict is Verdict.MISLEADS else _decided_by(verdict, evidence, cases, suite)
     if verdict is Verdict.NOT_RUN and phases[Phase.IMPORT] is Outcome.PASSED:
         decisive = _tried_alone(phases)
+        if suite and suite_not_run(suite):
+            decisive += f"; its tests were not run: {suite.decisive}"
     return Judgement(
         verdict=verdict,
         phases=phases,
@@ -71,11 +85,11 @@ def judge(evidence: CellRecord) -> Judgement:
     )
 
 
-def fulfilled(verdict: Verdict, phases: Outcomes) -> bool:
-    """Whether all that was asked for passed: a cell that only imports never `works`, and may yet do all of that."""
+def fulfilled(verdict: Verdict, phases: Outcomes, unverified: Iterable[str] = ()) -> bool:
+    """Return whether a cell is plainly good, or at least does all that was asked for: import alone never `works`."""
     asked = {outcome for outcome in phases.values() if outcome is not Outcome.SKIPPED}
     imports = phases.get(Phase.IMPORT) is Outcome.PASSED and asked == {Outcome.PASSED}
-    return verdict is Verdict.WORKS or (verdict is Verdict.NOT_RUN and imports)
+    return plainly_good(verdict, unverified) or (verdict is Verdict.NOT_RUN and imports)
 
 
 def _tried_alone(phases: Outcomes) -> str:
@@ -89,6 +103,11 @@ def suite_phase(evidence: CellRecord) -> PhaseRecord | None:
     """How the subject's own suite ended; None where the cell has none to run."""
     asked = evidence.cell.subject is not None and evidence.cell.subject.suite is not None
     return (evidence.suite or PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED)) if asked else None
+
+
+def suite_not_run(suite: PhaseRecord) -> bool:
+    """Return whether tests that were asked for could not be run, their environment being impossible to make."""
+    return suite.outcome is Outcome.NOT_REACHED and suite.decisive is not None
 
 
 def case_phases(evidence: CellRecord, record: CaseRecord) -> tuple[PhaseRecord, ...]:
@@ -122,6 +141,11 @@ def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
     return replace(record, outcome=Outcome.FAILED, decisive=f"{broken[0].check}: {broken[0].text}")
 
 
+def misleads(case: Iterable[PhaseRecord]) -> tuple[str, ...]:
+    """Return the checks by which a case, given by its phases, contradicts its own specification."""
+    return tuple(check.check for phase in case for check in misleading.shown(phase.checks))
+
+
 def worst(outcomes: Iterable[Outcome]) -> Outcome:
     """The first in the order of `Outcome`, which is worst first; `skipped` of nothing."""
     return min(outcomes, key=RANK.__getitem__, default=Outcome.SKIPPED)
@@ -146,10 +170,17 @@ def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], suite
                 return Verdict.UNAVAILABLE if evidence.unavailable else Verdict.NOT_RUN
             case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
                 return failed
+    return _installed(cases, suite)
+
+
+def _installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Verdict:
+    """Return the verdict of an installed cell; a case that misleads decides it whatever infra trouble hit others."""
     best, poorest = (
         _probed([_had(case, outcome) for case in cases], _had([suite] if suite else [], outcome))
         for outcome in (Outcome.PASSED, Outcome.FAILED)
     )
+    if Verdict.IMPORT_FAILS not in {best, poorest} and any(misleads(case) for case in cases):
+        return Verdict.MISLEADS
     return best if best is poorest else Verdict.INCONCLUSIVE
 
 
@@ -217,7 +248,7 @@ def _counted(phase: Phase, record: PhaseRecord | None, asked: Set[str], required
     if record is None:
         return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
     told = effective(record, required)
-    left_out = asked - {check.check for check in record.checks}
+    left_out = asked - MISLEADING - {check.check for check in record.checks}
     if left_out and told.outcome in {Outcome.PASSED, Outcome.SKIPPED}:
         return replace(told, outcome=Outcome.NOT_REACHED)
     return told
@@ -240,7 +271,7 @@ def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], s
 def _deciding(verdict: Verdict) -> frozenset[Outcome]:
     """The outcomes that make this verdict what it is."""
     match verdict:
-        case Verdict.WORKS | Verdict.NOT_RUN:
+        case Verdict.WORKS | Verdict.NOT_RUN | Verdict.MISLEADS:
             return frozenset()
         case Verdict.INCONCLUSIVE:
             return frozenset({Outcome.INFRA})
@@ -250,13 +281,21 @@ def _deciding(verdict: Verdict) -> frozenset[Outcome]:
             return FAILING
 
 
+def _shown(cases: Iterable[Iterable[PhaseRecord]]) -> tuple[Phase, str | None]:
+    """Return the first phase, and in it the first case, in which a case contradicts its own specification."""
+    found = ((phase, check) for case in cases for phase in case for check in misleading.shown(phase.checks))
+    phase, check = min(found, key=lambda pair: CASE_PHASES.index(pair[0].phase))
+    return phase.phase, check.decisive
+
+
 def _decided_by(
-    deciding: frozenset[Outcome],
+    verdict: Verdict,
     evidence: CellRecord,
     cases: Sequence[Sequence[PhaseRecord]],
     suite: PhaseRecord | None,
 ) -> tuple[Phase | None, str | None]:
-    """The first phase, and in it the first case, that ended in one of these outcomes, with the line that says why."""
+    """Return the first phase, and in it the first case, whose outcome makes the verdict, and the line that says why."""
+    deciding = _deciding(verdict)
     steps = [(step.phase, _step(step), step.decisive) for step in (evidence.resolve, evidence.install) if step]
     missing = Phase.INSTALL if evidence.resolve else Phase.RESOLVE
     probes = [(record.phase, record.outcome, reason(record)) for phase in zip(*cases, strict=True) for record in phase]
@@ -269,7 +308,7 @@ def _decided_by(
 
 def reason(record: PhaseRecord) -> str | None:
     """Why a phase ended as it did: its own line, or that of its first check that ended so."""
-    own = (check.decisive for check in record.checks if check.outcome is record.outcome)
+    own = (check.decisive for check in misleading.settled(record.checks) if check.outcome is record.outcome)
     return record.decisive or next((line for line in own if line), None)
 
 

@@ -7,10 +7,10 @@ the file and its rule is part of the JSON Schema. `matcher` gives a `when` its m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from enum import StrEnum
-from functools import cache
+from functools import cache, partial
 from pathlib import Path, PurePosixPath
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
@@ -19,7 +19,9 @@ from packaging.requirements import InvalidRequirement
 from packaging.requirements import Requirement as ParsedRequirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
-from packaging.version import InvalidVersion, Version
+from packaging.version import InvalidVersion
+
+from harness import requirement_texts
 
 
 class Capability(StrEnum):
@@ -78,6 +80,9 @@ CHECKS: tuple[str, ...] = tuple(name for name in get_args(CheckName) if "." in n
 STANDARD = frozenset({"import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array"})
 """What a case runs that asks for nothing; the other ways of a vector environment, and interop, cost time."""
 
+MISLEADING = frozenset({"single.start_pose", "single.contact", "single.solver", "single.arrays", "render.camera"})
+"""Checks that compare a case with its own specification. One that fails stops nobody: the case `misleads`."""
+
 IMPORT_CHECK = CHECKS[0]
 PHASES = tuple(dict.fromkeys(name.partition(".")[0] for name in STANDARD))
 
@@ -103,10 +108,10 @@ OF_SUBJECT = frozenset({Kind.EXTRA, Kind.GROUP})
 NAMED = frozenset({Kind.BUNDLE, Kind.VARIABLE, *OF_SUBJECT})
 """Axes whose values are names; those of the others are versions."""
 
-LONGEST_LABEL = 150
-WITH = "-with-"
-"""What stands in the label of a changed cell between that of the cell and the name of the change."""
 ALL_PACKAGES = ":all:"
+
+LONGEST_QUOTE = 200
+"""Characters of a requirement that a message quotes."""
 
 
 # --- strings with rules of their own ---------------------------------------------------------------------------
@@ -190,12 +195,17 @@ class Pattern(Word):
     @classmethod
     def canonical(cls, text: str) -> str:
         """Return the text itself, once it compiles."""
+        cls.compiled(text)
+        return text
+
+    @staticmethod
+    def compiled(text: str, flags: int = 0) -> re.Pattern[str]:
+        """Compile the text. Raises ValueError."""
         try:
-            re.compile(text)
-        except re.error as error:
+            return re.compile(text, flags)
+        except (re.error, RecursionError, OverflowError) as error:
             message = f'"{text}" is not a regular expression: {error}'
             raise ValueError(message) from None
-        return text
 
 
 class SystemPackage(Word):
@@ -333,9 +343,10 @@ def check_variable(name: str) -> None:
 def parsed_requirement(text: str) -> ParsedRequirement:
     """Return the requirement, parsed once; a ValueError says why it is none."""
     try:
-        return ParsedRequirement(text)
+        return requirement_texts.requirement(text)
     except InvalidRequirement as error:
-        message = f'"{text}" is not a requirement: {str(error).splitlines()[0]}'
+        short = text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
+        message = f'"{short}" is not a requirement: {str(error).splitlines()[0]}'
         raise ValueError(message) from None
 
 
@@ -348,7 +359,7 @@ def required_name(text: str) -> str:
 def version_text(text: str) -> str:
     """Return a version in its normalised form; a ValueError says what to write where it is none."""
     try:
-        return str(Version(text))
+        return str(requirement_texts.version(text))
     except InvalidVersion:
         message = f'"{text}" is not a version; ids name resolved versions only'
         raise ValueError(message) from None
@@ -408,26 +419,53 @@ def alternatives(patterns: str | tuple[str, ...]) -> tuple[str, ...]:
 def matcher(kind: Kind, pattern: str) -> Callable[[str], bool]:
     """Return the test of an axis value that a pattern of a `when` stands for; ValueError where it stands for none."""
     if kind in NAMED:
-        glob = re.escape(pattern or (NONE if kind in OF_SUBJECT else UNSET)).replace(r"\*", ".*").replace(r"\?", ".")
-        return cache(lambda value: re.fullmatch(glob, value) is not None)
+        glob = (pattern or (NONE if kind in OF_SUBJECT else UNSET)).split("*")
+        return cache(partial(_fits, tuple(glob)))
     if pattern == ABSENT and kind is Kind.PACKAGE:
         return lambda value: value == ABSENT
     specifiers = _specifiers(kind, pattern)
     return cache(lambda value: value != ABSENT and specifiers.contains(value, prereleases=True))
 
 
+def _fits(pieces: Sequence[str], value: str) -> bool:
+    """Whether a value is these pieces with any text between them, `?` standing for any character.
+
+    Each piece is taken where it fits first: no way back, as a regular expression would look for.
+    """
+    first, *rest = pieces
+    if not _at(first, value, 0) or not rest:
+        return _at(first, value, 0) and len(first) == len(value)
+    *inner, last = rest
+    place, end = len(first), len(value) - len(last)
+    for piece in inner:
+        found = next((start for start in range(place, end - len(piece) + 1) if _at(piece, value, start)), None)
+        if found is None:
+            return False
+        place = found + len(piece)
+    return place <= end and _at(last, value, end)
+
+
+def _at(piece: str, value: str, start: int) -> bool:
+    part = value[start : start + len(piece)]
+    return len(part) == len(piece) and all(one in ("?", other) for one, other in zip(piece, part, strict=True))
+
+
 def _specifiers(kind: Kind, pattern: str) -> SpecifierSet:
     exact = re.fullmatch(r"\d[^,\s]*", pattern)
     minor = kind is Kind.PYTHON and re.fullmatch(r"\d+\.\d+", pattern)
     try:
-        found = SpecifierSet(f"=={pattern}{'.*' if minor else ''}" if exact else pattern)
+        found = requirement_texts.specifiers(f"=={pattern}{'.*' if minor else ''}" if exact else pattern)
     except InvalidSpecifier:
         found = SpecifierSet()
     if not found:
-        message = f'"{pattern}" is neither a version nor a specifier such as ">=1.0,<2"'
+        short = pattern if len(pattern) <= LONGEST_QUOTE else f"{pattern[:LONGEST_QUOTE]}..."
+        message = f'"{short}" is neither a version nor a specifier such as ">=1.0,<2"'
         raise ValueError(message)
     return found
 
+
+CHANGING = re.compile(r"\bline \d+|\d+(?:\.\d+)+")
+"""What differs in two lines about the same failure: lines of files, and versions."""
 
 READERS = {
     "DISPLAY": None,
@@ -436,3 +474,13 @@ READERS = {
     "SDL_VIDEODRIVER": {"pygame", "pygame-ce"},
 }
 """Variables of drawing, and the packages of which one has to be there for it to matter; None for any."""
+
+
+def settings(supplied: Mapping[str, str], installed: Iterable[str]) -> tuple[str, ...]:
+    """Return what of the supplied variables matters to the packages that are there: `NAME=value` of each."""
+    there = {*installed}
+    return tuple(
+        f"{name}={value}"
+        for name, value in supplied.items()
+        if (readers := READERS.get(name)) is None or readers & there
+    )

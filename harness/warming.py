@@ -13,10 +13,11 @@ from typing import Annotated
 import msgspec
 
 from harness import machine, normalise, process, systempackages, uvcli
+from harness.guarded_files import log_text
 from harness.model import Finding, Level, Outcome, Phase, Question, Step
-from harness.outcomes import MACHINE_TROUBLE
+from harness.outcomes import SHOT, machine_trouble
 from harness.schema import load_toml
-from harness.store import digest, open_store, write_atomic
+from harness.store import digest, open_store, own_folders, write_atomic
 from harness.vocabulary import ModuleName, PackageName, SystemPackage
 
 FILE = Path(__file__).with_suffix(".toml")
@@ -85,10 +86,18 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
                 log=work / "import.log",
                 profile=process.Profile.CELL,
                 home=home,
+                shielded=own_folders(),
+                writable=(path,),
             )
         )
-        places = {**uvcli.places(), str(path): "$ENV", str(home): "$HOME", str(work): "$BUILD"}
-        text = normalise.normalise(completed.log.read_text(encoding="utf-8", errors="replace"), places)
+        places = {
+            **uvcli.places(),
+            str(path): "$ENV",
+            str(home): "$HOME",
+            str(process.temporary(home)): "$TMP",
+            str(work): "$BUILD",
+        }
+        text = normalise.normalise(log_text(completed.log), places)
     if completed.exit_code == 0:
         return None
     log = open_store().evidence(f"install-{path.name}") / f"{recipe.name}.log"
@@ -108,8 +117,11 @@ def _said(completed: process.Completed, text: str) -> tuple[Outcome, str]:
         return Outcome.TIMED_OUT, f"no end within {LIMITS.seconds:g} s"
     if completed.killed or completed.out_of_memory:
         return Outcome.INFRA, f"it was ended: {completed.killed or f'more than {LIMITS.memory_mb} MB of memory'}"
+    if completed.shot:
+        return Outcome.INFRA, f"it was {SHOT}"
     told = normalise.decisive_line(text) or normalise.death(completed.exit_code, completed.signal, text)
-    return (Outcome.INFRA if MACHINE_TROUBLE.search(text) else Outcome.FAILED), told
+    trouble = machine_trouble(text, told, completed.least_room_mb)
+    return (Outcome.INFRA if trouble else Outcome.FAILED), told
 
 
 def _missing(names: Iterable[str]) -> Iterable[Finding]:

@@ -6,9 +6,9 @@ interpreter. In `request.folder`, which exists and is empty, the probe leaves:
 - `reply.jsonl`: one record a line, in one write, by the probe's own process. Each has `kind`, `seq` (0, 1, 2, ...) and
   `pid`. Kinds: `hello` first; for each check `start`, then `finding` and `frame` as they come, then `check` (findings
   on warnings and teardown follow it); `end` last, written when the interpreter exits. A check that was started and
-  never ended has the outcome None. Checks that can only find (`FOLLOWERS`) follow a passed `single.loop` in the same
-  process without being asked for: they have `start` and `check` records, too, and their exceptions are findings
-  already; only their death or hang is left to the host.
+  never ended has the outcome None. Some checks (`FOLLOWERS`) follow a passed `single.loop` or `render.rgb_array` in the
+  same process without being asked for: they have `start` and `check` records, too. Those that can only find have made
+  findings of their exceptions already; only their death or hang is left to the host.
 - `NAME.npy`: frames, named by `frame` records.
 - `stacks.txt`: faulthandler's: on a fatal signal, and when nine tenths of a check's limit are spent.
 - `worker-PID.jsonl`, `worker-PID.txt`: the same from each worker of a vector environment: stages `reached`, the first
@@ -34,6 +34,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from harness.hostile_data import Unreadable, shallow, understanding
 from harness.model import CheckReply, Finding, Level, Outcome, ProbeReply, ProbeRequest, Raised, WorkerRecord
 
 LONGEST_LINE = 1 << 20
@@ -41,10 +42,22 @@ MOST_LINES = 20_000
 MOST_PROBLEMS = 20
 LONGEST_STACKS = 60_000
 FOLLOWERS: Mapping[str, tuple[str, ...]] = {
-    "render.rgb_array": ("render.unclosed",),
-    "single.loop": ("single.repeat.fresh", "single.repeat.same", "single.state", "single.check_env"),
+    "render.rgb_array": ("render.camera", "render.unclosed"),
+    "single.loop": (
+        "single.repeat.fresh",
+        "single.repeat.same",
+        "single.state",
+        "single.check_env",
+        "single.start_pose",
+        "single.contact",
+        "single.solver",
+        "single.arrays",
+    ),
 }
-"""Checks that can only find, by the check that they follow."""
+"""Checks that follow another without being asked for, by the check that they follow.
+
+Those of `vocabulary.MISLEADING` compare the case with its own specification; the others can only find.
+"""
 
 LAST_WORDS = "simmatrix: the last line of the reply is written"
 """What a probe prints after the last line of its reply: what follows was printed while Python took itself apart."""
@@ -230,9 +243,13 @@ class _Sequence:
         if not line.endswith(b"\n"):
             return None, "cut short"
         try:
-            return self.decoder.decode(line), None
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            with understanding():
+                record = self.decoder.decode(line)
+        except Unreadable as error:
             return None, f"not a record: {error}"
+        if isinstance(record, _Check) and not shallow(record.facts):
+            return None, "its facts are nested too deeply"
+        return record, None
 
     def _out_of_place(self, where: str, record: _Record) -> str | None:
         self.pid = record.pid if self.pid is None else self.pid

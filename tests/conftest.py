@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import wire
+from harness import indexsettings, wire
 from harness.model import Case, CheckReply, ProbeReply, ProbeRequest
 
 INCELL = Path(harness.__file__).parent / "incell"
@@ -93,9 +93,13 @@ def _end_session(leader: int) -> None:
 def pytest_configure() -> None:
     """A suite that was started in the background ignores SIGINT, and so would every command that it starts.
 
-    No control is run but where a test names some: what they need would be downloaded.
+    No control is run but where a test names some: what they need would be downloaded. A uv that a fixture calls by
+    itself trusts the certificates that the harness finds in the user's settings, so that an empty environment will do.
     """
     os.environ["HARNESS_CONTROLS"] = ""
+    certificates = indexsettings.settings().certificates
+    if certificates:
+        os.environ.setdefault("SSL_CERT_FILE", certificates)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

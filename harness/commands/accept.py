@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from harness import accepting, catalog, document, knowledge, machine, matrixfile, store
+from harness import accepting, catalog, document, given_files, knowledge, machine, matrixfile, store
 from harness.commands import report, reporting
 from harness.commands.run import choose, tell
 from harness.errors import BadInput, HarnessError
@@ -42,7 +42,7 @@ def main(args: argparse.Namespace) -> int:
     if not found:
         tell(f"nothing to accept: {_standing(chosen, entries)}")
         return 1 if mixed else 0
-    text = path.read_bytes().decode()
+    text = given_files.read_content(path).decode()
     wish = accepting.Wish(pattern=args.k, reason=args.reason, link=args.link, until=args.until)
     made = accepting.accept(text, matrixfile.read(text, str(path)), plan.cells, found, wish)
     print("\n".join(made.tables), end="")
@@ -95,7 +95,7 @@ def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
 def _reported(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
     """The results of a report, which must be of this matrix as it is."""
     path = report.found(source)
-    made = document.read(path.read_bytes(), str(path))
+    made = document.read(given_files.read_content(path), str(path))
     planned = {cell.id: cell for cell in plan.cells}
     entries = [entry for entry in made.cells if entry.id in planned]
     mark = document.marks()

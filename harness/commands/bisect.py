@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shlex
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 
-from harness import catalog, interpreters, locks, measured, moves, plan, scheduler, store, verdict
+from harness import catalog, cellid, interpreters, knowledge, locks, measured, moves, plan, scheduler, store, verdict
 from harness.commands import cells, progress, reporting
 from harness.errors import BadInput, CouldNotTell
-from harness.model import Cell, Change, Interpreter, Verdict
-from harness.rootcause import candidates, certificates, proofs
+from harness.evidence import looked_up
+from harness.model import Cell, Change, Interpreter
+from harness.rootcause import candidates, certificates, guesses, proofs
 from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
 from harness.rootcause.candidates import Candidate, Candidates, Kept
 from harness.rootcause.certificates import BisectDocument
 from harness.schema import located
+from harness.standalone.output import print_json
+from harness.standalone.silent import plainly_good
 from harness.store import Store
 from harness.vocabulary import PackageName
 
@@ -109,7 +110,7 @@ def main(args: argparse.Namespace) -> int:
         made = certificates.document(done, search, left_out=line.left_out, command=_again(asked, done))
     made = _write(made, done, opened, args.out or _folder(asked))
     if args.json:
-        sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(made)) + b"\n")
+        print_json(msgspec.json.format(msgspec.json.encode(made)))
     else:
         print("\n".join(certificates.lines(made)))
     return CODES[done.status]
@@ -159,7 +160,7 @@ def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
         line=line.candidates,
         bad=bad,
         good=good,
-        hints=tuple(_hints(asked, line, bad)),
+        hints=tuple(_hints(asked, line, bad, base)),
         any=args.any,
         confidence=args.confidence,
         recipes=catalog.recipes(Path("matrices")),
@@ -206,25 +207,31 @@ def _at(line: Candidates, own: str | None) -> int:
     return next(place for place, one in enumerate(line.candidates) if one.name == own)
 
 
-def _hints(asked: Asked, line: Candidates, bad: int) -> Iterator[int]:
-    """Where a good end may be: the first day on which all that is pinned was there; versions that worked elsewhere."""
+def _hints(asked: Asked, line: Candidates, bad: int, base: Trial | None) -> Iterator[int]:
+    """Yield where a good end may be: the first day with all that is pinned; what worked elsewhere; what is declared."""
     if asked.args.date:
         yield from [0] if bad else []
     elif not asked.args.python:
         known = {place for version in _green(asked) for place in candidates.places(line, version)}
         yield from sorted(known - {bad}, key=lambda place: abs(place - bad))[:HINTS]
+        if base:
+            beside, offline = knowledge.beside(asked.opened.folder), asked.args.offline
+            found = guesses.of_metadata(base, asked.axis, line.candidates, beside, offline=offline)
+            yield from (place for place in found if place != bad)
 
 
 def _green(asked: Asked) -> Iterator[str]:
     """Versions of the package in cells of the same environments that work: in this store, and as measured before."""
     envs = {case.env for case in asked.cell.cases if case.env}
+    silent = knowledge.beside(asked.opened.folder)
     for record in asked.opened.cells():
         alike = envs & {case.env for case in record.cell.cases}
-        if alike and record.installed and verdict.judge(record).verdict is Verdict.WORKS:
+        judged = looked_up(record, verdict.judge(record), silent) if alike and record.installed else None
+        if judged and record.installed and plainly_good(judged.verdict, judged.unverified):
             yield record.installed.get(asked.axis, "")
     known = measured.load()
     for cell in known["cells"]:
-        if cell["verdict"] == Verdict.WORKS and envs & {case["env"] for case in cell["cases"]}:
+        if plainly_good(cell["verdict"], cell["unverified"]) and envs & {case["env"] for case in cell["cases"]}:
             yield dict(known["locks"].get(cell["lock"], ())).get(asked.axis, "")
 
 
@@ -244,8 +251,12 @@ def _again(asked: Asked, done: Bisected) -> str:
 
 
 def _folder(asked: Asked) -> Path:
-    name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{asked.cell.id}-{asked.axis.strip('-')}")
-    return asked.opened.folder / "bisects" / name
+    args = asked.args
+    ends = [f"{side}-{value}" for side in ("good", "bad") if (value := getattr(args, side))]
+    flags = [name for name in ("any", "yanked", "pre") if getattr(args, name)]
+    sure = [f"confidence-{args.confidence:g}"] if args.confidence != CONFIDENCE else []
+    words = (f"along-{asked.axis.strip('-')}", *ends, *flags, *sure)
+    return asked.opened.folder / "bisects" / cellid.folder(asked.cell.id, *words)
 
 
 def _write(made: BisectDocument, done: Bisected, opened: Store, folder: Path) -> BisectDocument:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import store
+from harness import given_files, store
 from harness.errors import BadInput
 
 BLOCK = re.compile(
@@ -25,11 +25,7 @@ Make = Callable[[Path, tuple[str, str] | None], str]
 
 def renew(file: Path, make: Make) -> int:
     """Make the blocks of a file again; 0, or bad input where there is none."""
-    try:
-        before = file.read_text(encoding="utf-8")
-    except OSError as error:
-        message = f"{file}: cannot be read: {error.strerror}"
-        raise BadInput(message) from None
+    before = given_files.read_text(file)
     if not BLOCK.search(before):
         message = f"{file}: has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
         raise BadInput(message)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from fnmatch import fnmatchcase
-
-from harness import catalog, machine, plan
+from harness import catalog, cellid, machine, plan, typos
 from harness.commands.run import tell
 from harness.errors import BadInput
 from harness.model import Cell, Plan
@@ -18,14 +16,18 @@ def named(verb: str, text: str, opened: Store, *, offline: bool = False) -> tupl
     """The cell, as its matrix plans it today, and its plan; one of `try` as it was run. Raises BadInput."""
     matrix, _, label = text.partition("/")
     if text.endswith(".toml") or not label:
-        message = f'{verb} {text}: name a cell, as in "quickstart/py3.11-gymnasium1.2.3-mujoco3.3.7" or "quickstart/*"'
+        message = (
+            f'{verb} {text}: name a cell, as in "quickstart/py3.11_gymnasium-1.2.3_mujoco-3.3.7" or "quickstart/*"'
+        )
         raise BadInput(message)
     if matrix == plan.TRY_MATRIX:
         return _tried(verb, text, opened)
     name, _, label = text.rpartition(".toml/")  # a matrix of the user's own: PATH.toml/LABEL
     planned = catalog.load(f"{name}.toml" if name else matrix, tell, offline=offline)
     planned = catalog.dated(planned, opened, offline=offline)
-    return planned, _one(verb, text, label or text, planned.cells)
+    found = _one(verb, text, label or text, planned.cells)
+    typos.check_cells([found], tell, offline=offline)
+    return planned, found
 
 
 def _tried(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
@@ -36,8 +38,7 @@ def _tried(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
 
 
 def _one(verb: str, text: str, pattern: str, cells: tuple[Cell, ...] | list[Cell]) -> Cell:
-    exact = [cell for cell in cells if pattern in {cell.id, cell.label}]
-    found = exact or [cell for cell in cells if fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)]
+    found = cellid.chosen(pattern, cells)
     if len(found) == 1:
         return found[0]
     if found:

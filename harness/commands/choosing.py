@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document, knowledge, machine, store, verdict
+from harness import document, given_files, knowledge, machine, store, verdict
 from harness.commands import reporting
-from harness.errors import BadInput
 from harness.model import Cell, Verdict
 from harness.scheduler import AUTO
 from harness.store import Store
@@ -62,11 +61,7 @@ def durations(files: Iterable[Path]) -> dict[str, float]:
 
     seconds: dict[str, float] = {}
     for file in files:
-        try:
-            content = file.read_bytes()
-        except OSError as error:
-            message = f"--durations {file}: cannot be read: {error.strerror}"
-            raise BadInput(message) from None
+        content = given_files.read_content(file, f"--durations {file}")
         seconds |= shards.recorded(document.read(content, str(file)))
     return seconds
 

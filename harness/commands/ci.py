@@ -8,10 +8,10 @@ import os
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
-from importlib.metadata import version
+from importlib.metadata import distribution, version
 from pathlib import Path
 
-from harness import catalog, notices, pipelines, store
+from harness import catalog, given_files, notices, pipelines
 from harness.commands import choosing, reporting
 from harness.commands.run import selected, tell
 from harness.errors import BadInput
@@ -80,7 +80,7 @@ def main(args: argparse.Namespace) -> int:
     if args.check:
         return _check(args.check, text)
     if args.out:
-        store.write_atomic(args.out, text.encode())
+        given_files.write_text(args.out, text)
         tell(f"workflow: {args.out}")
     else:
         sys.stdout.write(text)
@@ -127,7 +127,7 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
         measuring=shlex.join(["-j", "auto", *_given(args, MEASURING)]),
         state=_state(path),
         dated=all(cell.question.snapshot for cell in plan.cells),
-        install=pipelines.words(args.install or f"simmatrix=={version('simmatrix')}", "--install"),
+        install=pipelines.words(args.install or _this_version(quiet=args.check is not None), "--install"),
         python=pipelines.python(args.python),
         branch=pipelines.plain(args.branch, "--branch"),
         runner=pipelines.plain(args.runner or pipelines.RUNNERS[provider].format(python=args.python), "--runner"),
@@ -136,6 +136,22 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
     )
     actions = pipelines.actions(_template(pipelines.ACTIONS))
     return pipelines.render(pipeline, _template(pipelines.TEMPLATES[provider]), actions)
+
+
+def installable() -> str | None:
+    """Return what pip installs to get this simmatrix; None where only this machine has it."""
+    return pipelines.install_words(distribution("simmatrix").read_text("direct_url.json"), version("simmatrix"))
+
+
+def _this_version(*, quiet: bool) -> str:
+    """Return the words for this simmatrix; where no index gave it, the release is a guess, which is said."""
+    known = installable()
+    if known is None and not quiet:
+        tell(
+            f"note: this simmatrix was not installed from an index, which may not have {version('simmatrix')}; "
+            "--install names what pip is to install, such as git+ADDRESS@COMMIT"
+        )
+    return known or f"simmatrix=={version('simmatrix')}"
 
 
 def _state(path: str | None) -> str:
@@ -181,9 +197,9 @@ def _template(name: str) -> str:
 def _check(file: Path, text: str) -> int:
     """Compare to the byte; what differs goes to stderr."""
     try:
-        there = file.read_bytes()
-    except OSError as error:
-        message = f"--check {file}: cannot be read: {error.strerror}; --out {file} makes it"
+        there = given_files.read_content(file, f"--check {file}")
+    except BadInput as error:
+        message = f"{error}; --out {file} makes it"
         raise BadInput(message) from None
     if there == text.encode():
         tell(f"{file}: is up to date")

@@ -11,9 +11,10 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import catalog, checkouts, inputs, interpreters, plan, repairs, scheduler, subjects
+from harness import catalog, checkouts, given_files, inputs, interpreters, plan, repairs, scheduler, subjects, typos
 from harness.commands.run import tell
 from harness.errors import BadInput
+from harness.exercised import OWN
 from harness.inputfiles import Inputs
 from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
 from harness.schema import located
@@ -104,6 +105,7 @@ def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner:
     overlay, taken = _overlay(args.overlay)
     asked = plan.Asked(
         requirements=(*args.requirements, *taken, *given.requirements),
+        listed=tuple(text for text in given.requirements if text not in args.requirements),
         overlay=overlay,
         python="host",
         envs=tuple(args.env),
@@ -117,20 +119,19 @@ def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner:
         torch_backend=args.torch_backend,
         as_of=args.as_of,
         subject=read_before.subject,
+        index=given.index,
+        prerelease=given.prerelease,
     )
     asked = replace(asked, files=models(plan.single(asked).cells[0].cases))
     if args.as_of is None:
         instant = opened.instant(plan.TRY_MATRIX, renew=runner.settings.fresh, hours=REUSED_FOR_HOURS)
-        asked = replace(asked, as_of=instant)
-    question = replace(plan.single(asked).cells[0].question, index=given.index)
-    if given.prerelease:
-        question = replace(question, prerelease=given.prerelease)
-    cell = replace(plan.single(asked).cells[0], question=question)
+        asked = replace(asked, instant=instant)
+    (cell,) = plan.single(asked).cells
+    typed = (*cell.question.requirements, *args.constraint, *args.override, *args.build_constraint)
+    typos.check(typed, tell, cell.question.index, offline=runner.settings.offline)
     python = _asked_python(args.python) if args.python else _python(cell, given, runner)
-    asked = replace(asked, python=_version(python), brought=_brought(asked, cell, python, runner))
-    planned = plan.single(asked)
-    (cell,) = planned.cells
-    return replace(planned, cells=(replace(cell, python=python, question=question),))
+    brought = _brought(asked, cell, python, runner)
+    return plan.single(replace(asked, python=_version(python), interpreter=python, brought=brought))
 
 
 def _brought(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
@@ -144,7 +145,7 @@ def _brought(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runne
     if lock and not brought:
         message = (
             f"--env {env}: nothing that is asked for brings {' or '.join(FAMILY)}; name one of them, too, "
-            f"or what it speaks with --api ({', '.join(api for api in APIS if api not in FAMILY)})"
+            f"or what it speaks with --api ({', '.join(api for api in APIS if api not in FAMILY)}); {OWN}"
         )
         raise BadInput(message)
     return brought[0] if brought else None
@@ -178,12 +179,7 @@ def models(cases: Iterable[Case]) -> dict[str, str]:
             continue
         with located(f"--env {case.env}"):
             name = InnerPath.canonical(name)
-        try:
-            found[name] = Path(name).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            why = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
-            message = f"--env {case.env}: {name} cannot be read from this folder: {why}"
-            raise BadInput(message) from None
+        found[name] = given_files.read_text(Path(name), f"--env {case.env}: {name}")
     return found
 
 

@@ -18,9 +18,10 @@ from harness.commands.inplace import Tried
 from harness.commands.proved import Proof
 from harness.errors import BadInput
 from harness.reporttypes import DiagnosisEntry, FindingEntry
-from harness.standalone import matching
+from harness.standalone import matching, wrapping
 from harness.standalone.doctor import doctor
 from harness.standalone.doctor.choosing import NoEnvironment
+from harness.standalone.output import print_json
 
 HELP = (
     "What is wrong with an environment: the one that is named, else the active one, else ./.venv, else PATH's Python."
@@ -118,6 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `doctor`."""
     parser.add_argument("--python", metavar="PATH", help="an interpreter, or the folder of an environment")
     parser.add_argument("--env", metavar="ID", help="make and step this environment in it, too")
+    parser.add_argument("--api", metavar="A", help="the API that it speaks, such as gym where gymnasium is there, too")
     parser.add_argument("--rendering", action="store_true", help="look at what draws, and on which device")
     parser.add_argument(
         "--prove", action="store_true", help="try the nearest known-good versions in a throw-away copy of it"
@@ -140,7 +142,7 @@ def main(args: argparse.Namespace) -> int:
         return 0
     known = doctor.Knowledge(signatures(), measured.load)
     asked = doctor.Asked(args.python, args.env, dict(os.environ), str(Path.cwd()))
-    looks = inplace.Looks(env=args.env, rendering=args.rendering)
+    looks = inplace.Looks(env=args.env, api=args.api, rendering=args.rendering)
     try:
         plain = doctor.document(asked, inplace.run, known, looks.more)
     except NoEnvironment as error:
@@ -154,9 +156,9 @@ def main(args: argparse.Namespace) -> int:
             made, rendering=looks.drawn.rendering, diagnoses=(*made.diagnoses, *looks.drawn.diagnoses)
         )
     if args.json:
-        sys.stdout.buffer.write(msgspec.json.encode(made) + b"\n")
+        print_json(msgspec.json.encode(made))
     else:
-        print("\n".join(_lines(plain, made)))
+        print("\n".join(wrapping.wrapped(_lines(plain, made), wrapping.width(sys.stdout))))
     return doctor.code(plain)
 
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shutil
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
 
-from harness import knowledge, measured, store
+from harness import issue_texts, knowledge, known_issues, measured, store
 from harness.errors import BadInput, HarnessError
+from harness.recommended_text import wrapped
 from harness.reporttypes import DiagnosisEntry, FindingEntry
 from harness.standalone import matching
 from harness.standalone.explain import explain
-from harness.standalone.explain.explain import HELP, add_arguments, split
+from harness.standalone.explain.explain import HELP, split
 from harness.standalone.explain.wording import Place
 
 __all__ = ["HELP", "Explained", "add_arguments", "known", "main", "split"]
@@ -40,8 +42,16 @@ class Explained(msgspec.Struct, frozen=True, kw_only=True):
     findings: tuple[FindingEntry, ...]
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `explain`."""
+    explain.add_arguments(parser)
+    parser.add_argument("--id", metavar="ID", help="open the known issue of this id, as other verbs print it")
+
+
 def main(args: argparse.Namespace) -> int:
-    """Explain a text, or run the command and explain it where it fails."""
+    """Explain a text, or run the command and explain it where it fails, or open a known issue."""
+    if args.id is not None:
+        return _open(args.id)
     knows = explain.Knowledge(known=known, measured=measured.load)
     try:
         if args.after is None:
@@ -49,6 +59,14 @@ def main(args: argparse.Namespace) -> int:
         return explain.of_command(args, args.after, knows, Place(kept=_output(args.after)))
     except explain.Bad as error:
         raise BadInput(str(error)) from None
+
+
+def _open(identifier: str) -> int:
+    """Print a known issue; the exit code is 0. Raises BadInput."""
+    found = known_issues.find(identifier, issue_texts.load(), measured.load()["cells"])
+    width = shutil.get_terminal_size().columns
+    print("\n".join(text for line in known_issues.lines(found) for text in wrapped(line, width)))
+    return 0
 
 
 def known() -> list[matching.Known]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -21,6 +20,7 @@ from harness.fetched import FetchedCell, FetchedMatrix, Manifest
 from harness.filelocks import exclusive
 from harness.model import Cell, CellRecord, Phase, Plan
 from harness.reporttypes import number
+from harness.standalone.output import print_json
 
 HELP = (
     "Bring locks, wheels, builds and Pythons of a matrix into a folder: `simmatrix run MATRIX --fetched DIR` needs no "
@@ -60,7 +60,7 @@ def main(args: argparse.Namespace) -> int:
         if one.lock is None:
             tell(f"{one.id}: not fetched, and so cannot be run when a cell fails: {one.decisive}")
     if args.json:
-        sys.stdout.buffer.write((folder / fetched.MANIFEST).read_bytes())
+        print_json((folder / fetched.MANIFEST).read_bytes())
     else:
         _summary(found, folder, bringing.brought)
     return 0 if all(cell.complete for cell in found) else 3

@@ -6,7 +6,6 @@ import argparse
 import math
 import os
 import re
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from harness import garbage, store, uvcli
 from harness.commands.run import tell
 from harness.garbage import DAY, Disk, Item, Kind
 from harness.reporttypes import number
+from harness.standalone.output import print_json
 
 HELP = (
     "Remove waste from cache and state; with a limit also what was not used for long, or most long ago."
@@ -84,7 +84,7 @@ def main(args: argparse.Namespace) -> int:
         size_after=_total(places) if not args.dry_run else size_before - sum(basket.freed.values()),
     )
     if args.json:
-        sys.stdout.buffer.write(msgspec.json.encode(made) + b"\n")
+        print_json(msgspec.json.encode(made))
     else:
         _print(made)
     if args.older_than is None and args.max_size is None:

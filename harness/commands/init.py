@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 
-from harness import catalog, drafts, present, store, workflows
-from harness.commands import ci
+from harness import catalog, drafts, given_files, present, store, typos, workflows
+from harness.commands import ci, firstdraft
 from harness.commands.run import tell
-from harness.drafts import Case, Draft, Project
-from harness.errors import BadInput
+from harness.drafts import Draft, Project
+from harness.errors import BadInput, CouldNotTell
 from harness.inputfiles import project
 from harness.reporttypes import number
-from harness.vocabulary import GYM, GYMNASIUM, Label
+from harness.standalone.output import print_json
+from harness.vocabulary import Label
 from harness.workflows import Fate, Job, Leg
 
 HELP = (
     "Start in somebody's project: write a first matrix, a nox session and a GitHub workflow. With --from, the matrix is"
     " what a workflow really installs, and what it claims but never installs is listed."
 )
-
-NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
-LARGEST = 2_000_000
-"""Bytes of a file in which environments are looked for."""
 
 NOX_LINES = """\
 import sys
@@ -45,12 +41,16 @@ else:
 
 
 class Started(msgspec.Struct, frozen=True, kw_only=True):
-    """The document of `init --json`; `jobs` are those of the workflow of --from."""
+    """The document of `init --json`; `jobs` are those of the workflow of --from.
+
+    `not_found_out` says what has to wait, such as ranges where the index was not asked.
+    """
 
     schema: int = 1
     written: tuple[str, ...]
     kept: tuple[str, ...]
     jobs: tuple[Job, ...]
+    not_found_out: tuple[str, ...] = ()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,18 +59,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="workflow", type=Path, metavar="WORKFLOW", help="a workflow file of GitHub")
     parser.add_argument("--name", help="of the matrix [the project's]")
     parser.add_argument(
-        "--offline", action="store_true", help="never ask the index; ranges wait, and so does the workflow"
+        "--offline", action="store_true", help="never ask the index; ranges wait, and so do environments"
     )
+    parser.add_argument("--install", metavar="WORDS", help="what pip installs in the workflow [this simmatrix]")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
 @dataclass
 class _Files:
-    """What was written and what was there already."""
+    """What was written, what was there already, the cells of each matrix, and what could not be found out."""
 
     say: Callable[[str], None]
     written: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
+    cells: dict[Path, int] = field(default_factory=dict)
+    open: list[str] = field(default_factory=list)
 
     def write(self, path: Path, text: str) -> bool:
         """Write a file unless there is one; False where there was."""
@@ -84,7 +87,7 @@ class _Files:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Write what is missing; what is there stays as it is."""
+    """Write what is missing; what is there stays as it is. 3 where something could not be found out."""
     say = tell if args.json else print
     jobs = _jobs(args.workflow) if args.workflow else ()
     if not args.folder.is_dir():
@@ -94,22 +97,67 @@ def main(args: argparse.Namespace) -> int:
     for line in _told(jobs, args.workflow):
         say(line)
     with chdir(args.folder):
-        matrices = []
-        for name, draft in _drafts(_project(), jobs, args).items():
-            path = Path("matrices") / f"{name}.toml"
-            if not files.write(path, drafts.text_of(draft, _template("matrix.toml.j2"))):
+        about = _project()
+        typos.check(about.dependencies, tell, offline=args.offline)
+        matrices = [_path(name) for name in _names(about, jobs, args)]
+        if all(path.exists() for path in matrices):
+            for path in matrices:
+                files.write(path, "")
                 say(f"{path}: is there already and stays as it is")
-            matrices.append(path)
+        else:
+            _matrices(about, jobs, args, files)
         _nox(matrices, files)
-        cells = {path: len(catalog.load(str(path), tell, offline=args.offline).cells) for path in matrices}
         for path in matrices:
-            _workflow(path, files)
-        for path, count in cells.items():
-            say(f"next: simmatrix run {path}  ({number(count, 'cell')})")
+            _planned(path, args, files)
+            _workflow(path, args.install, files)
+        _next(args, matrices, files)
     if args.json:
-        made = Started(written=tuple(files.written), kept=tuple(files.kept), jobs=jobs)
-        sys.stdout.buffer.write(msgspec.json.encode(made, enc_hook=float) + b"\n")
-    return 0
+        made = Started(written=tuple(files.written), kept=tuple(files.kept), jobs=jobs, not_found_out=tuple(files.open))
+        print_json(msgspec.json.encode(made, enc_hook=float))
+    return 3 if files.open else 0
+
+
+def _next(args: argparse.Namespace, matrices: Sequence[Path], files: _Files) -> None:
+    """Say what to type next, and what could not be found out."""
+    for path, count in files.cells.items():
+        files.say(f"next: simmatrix run {path}  ({number(count, 'cell')})")
+        if path.with_suffix(".expanded.json").exists():
+            files.say(f"later: simmatrix lock {path} --upgrade  (newer releases, for a scheduled workflow, too)")
+    for line in files.open:
+        files.say(f"not found out: {line}")
+    if files.open and files.written:
+        again = "without --offline" if args.offline else "once that is mended"
+        files.say(f"next: type `simmatrix init` again {again}; it keeps what is there, so remove {matrices[0]} first")
+
+
+def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, files: _Files) -> None:
+    """Write the matrices that are not there, with the environments of the installed package as their cases."""
+    made = _drafts(about, jobs, args)
+    pythons = next(iter(made.values())).pythons
+    files.say("asking the installed package for its environments, and trying some of them")
+    found = firstdraft.cases(about, pythons, offline=args.offline)
+    if not found.asked:
+        files.open.append(found.notes[0] if found.notes else "the environments of the package")
+    for line in found.notes if found.asked else ():
+        files.say(f"  {line}")
+    for name, draft in made.items():
+        whole = firstdraft.completed(draft, about, found, offline=args.offline)
+        path, template = _path(name), _template("matrix.toml.j2")
+        if not files.write(path, drafts.text_of(whole, template)):
+            files.say(f"{path}: is there already and stays as it is")
+            continue
+        fitting = whole if args.offline else firstdraft.without_clashes(whole, path)
+        if fitting != whole:
+            store.write_atomic(path, drafts.text_of(fitting, template).encode())
+            path.with_suffix(".expanded.json").unlink(missing_ok=True)
+
+
+def _planned(path: Path, args: argparse.Namespace, files: _Files) -> None:
+    """Expand the ranges of a matrix and count its cells; without the index that waits."""
+    try:
+        files.cells[path] = len(catalog.load(str(path), tell, offline=args.offline).cells)
+    except CouldNotTell as error:
+        files.open.append(str(error))
 
 
 def _template(name: str) -> str:
@@ -119,45 +167,41 @@ def _template(name: str) -> str:
 # --- the project -----------------------------------------------------------------------------------------------
 
 
+def _path(name: str) -> Path:
+    """Return where a matrix is written, which keeps the project as buildable as it was."""
+    return (
+        Path(drafts.matrix_folder(*_texts("pyproject.toml", "setup.py", "setup.cfg"), src=Path("src").is_dir()))
+        / f"{name}.toml"
+    )
+
+
+def _texts(*names: str) -> list[str]:
+    return [given_files.read_text(path) if path.is_file() else "" for path in map(Path, names)]
+
+
 def _project() -> Project:
-    texts = [path.read_text(encoding="utf-8") if path.is_file() else "" for path in map(Path, project.FILES)]
+    texts = _texts(*project.FILES)
     if not any(texts):
         message = f"{Path.cwd()}: has neither pyproject.toml nor setup.py; name the folder of a project"
         raise BadInput(message)
     return drafts.read_project(texts[0], texts[1], Path.cwd().name)
 
 
-def _case() -> Case | None:
-    """The first environment that the sources register, in its newest version."""
-    found = dict.fromkeys(_environments())
-    for first, api in found:
-        name = first.rpartition("-v")[0]
-        newest = max((int(env.rpartition("-v")[2]), env) for env, _ in found if env.rpartition("-v")[0] == name)
-        return Case(env=newest[1], api=api, more=len(found) - 1)
-    return None
-
-
-def _environments() -> Iterator[tuple[str, str]]:
-    for path in sorted(Path().rglob("*.py")):
-        if NOT_SOURCES & {*path.parts} or any(part.startswith(".") for part in path.parts):
-            continue
-        if path.stat().st_size <= LARGEST:
-            text = path.read_text(encoding="utf-8", errors="replace")
-            api = GYMNASIUM if "gymnasium" in text else GYM
-            yield from ((env, api) for env in (drafts.registered(text) if "register" in text else ()))
-
-
 def _drafts(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> dict[str, Draft]:
-    """The matrices to be written, by their names."""
-    name, case = _name(about, args.name), _case()
+    """Return the matrices to be written, by their names."""
+    name = _name(about, args.name)
     if not args.workflow:
-        return {name: drafts.of_project(about, case)}
-    made = {job.name: drafts.of_legs(job.legs, args.workflow.name, case) for job in jobs}
+        return {name: drafts.of_project(about)}
+    made = {job.name: drafts.of_legs(job.legs, args.workflow.name) for job in jobs}
     known = {job: draft for job, draft in made.items() if draft}
     if not known:
         message = f"{args.workflow}: no leg of it can be understood; `simmatrix init` alone starts from the project"
         raise BadInput(message)
     return {name if len(known) == 1 else f"{name}-{job}": draft for job, draft in known.items()}
+
+
+def _names(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> tuple[str, ...]:
+    return tuple(_drafts(about, jobs, args))
 
 
 def _name(about: Project, given: str | None) -> str:
@@ -182,7 +226,7 @@ def _nox(matrices: list[Path], files: _Files) -> None:
         files.say(f"{noxfile}: is there already and stays as it is; its cells come with these lines:\n\n{lines}")
 
 
-def _workflow(matrix: Path, files: _Files) -> None:
+def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
     """Write what `simmatrix ci` makes, beside the workflow of another matrix."""
     folder = Path(".github/workflows")
     path = folder / "simmatrix.yml"
@@ -192,11 +236,20 @@ def _workflow(matrix: Path, files: _Files) -> None:
         files.kept.append(path.as_posix())
         files.say(f"{path}: is there already and stays as it is; `simmatrix ci {matrix} --check {path}` compares")
         return
+    install = install or ci.installable()
+    if matrix not in files.cells:
+        return
+    if install is None:
+        files.say(
+            f"no workflow: this simmatrix was not installed from an index, so a workflow cannot say how to install it; "
+            f"`simmatrix ci {matrix} --out {path} --install git+ADDRESS@COMMIT` writes it"
+        )
+        return
     parser = argparse.ArgumentParser()
     ci.add_arguments(parser)
     branch = ["--branch", "master"] if _head() == "ref: refs/heads/master" else []
     try:
-        ci.main(parser.parse_args([str(matrix), *branch, "--out", str(path)]))
+        ci.main(parser.parse_args([str(matrix), *branch, "--install", install, "--out", str(path)]))
     except BadInput as error:
         files.say(f"no workflow: {error}")
     else:
@@ -213,12 +266,7 @@ def _head() -> str:
 
 
 def _jobs(workflow: Path) -> tuple[Job, ...]:
-    try:
-        text = workflow.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        message = f"--from {workflow}: cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8 text'}"
-        raise BadInput(message) from None
-    return workflows.read(text, str(workflow))
+    return workflows.read(given_files.read_text(workflow, f"--from {workflow}"), str(workflow))
 
 
 def _told(jobs: tuple[Job, ...], workflow: Path) -> Iterator[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +11,13 @@ from typing import Any
 
 import msgspec
 
-from harness import cellrun, launch, machine, plan, process
+from harness import cellrun, guarded_files, launch, machine, plan, process
 from harness.commands import drawn
 from harness.commands.drawn import Looked
 from harness.evidence import KILLED, WRITTEN
+from harness.hostile_data import Unreadable, json_object
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
+from harness.scratch_folders import scratch_folder
 from harness.standalone.doctor.choosing import Choice
 from harness.standalone.doctor.declared import NOTE, WARNING, Finding
 from harness.standalone.doctor.differences import versions
@@ -34,8 +35,8 @@ LOOKED_AT = {"gymnasium": "gymnasium", "mujoco": "MuJoCo", "robosuite": "robosui
 
 def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> Ran:
     """Run a command in the caller's world, under the supervisor."""
-    with tempfile.TemporaryDirectory(prefix="simmatrix-") as scratch:
-        log = Path(scratch, "log")
+    with scratch_folder() as scratch:
+        log = scratch / "log"
         done = process.run(
             process.Command(
                 argv=tuple(argv),
@@ -68,6 +69,7 @@ class Looks:
 
     env: str | None
     rendering: bool
+    api: str | None = None
     tried: Tried | None = None
     drawn: Looked | None = None
     seen: list[Seen] = field(default_factory=list)
@@ -84,13 +86,13 @@ class Looks:
 
     def _stepped(self, env: str, facts: Mapping[str, Any]) -> list[Finding]:
         try:
-            case = _case(env, versions(facts))
+            case = _case(env, self.api, versions(facts))
         except _Unmade as error:
             return [Finding("env.import", WARNING, f"{env} cannot be made: {error}")]
-        with tempfile.TemporaryDirectory(prefix="simmatrix-") as scratch:
-            store = Store(Path(scratch))
+        with scratch_folder() as scratch:
+            store = Store(scratch)
             until = Phase.RENDER if self.rendering else Phase.SINGLE
-            record = cellrun.run_case(_context(store, facts, Path(scratch), until), case)
+            record = cellrun.run_case(_context(store, facts, scratch, until), case)
             self.tried = _tried(env, case, record)
             failed = [phase for phase in record.phases if phase.outcome in FAILING]
             self.seen += [_seen(phase, store) for phase in failed]
@@ -114,14 +116,15 @@ class _Unmade(Exception):
     """No case can be made of an environment; the text says why."""
 
 
-def _case(env: str, installed: Mapping[str, str]) -> Case:
-    """The case that tries an environment, by what is installed."""
+def _case(env: str, api: str | None, installed: Mapping[str, str]) -> Case:
+    """Return the case that tries an environment, by what is installed; where gym is there beside gymnasium, by that."""
     pins = tuple(f"{name}=={version}" for name, version in installed.items() if name in SIMULATORS)
     if not pins:
         message = "nothing that is installed has environments that are known here"
         raise _Unmade(message)
+    pins = tuple(sorted(pins, key=lambda pin: pin.startswith("gym==")))
     brought = next((name for name in ("gymnasium", "gym") if name in installed), None)
-    (case,) = plan.cases_for(plan.Asked(requirements=pins, python="host", envs=(env,), brought=brought))
+    (case,) = plan.cases_for(plan.Asked(requirements=pins, python="host", envs=(env,), api=api, brought=brought))
     package = BRINGS.get(case.api, case.api)
     if package not in installed and case.api in {"gym", "gymnasium"}:
         message = f"{package} is not installed"
@@ -165,11 +168,17 @@ TOLD = frozenset(Outcome) - {Outcome.NOT_REACHED, Outcome.SKIPPED}
 PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
 
 
+MOST_REPLY = 16 << 20
+
+
 def _seen(phase: PhaseRecord, store: Store) -> Seen:
     """The errors of a phase that failed, with their tracebacks, as known failures are held against them."""
     lines = (phase.decisive, *(check.decisive for check in phase.checks))
-    reply = store.folder / (phase.evidence or "") / "reply.jsonl"
-    replies = reply.read_text(encoding="utf-8", errors="replace").splitlines() if reply.is_file() else []
+    try:
+        reply = guarded_files.head(store.folder / (phase.evidence or "") / "reply.jsonl", MOST_REPLY)
+    except Unreadable:
+        reply = b""
+    replies = reply.decode("utf-8", "replace").splitlines()
     words = [text for line in replies for text in _words(line)]
     told = tuple(dict.fromkeys(filter(None, (*lines, *words))))
     killed = next((found[1] for line in told if (found := KILLED.search(line))), None)
@@ -178,11 +187,8 @@ def _seen(phase: PhaseRecord, store: Store) -> Seen:
 
 def _words(line: str) -> Iterator[str]:
     """The tracebacks of a check that failed, from its line of a reply."""
-    try:
-        record = msgspec.json.decode(line)
-    except msgspec.DecodeError:  # it was cut
-        return
-    if isinstance(record, dict) and record.get("outcome") != Outcome.PASSED:
+    record = json_object(line)
+    if record and record.get("outcome") != Outcome.PASSED:
         yield from _written(record)
 
 

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, resolving, scheduler, store, verdict
+from harness import catalog, given_files, resolving, scheduler, store, typos, verdict
 from harness.commands import progress, reporting
 from harness.commands.choosing import JOBS, jobs
 from harness.commands.run import selected, tell
 from harness.model import CellRecord, Phase, Verdict
 from harness.reporttypes import UNTOLD
+from harness.standalone.output import print_json
 
 HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."
 
@@ -55,10 +56,11 @@ def main(args: argparse.Namespace) -> int:
     planned = catalog.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
     plan = catalog.dated(planned, opened, renew=args.upgrade, offline=args.offline)
     cells = selected(plan.cells, args.k)
+    typos.check_cells(cells, tell, offline=args.offline)
     with progress.Progress(len(cells), args.jobs, _headline) as board:
         records = scheduler.run(cells, opened, settings, board)
     if args.json:
-        sys.stdout.buffer.write(msgspec.json.encode(_document(plan.matrix, records, opened)) + b"\n")
+        print_json(msgspec.json.encode(_document(plan.matrix, records, opened)))
     elif len(records) == 1 and records[0].lock:
         _single((opened.folder / records[0].lock).read_text(), args.out)
     else:
@@ -82,7 +84,7 @@ def _single(text: str, out: Path | None) -> None:
     if out is None:
         sys.stdout.write(text)
     else:
-        store.write_atomic(out, text.encode())
+        given_files.write_text(out, text)
 
 
 def _document(matrix: str, records: tuple[CellRecord, ...], opened: store.Store) -> Locked:

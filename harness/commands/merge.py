@@ -10,11 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from harness import document, merging, present, store, tables
+from harness import document, given_files, merging, store, tables, terminal
 from harness.commands import reporting
 from harness.errors import BadInput
 from harness.model import Verdict
 from harness.reporttypes import Document, number
+from harness.standalone.output import print_json
 
 HELP = (
     "Make one report of those of shards and machines, in whatever order and however often they are named;"
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Write the merged report and print it; the exit code is that of `run`."""
+    """Write the merged report and print a summary; the exit code is that of `run`."""
     folder = args.out or store.state_folder() / "merged"
     reports = _found(args.sources, folder)
     files = _Files()
@@ -63,11 +64,11 @@ def main(args: argparse.Namespace) -> int:
 def _print(form: str, whole: Document, folder: Path, pivot: tuple[str, str] | None) -> None:
     match form:
         case "terminal":
-            present.print_terminal(tables.report(whole, pivot))
+            terminal.show_summary(tables.report(whole, pivot))
         case "md":
             sys.stdout.write(reporting.page(tables.report(whole, pivot)))
         case _:
-            sys.stdout.write(document.encode(document.moved(whole, reporting.seen_from_here(folder))).decode())
+            print_json(document.encode(document.moved(whole, reporting.seen_from_here(folder))))
 
 
 def _tell(whole: Document, reports: int, missing: int) -> None:
@@ -121,7 +122,7 @@ class _Files:
 
     def taken(self, path: Path) -> merging.Source:
         """Read a report, in which a file is named by its path and its content."""
-        made = document.read(path.read_bytes(), str(path))
+        made = document.read(given_files.read_content(path), str(path))
         known = {name: self._token(path.parent, name) for name in sorted(document.paths(made))}
         self.missing += sum(not token for token in known.values())
         return merging.Source(name=str(path), document=merging.tokened(made, known))

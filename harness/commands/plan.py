@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 import msgspec
 
-from harness import catalog
+from harness import catalog, typos
 from harness.commands.run import choose, tell
 from harness.model import Cell, Plan
 from harness.reporttypes import number
+from harness.standalone.output import print_json
 
 HELP = "List the cells of a matrix, and the combinations left out, each with its reason."
 
@@ -56,8 +56,9 @@ def main(args: argparse.Namespace) -> int:
     """Print the plan."""
     plan = catalog.load(args.matrix, tell, offline=args.offline)
     cells = choose(plan.cells, args.k)
+    typos.check_cells(cells, tell, offline=args.offline)
     if args.json:
-        sys.stdout.buffer.write(msgspec.json.encode(_document(plan, cells)) + b"\n")
+        print_json(msgspec.json.encode(_document(plan, cells)))
         return 0
     for cell in cells:
         expected = f"  [{cell.expect.verdict}]" if cell.expect else ""

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Self
 from harness.model import Cell, CellRecord
 from harness.reporttypes import number
 from harness.scheduler import WAITING
+from harness.standalone.control_characters import visible
+from harness.standalone.output import styled
+from harness.terminal import bounded
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -35,7 +38,10 @@ class Progress:
             from rich.live import Live  # noqa: PLC0415 - start-up
 
             self._live = Live(
-                console=Console(stderr=True), get_renderable=self._board, refresh_per_second=8, transient=True
+                console=bounded(Console(file=styled(sys.stderr))),
+                get_renderable=self._board,
+                refresh_per_second=8,
+                transient=True,
             )
             self._live.start()
         return self
@@ -73,7 +79,7 @@ class Progress:
     def say(self, text: str) -> None:
         """Something to tell the user once."""
         if self._live:
-            self._live.console.print(text, markup=False, highlight=False)
+            self._live.console.print(visible(text), markup=False, highlight=False)
         else:
             print(text, file=sys.stderr, flush=True)
 
@@ -94,7 +100,7 @@ class Progress:
             board.add_row(f"{self.known_count + self.worked_count} of {self.total} done", self._summary())
             active = {name: step for name, step in self._running.items() if step != WAITING}
             for name, step in sorted(active.items()):
-                board.add_row(f"  {step}", name)
+                board.add_row(f"  {visible(step)}", name)
             if waiting := len(self._running) - len(active):
                 board.add_row(f"  {WAITING}", number(waiting, "cell") + ", installed")
         return board

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -101,10 +100,10 @@ class _Copies:
             python=version.version if version else "host",
             envs=(self.env,) if self.env else (),
             environment={name: os.environ[name] for name in PASSED if os.environ.get(name)},
-            as_of=self.as_of,
+            instant=self.as_of,
+            interpreter=self.python,
         )
-        (cell,) = plan.single(asked).cells
-        return replace(cell, python=self.python)
+        return plan.single(asked).cells[0]
 
 
 PASSED = ("MUJOCO_GL", "PYOPENGL_PLATFORM")

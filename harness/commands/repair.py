@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shlex
 import sys
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, scheduler, store
+from harness import catalog, cellid, scheduler, store
 from harness.commands import cells, combination, progress, reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord
@@ -24,6 +23,7 @@ from harness.rootcause.lab import Lab
 from harness.rootcause.proofs import RepairDocument
 from harness.rootcause.repairing import Repaired, Search, Status
 from harness.scheduler import Beside
+from harness.standalone.output import print_json
 from harness.store import Store
 
 HELP = (
@@ -61,7 +61,7 @@ def _positive(text: str) -> int:
 def main(args: argparse.Namespace) -> int:
     """Look for a remedy; the exit code is that of the contract."""
     if not (args.requirements or args.files or args.subject):
-        message = "repair: name a cell, such as 'quickstart/py3.11-*', or requirements, such as 'gym==0.26.2'"
+        message = "repair: name a cell, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'"
         raise BadInput(message)
     named = _names_cell(args)
     given = None if named else combination.read(args)
@@ -79,7 +79,7 @@ def main(args: argparse.Namespace) -> int:
         made, repaired = repair(base, opened, settings, bounds, board, command=_typed(base))
     made = write(made, repaired, opened, args.out or _folder(opened, base))
     if args.json:
-        sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(made)) + b"\n")
+        print_json(msgspec.json.format(msgspec.json.encode(made)))
     else:
         print("\n".join(telling.lines(made)))
     return CODES[made.status]
@@ -138,7 +138,7 @@ def _lab(base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds
 
 
 def _folder(opened: Store, base: Cell) -> Path:
-    return opened.folder / "repairs" / re.sub(r"[^A-Za-z0-9._+-]+", "-", base.id)
+    return opened.folder / "repairs" / cellid.folder(base.id)
 
 
 def write(made: RepairDocument, repaired: Repaired, opened: Store, folder: Path) -> RepairDocument:

@@ -6,13 +6,30 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from functools import reduce
 from pathlib import Path
 
-from harness import document, knowledge, notices, present, rediagnosing, store, tables
-from harness.commands import blocks, reporting
-from harness.errors import BadInput
-from harness.reporttypes import SYMBOLS, Document, Report, word
+from harness import (
+    catalog,
+    document,
+    given_files,
+    knowledge,
+    notices,
+    pages,
+    present,
+    rediagnosing,
+    shipped_reports,
+    store,
+    tables,
+    terminal,
+)
+from harness.commands import blocks, reporting, standing
+from harness.errors import BadInput, HarnessError
+from harness.model import Plan
+from harness.reporttypes import Document
 from harness.schema import suggestion
+from harness.standalone.output import print_json
+from harness.tabletypes import Pivot, Report
 
 HELP = (
     "Make tables of stored results again: of a report.json, of the folder that holds one, or of a matrix that was run."
@@ -31,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
     parser.add_argument("--into", type=Path, metavar="FILE", help="make the tables again that a Markdown file holds")
     parser.add_argument("--diagnose", action="store_true",
-                        help="compare red cells anew with what is known now, by the evidence beside it")  # fmt: skip
+                        help="match stored results again with the known issues of today, and take titles, roles and "
+                             "pages from the matrix")  # fmt: skip
     parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
                         help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
@@ -45,6 +63,7 @@ def main(args: argparse.Namespace) -> int:
     if args.out:
         store.writable(args.out)
     whole = _read(sources, args.out, diagnose=args.diagnose)
+    plans = _plans(whole) if args.diagnose else []
     report = tables.report(whole, tuple(args.pivot) if args.pivot else None)
     for form in ["json"] if args.json else args.format or (["md", "json"] if args.out else ["terminal"]):
         if args.out and form in {"md", "json"}:
@@ -53,14 +72,27 @@ def main(args: argparse.Namespace) -> int:
             sys.stdout.write(notices.github(whole, args.fail_on))
         else:
             _print(form, whole, report, None if args.out else sources)
+    if args.out and len(plans) == 1 and plans[0].page:
+        store.write_atomic(args.out / standing.WORDS, pages.render(plans[0].page, whole, report).encode())
     return document.exit_code(whole, args.fail_on)
+
+
+def _plans(whole: Document) -> list[Plan]:
+    """Return the plans of the document's matrices, as far as their files are at hand."""
+    plans = []
+    for name in whole.matrices:
+        try:
+            plans.append(catalog.load(name, lambda _: None, offline=True))
+        except HarnessError:
+            continue
+    return plans
 
 
 def _formats(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     unknown = [name for name in names if name not in FORMATS]
     if unknown or not names:
-        message = f"{text!r}: choose of {', '.join(FORMATS)}"
+        message = f"{text!r}: choose from {', '.join(FORMATS)}"
         raise argparse.ArgumentTypeError(message)
     return names
 
@@ -85,21 +117,25 @@ def found(name: str) -> Path:
     found = next((place for place in places if place.is_file()), None)
     if found:
         return found
-    known = [path.parent.name for path in reports.glob(f"*/{NAME}")]
+    shipped = shipped_reports.path(name)
+    if shipped:
+        return shipped
+    known = [*(path.parent.name for path in reports.glob(f"*/{NAME}")), *shipped_reports.names()]
     message = f"{name}: no report.json here, and no matrix of this name was run{suggestion(name, known)}"
     raise BadInput(message)
 
 
 def _read(sources: Sequence[Path], out: Path | None, *, diagnose: bool = False) -> Document:
     """The documents as one. A single one keeps its paths, so that its page comes out the same to the byte."""
-    documents = [document.read(source.read_bytes(), str(source)) for source in sources]
+    documents = [document.read(given_files.read_content(source), str(source)) for source in sources]
     if diagnose:
         beside = [knowledge.beside(source.parent) for source in sources]
-        documents = [rediagnosing.diagnosed(made, known) for made, known in zip(documents, beside, strict=True)]
+        placed = [reduce(rediagnosing.placed, _plans(made), made) for made in documents]
+        documents = [rediagnosing.diagnosed(made, known) for made, known in zip(placed, beside, strict=True)]
     if len(sources) == 1:
         return document.moved(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
-    placed = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]
-    return document.combined(placed)
+    moved = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]
+    return document.combined(moved)
 
 
 def _moved(made: Document, source: Path, target: Path) -> Document:
@@ -129,11 +165,14 @@ def _write(form: str, whole: Document, report: Report, out: Path) -> None:
 
 
 def _tables(report: Report) -> str:
-    """The small tables alone, as Markdown, with what their signs mean."""
+    """Return when and where it was measured, then the small tables, each below its legend, as Markdown."""
     pivots = [sheet.pivot for sheet in report.sheets if sheet.pivot]
-    shown = {one.verdict for pivot in pivots for squares in pivot.squares for square in squares for one in square}
-    legend = ", ".join(f"{sign} {word(verdict)}" for verdict, sign in SYMBOLS.items() if verdict in shown)
-    return "\n".join([*map(present.small_table, pivots), f"{legend}.\n"])
+    captioned = [f"{_caption(one)}\n\n{present.small_table(one)}" for one in pivots]
+    return "\n".join([f"{present.coverage(report)}\n", *captioned])
+
+
+def _caption(pivot: Pivot) -> str:
+    return f"Rows: {pivot.down}, columns: {pivot.across}. {present.legend(pivot)}"
 
 
 def of_block(source: Path, pivot: tuple[str, str] | None) -> str:
@@ -145,7 +184,7 @@ def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] |
     """Print one form; in JSON on stdout paths start from the working folder."""
     match form:
         case "terminal":
-            present.print_terminal(report)
+            terminal.show(report)
         case "md":
             sys.stdout.write(reporting.page(report))
         case "github-summary":
@@ -154,4 +193,4 @@ def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] |
             sys.stdout.write(_tables(report))
         case _:
             single = sources[0] if sources and len(sources) == 1 else None
-            sys.stdout.write(document.encode(_moved(whole, single, Path()) if single else whole).decode())
+            print_json(document.encode(_moved(whole, single, Path()) if single else whole))

@@ -6,20 +6,39 @@ import argparse
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
-from harness import document, knowledge, launch, machine, outcomes, pages, present, store, tables, verdict
+from harness import (
+    changes,
+    document,
+    given_files,
+    knowledge,
+    launch,
+    machine,
+    outcomes,
+    pages,
+    present,
+    store,
+    tables,
+    terminal,
+    verdict,
+)
 from harness.commands import standing
-from harness.errors import HarnessError
+from harness.errors import CouldNotTell, HarnessError, in_the_way
+from harness.exercised import unregistered
 from harness.filelocks import exclusive
 from harness.model import Cell, CellRecord, Plan, Verdict
-from harness.reporttypes import Document, Report, number
+from harness.reporttypes import Document, number
+from harness.standalone.output import print_json
 from harness.store import Store
+from harness.tabletypes import Report
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
 DEFAULT_FAIL_ON = ("unexpected", "stale")
@@ -48,7 +67,7 @@ def kinds(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     unknown = [name for name in names if name not in FAIL_ON]
     if unknown:
-        message = f"{unknown[0]!r} is none of {', '.join(FAIL_ON)}"
+        message = f"unknown kind {unknown[0]!r}; choose from {', '.join(FAIL_ON)}"
         raise argparse.ArgumentTypeError(message)
     return names
 
@@ -58,15 +77,18 @@ def headline(record: CellRecord) -> str:
     judged = verdict.judge(record)
     told = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
     note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
+    if record.cell.asked and unregistered(record):
+        return f"no such environment{note}"
     return f"{judged.verdict}{told}{note}"
 
 
 class Published(NamedTuple):
-    """A report and its folder; `tables` are there where it was just made."""
+    """A report and its folder; `tables` are there where it was just made, `trouble` where it could not be written."""
 
     folder: Path
     document: Document
     tables: Report | None = None
+    trouble: str | None = None
 
 
 def publish(
@@ -86,11 +108,19 @@ def publish(
             made_of = standing.mark(plan, known, here, folder, (used, wanted.pivot))
             report, shown = standing.read(note, made_of, folder), None
             if report is None:
-                locate = place(known, opened, folder)
                 facts, causes = {here.id: here.facts}, knowledge.beside(opened.folder)
-                report = document.build(known, [plan], facts, store.now(), locate, used, known=causes)
-                shown = write(report, folder, wanted.pivot, plan.page)
-                standing.keep(note, made_of, folder)
+                making = partial(document.build, known, [plan], facts, store.now(), probes=used, known=causes)
+                try:
+                    report = making(locate=place(known, opened, folder))
+                    shown = write(report, folder, wanted.pivot, plan.page)
+                    standing.keep(note, made_of, folder)
+                except OSError as error:  # a full disk loses nobody the table of what was measured
+                    trouble = in_the_way(error)
+                    if trouble is None:
+                        raise
+                    report = making(locate=seen_from(folder, opened.folder))
+                    made.append(Published(folder, report, tables.report(report, wanted.pivot), trouble))
+                    continue
         made.append(Published(folder, report, shown))
     return made
 
@@ -102,14 +132,32 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
     whole = document.combined([one.document for one in made])
     if wanted.json:
         here_now = [document.moved(one.document, seen_from_here(one.folder)) for one in made]
-        sys.stdout.write(document.encode(document.combined(here_now)).decode())
+        print_json(document.encode(document.combined(here_now)))
     else:
         shown = made[0].tables if len(made) == 1 else None
-        present.print_terminal(shown or tables.report(whole, wanted.pivot))
+        terminal.show(shown or tables.report(whole, wanted.pivot))
         print(_closing(list(measured.values())))
         for one in made:
-            print(f"report: {os.path.relpath(one.folder)}")
-    return document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
+            if one.trouble is None:
+                print(f"report: {os.path.relpath(one.folder)}")
+            for line in _suites_not_run(one.document):
+                print(line)
+    code = document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
+    troubles = [one.trouble for one in made if one.trouble]
+    for trouble in troubles:
+        print(f"simmatrix: the report is not written: {trouble}; mend that and type the same again", file=sys.stderr)
+    return code or (CouldNotTell.exit_code if troubles else 0)
+
+
+def _suites_not_run(made: Document) -> Iterator[str]:
+    """Yield why tests could not be run, each reason once, with the known cause and its remedy."""
+    suites = [cell.suite for cell in made.cells if cell.suite and cell.suite.not_run]
+    for why, count in Counter(suite.decisive for suite in suites).items():
+        first = next(suite for suite in suites if suite.decisive == why)
+        yield f"tests not run in {number(count, 'cell')}, where the verdict is that of the cases alone: {why}"
+        for found in (first.diagnoses or ())[:1]:
+            yield f"  cause: {found.cause} (known as {found.signature})"
+            yield f"  remedy: {changes.in_words(found.remedy)}"
 
 
 def place(records: Iterable[CellRecord], opened: Store, folder: Path) -> document.Locate:
@@ -139,8 +187,8 @@ def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: 
 
 def _sweep(folder: Path, named: frozenset[str]) -> None:
     try:
-        before = document.read((folder / "report.json").read_bytes(), str(folder / "report.json"))
-    except (FileNotFoundError, HarnessError):
+        before = document.read(given_files.read_content(folder / "report.json"), str(folder / "report.json"))
+    except HarnessError:  # none was written before, or it was damaged
         return
     places = ((folder / name).resolve() for name in document.paths(before) - named)
     for path in (place for place in places if folder.resolve() in place.parents):  # a report may name anything
@@ -157,7 +205,7 @@ def page(report: Report) -> str:
 
 def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
     """What was measured of a cell before, if it was this cell, whatever is expected of it now, and why it is tried."""
-    found = opened.load_cell(machine_id, cell.id)
+    found = opened.load_cell(machine_id, cell)
     if found and replace(found.cell, expect=cell.expect, tried=cell.tried) == cell:
         return replace(found, cell=cell, reused=True)
     return None
@@ -223,6 +271,11 @@ def _same(there: os.stat_result, target: str | Path) -> bool:
         return False
     copied = (here.st_size, here.st_mtime_ns) == (there.st_size, there.st_mtime_ns)
     return copied or (here.st_ino, here.st_dev) == (there.st_ino, there.st_dev)
+
+
+def seen_from(folder: Path, state: Path) -> document.Locate:
+    """How files that stay in the state are named from a report's folder."""
+    return lambda path: os.path.relpath(state / path, folder)
 
 
 def seen_from_here(folder: Path) -> document.Locate:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import catalog, knowledge, proving, scheduler, store, tables
+from harness import catalog, cellid, knowledge, proving, scheduler, store, tables, typos
 from harness.commands import choosing, progress, reporting
 from harness.errors import BadInput
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
@@ -30,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-j", "--jobs", type=choosing.jobs, default=scheduler.default_jobs(), metavar="N",
                         help=choosing.JOBS)  # fmt: skip
-    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco3*'")
+    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco-3*'")
     parser.add_argument(
         "--shard", type=choosing.shard, metavar="I/N", help="only this one of N parts of about equal time"
     )
@@ -81,7 +80,9 @@ def main(args: argparse.Namespace) -> int:
         raise BadInput(message)
     planned = [catalog.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
     check_distinct(planned)
-    selected([cell for plan in planned for cell in plan.cells], args.k)
+    cells = selected([cell for plan in planned for cell in plan.cells], args.k)
+    if layer is None:
+        typos.check_cells(cells, tell, offline=settings.offline)
     tables.check_pivot(args.pivot, [plan.axes for plan in planned])
     if args.out:
         store.writable(args.out)
@@ -164,7 +165,7 @@ def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
     """The cells whose id, or label, a glob matches; an empty selection is bad input."""
     if pattern is None:
         return tuple(cells)
-    found = tuple(cell for cell in cells if fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern))
+    found = tuple(cell for cell in cells if cellid.fits(pattern, cell))
     if not found:
         example = f"; one of them is {cells[0].id}" if cells else ""
         message = f"-k {pattern}: none of the {len(cells)} cells matches{example}"

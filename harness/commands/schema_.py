@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import schema, store
+from harness import given_files, schema
 from harness.errors import BadInput
 
 HELP = "Print the JSON Schema of matrix files or of a document that the harness writes; without a name, list them."
@@ -92,7 +92,7 @@ def _doctored() -> type:
 
 
 def _recommended() -> type:
-    from harness.commands.recommend import Recommended  # noqa: PLC0415
+    from harness.recommended import Recommended  # noqa: PLC0415
 
     return Recommended
 
@@ -101,6 +101,12 @@ def _explained() -> type:
     from harness.commands.explain import Explained  # noqa: PLC0415
 
     return Explained
+
+
+def _known() -> type:
+    from harness.commands.known import KnownDocument  # noqa: PLC0415
+
+    return KnownDocument
 
 
 def _repair() -> type:
@@ -124,6 +130,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "doctor": ("`doctor --json`", _doctored),
     "explain": ("`explain --json`", _explained),
     "recommend": ("`recommend --json`", _recommended),
+    "known": ("`known --json`", _known),
     "repair": ("`repair.json`, and `repair --json`", _repair),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }
@@ -144,7 +151,7 @@ def main(args: argparse.Namespace) -> int:
         return 0
     text = json.dumps(_schemas(args.name), indent=2, ensure_ascii=False) + "\n"
     if args.out:
-        store.write_atomic(args.out, text.encode())
+        given_files.write_text(args.out, text)
     else:
         print(text, end="")
     return 0

@@ -6,15 +6,15 @@ import argparse
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
-from fnmatch import fnmatchcase
+from difflib import get_close_matches
 from pathlib import Path
 
-from harness import catalog, changes, document, explaining, knowledge, plan, store, tables
-from harness.commands import issuing, reporting
+from harness import catalog, cellid, changes, document, explaining, knowledge, plan, store, tables
+from harness.commands import issuing, reporting, shipped_cell
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
-from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, DiagnosisEntry, Document, SubjectEntry, word
-from harness.schema import suggestion
+from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, DiagnosisEntry, Document, SubjectEntry, SuiteEntry, word
+from harness.standalone.output import print_json
 from harness.store import Store
 
 HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
@@ -27,9 +27,11 @@ LISTED = 10
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `show`."""
-    parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one: '*mujoco3.3*'")
+    parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one: '*mujoco-3.3*'")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print it as a report document, and nothing else, on stdout")
+    parser.add_argument("--lock-out", type=Path, metavar="FILE",
+                        help="write its lock, and patched wheels that it needs beside it")  # fmt: skip
     form.add_argument("--issue", action="store_true", help="print a red cell as a redacted report for its upstream")
 
 
@@ -38,9 +40,17 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     known = tuple(opened.cells())
     records = _matching(known, args.cell)
-    made = _document(records, known, opened)
+    made = _document(records, known, opened) if records else shipped_cell.load(_shipped(known, args.cell))
+    if args.lock_out:
+        from harness import lock_files  # noqa: PLC0415 - start-up
+
+        command = lock_files.write(args.lock_out, shipped_cell.lock_of(made.cells[0].id))
+        print(f"lock: {args.lock_out}\ninstall: {command}", file=sys.stderr)
     if args.json:
-        sys.stdout.write(document.encode(made).decode())
+        print_json(document.encode(made))
+        return 0
+    if not records:
+        _show_shipped(made, issue=args.issue)
         return 0
     if args.issue:
         red = [(record, entry) for record, entry in zip(records, made.cells, strict=True) if issuing.is_red(entry)]
@@ -53,26 +63,47 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _matching(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
-    """The records of the one cell that an id, a label or a glob names, by machine."""
-    exact = {record.cell.id for record in records if pattern in {record.cell.id, record.cell.label}}
-    fitting = {record.cell.id for record in records if _fits(record.cell, pattern)}
-    found = sorted(exact or fitting)
+def _show_shipped(made: Document, *, issue: bool) -> None:
+    """Print a cell that was measured elsewhere, or before."""
+    for entry in made.cells:
+        again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.id.partition("/")[2]])
+        if issue:
+            message = f"show {entry.id} --issue: was not run here; run it first: {again}"
+            raise BadInput(message)
+        print("\n".join(_lines(entry)))
+        print("next")
+        if entry.lock_sha256:
+            print(f"  {shlex.join(['simmatrix', 'show', entry.id, '--lock-out', 'requirements.txt'])}")
+        print(f"  {again}")
+
+
+def _shipped(records: Sequence[CellRecord], pattern: str) -> str:
+    """Return the id of the one cell that the reports at hand have of this name. Raises BadInput."""
+    found = shipped_cell.ids(pattern)
     if len(found) == 1:
-        return sorted((record for record in records if record.cell.id == found[0]), key=lambda record: record.machine)
+        return found[0]
     if found:
-        more = f", and {len(found) - LISTED} more" if len(found) > LISTED else ""
-        message = f"show {pattern}: matches {len(found)} cells; name one of {', '.join(found[:LISTED])}{more}"
-    elif records:
-        near = suggestion(pattern, [record.cell.id for record in records])
-        message = f"show {pattern}: no cell of this name was run here{near}"
-    else:
-        message = f"show {pattern}: nothing was run here yet; `simmatrix run quickstart` measures"
+        raise BadInput(_several(pattern, found))
+    known = [record.cell.id for record in records] + shipped_cell.ids("*")
+    near = get_close_matches(pattern, known, n=1)
+    hint = f"; did you mean {near[0]}?" if near else "; `simmatrix known` lists what was measured"
+    message = f"show {pattern}: no cell of this name was measured{hint}"
     raise BadInput(message)
 
 
-def _fits(cell: Cell, pattern: str) -> bool:
-    return fnmatchcase(cell.id, pattern) or fnmatchcase(cell.label, pattern)
+def _several(pattern: str, found: Sequence[str]) -> str:
+    more = f", and {len(found) - LISTED} more" if len(found) > LISTED else ""
+    return f"show {pattern}: matches {len(found)} cells; name one of {', '.join(found[:LISTED])}{more}"
+
+
+def _matching(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
+    """The records of the one cell that an id, a label or a glob names, by machine; none where it was not run here."""
+    found = sorted({cell.id for cell in cellid.chosen(pattern, [record.cell for record in records])})
+    if len(found) == 1:
+        return sorted((record for record in records if record.cell.id == found[0]), key=lambda record: record.machine)
+    if found:
+        raise BadInput(_several(pattern, found))
+    return []
 
 
 def _document(records: Sequence[CellRecord], known: Sequence[CellRecord], opened: Store) -> Document:
@@ -104,6 +135,8 @@ def _lines(cell: CellEntry) -> Iterator[str]:
     yield from _change(cell)
     for one in explaining.counting(cell):
         yield from _diagnosis(one)
+    for known in (cell.suite.diagnoses or ()) if cell.suite else ():
+        yield from _diagnosis(known)
     yield ""
     yield from _facts(cell)
     yield ""
@@ -150,7 +183,7 @@ def _facts(cell: CellEntry) -> Iterator[str]:
         "axes": ", ".join(f"{name} {value}" for name, value in cell.axes.items()),
         "asked for": ", ".join(cell.requirements),
         "subject": _subject(cell.subject) if cell.subject else None,
-        "tests": ", ".join(f"{count} {how}" for how, count in cell.suite.tests.items()) if cell.suite else None,
+        "tests": _tests(cell.suite) if cell.suite else None,
         "python": cell.python or f"{cell.requested_python} (not there)",
         "variables": " ".join([*(f"{name}={value}" for name, value in cell.environment.items()), *supplied]),
         "machine": cell.machine,
@@ -159,6 +192,13 @@ def _facts(cell: CellEntry) -> Iterator[str]:
         "key": cell.key,
     }
     yield from (f"{name:<10} {value}" for name, value in told.items() if value)
+
+
+def _tests(suite: SuiteEntry) -> str:
+    """Return how many tests ended how; of a suite that could not be run, why."""
+    if suite.not_run:
+        return f"not run: {suite.decisive}"
+    return ", ".join(f"{count} {how}" for how, count in suite.tests.items())
 
 
 def _subject(subject: SubjectEntry) -> str:

@@ -8,25 +8,9 @@ from pathlib import Path
 
 import msgspec
 
-from harness import (
-    advising,
-    changes,
-    document,
-    evidence,
-    explaining,
-    grouping,
-    knowledge,
-    pages,
-    present,
-    rendering,
-    reporttypes,
-    signatures,
-    store,
-    tables,
-    trust,
-    verdict,
-)
+from harness import document, given_files, guarded_files, present, signature_files, sources, store
 from harness.errors import HarnessError
+from harness.hostile_data import Unreadable
 from harness.machine import Machine
 from harness.model import CellRecord, Plan
 from harness.reporttypes import Document
@@ -42,6 +26,10 @@ class _Note(msgspec.Struct, frozen=True):
     files: tuple[tuple[int, int], ...]
 
 
+MOST = 1 << 20
+"""Bytes of a note."""
+
+
 def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path, asked: object) -> str:
     """Equal for two reports into one folder, made on one day, exactly when they say the same."""
     told = [
@@ -54,11 +42,10 @@ def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path,
 def read(note: Path, made_of: str, folder: Path) -> Document | None:
     """The report in a folder, if it was made of the same and nobody touched it since."""
     try:
-        noted = msgspec.json.decode(note.read_bytes(), type=_Note)
+        noted = guarded_files.decoded(note, MOST, lambda text: msgspec.json.decode(text, type=_Note))
         if noted == _Note(made_of, _files(folder)):
-            path = folder / FILES[0]
-            return document.read(path.read_bytes(), str(path))
-    except (OSError, msgspec.MsgspecError, HarnessError):
+            return document.read(given_files.read_content(folder / FILES[0]), str(folder / FILES[0]))
+    except (OSError, Unreadable, HarnessError):
         pass
     return None
 
@@ -75,11 +62,14 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
-    """Another version of what makes reports makes another report."""
-    made_by = (advising, changes, document, evidence, explaining, grouping, pages, present, rendering)
-    modules = (*made_by, reporttypes, signatures, tables, trust, verdict)
-    files = [*(Path(str(module.__file__)) for module in modules), template(), *knowledge.files()]
-    return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in files)
+    """Return a mark of the code and the data that reports are made with: another version makes another report."""
+    return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in made_with())
+
+
+def made_with() -> list[Path]:
+    """Return every file of ours, since any of them may have a say in a report."""
+    package = sources.PACKAGE
+    return sorted([*package.rglob("*.py"), *(package / "templates").iterdir(), *signature_files.files()])
 
 
 def template() -> Path:

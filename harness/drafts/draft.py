@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name
 
-from harness import schema
+from harness import requirement_texts, schema
 from harness.drafts.project import Case, Project
+from harness.drafts.suite import SuiteDraft
 from harness.vocabulary import HOST, Rule
 
 MEASURED = (
@@ -22,11 +22,12 @@ MEASURED = (
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Range:
-    """A package axis: the releases that the project says it works with."""
+    """A package axis: the releases that the project says it works with, and what was left out of them, as a note."""
 
     package: str
     range: str
     rule: Rule
+    note: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,7 +41,10 @@ class Bundle:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Draft:
-    """A matrix to be written. `notes` are comments, on what could not be taken over for instance."""
+    """A matrix to be written. `notes` are comments, on what could not be taken over for instance.
+
+    `main` is the Python beside which ranges are varied, where it is not the one in the middle.
+    """
 
     description: str
     pythons: tuple[str, ...] = (HOST,)
@@ -50,22 +54,23 @@ class Draft:
     requirements: tuple[str, ...] = ()
     extras: tuple[str, ...] = ()
     excludes: tuple[Mapping[str, str], ...] = ()
-    case: Case | None = None
+    cases: tuple[Case, ...] = ()
+    suite: SuiteDraft | None = None
     notes: tuple[str, ...] = ()
+    main: str | None = None
 
     @property
     def baseline(self) -> str | None:
         """The Python beside which ranges are varied, one at a time: in the middle, where most wheels are."""
-        return self.pythons[(len(self.pythons) - 1) // 2] if self.ranges else None
+        return (self.main or self.pythons[(len(self.pythons) - 1) // 2]) if self.ranges else None
 
 
-def of_project(project: Project, case: Case | None) -> Draft:
+def of_project(project: Project) -> Draft:
     """The Pythons and the versions of gymnasium and simulators that a project claims, one varied at a time."""
     return Draft(
         description=f"What {project.name} says it works with",
         pythons=project.pythons or (HOST,),
         ranges=tuple(_ranges(project)),
-        case=case,
         notes=()
         if project.pythons
         else ("The project does not say which Pythons it is for: this is the one at hand.",),
@@ -76,7 +81,7 @@ def _ranges(project: Project) -> Iterator[Range]:
     required: dict[str, Requirement] = {}
     for line in project.dependencies:
         try:
-            requirement = Requirement(line)
+            requirement = requirement_texts.requirement(line)
         except InvalidRequirement:
             continue
         if not requirement.url:
@@ -94,11 +99,11 @@ def text_of(draft: Draft, template: str) -> str:
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
     environment.filters |= {
-        "toml": lambda value: json.dumps(value, ensure_ascii=False),
+        "toml": schema.toml_value,
         "key": schema.key_path,
         "comment": lambda note: "".join(sign for sign in " ".join(note.split()) if sign.isprintable()),
         "inline": lambda table: ", ".join(
-            f"{schema.key_path(key)} = {json.dumps(value)}" for key, value in table.items()
+            f"{schema.key_path(key)} = {schema.toml_value(value)}" for key, value in table.items()
         ),
     }
     return environment.from_string(template).render(it=draft)

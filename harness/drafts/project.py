@@ -5,14 +5,15 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
-from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
-from harness import schema
+from harness import requirement_texts, schema
+from harness.drafts import poetry
 
 PYTHONS = tuple(f"3.{minor}" for minor in range(7, 15))
 """Those that cells can have."""
@@ -24,21 +25,29 @@ _PLUGINS = "gymnasium.envs"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Project:
-    """A project: its normalised name, the Pythons and dependencies that it claims, whether it is a gymnasium plugin."""
+    """A project: its normalised name, the Pythons and dependencies that it claims, whether it is a gymnasium plugin.
+
+    `extras` and `groups` are its extras and dependency groups with their requirements, `test_paths` says whether
+    pytest's settings name the folders of its tests.
+    """
 
     name: str
     pythons: tuple[str, ...] = ()
     dependencies: tuple[str, ...] = ()
     plugin: bool = False
+    extras: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    groups: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+    test_paths: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Case:
-    """An environment that a project registers, and how many more there are."""
+    """An environment of a project; `imports` register it, `note` is what was seen when it was tried."""
 
     env: str
     api: str
-    more: int = 0
+    imports: tuple[str, ...] = ()
+    note: str | None = None
 
 
 class _Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
@@ -46,16 +55,22 @@ class _Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
     requires_python: str = ""
     classifiers: tuple[str, ...] = ()
     dependencies: tuple[str, ...] = ()
+    optional_dependencies: dict[str, tuple[str, ...]] = {}
     entry_points: dict[str, Any] = {}
 
 
-class _Document(msgspec.Struct, frozen=True, kw_only=True):
+class _Document(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
     project: _Table = _Table()
+    dependency_groups: dict[str, tuple[Any, ...]] = {}
+    tool: dict[str, Any] = {}
 
 
 def read(pyproject: str, setup: str, folder: str) -> Project:
     """Read a project from the texts of its files, empty where it has none; `folder` names one that names itself not."""
-    table = schema.load_toml(pyproject, _Document, "pyproject.toml").project
+    document = schema.load_toml(pyproject, _Document, "pyproject.toml")
+    table, own = document.project, document.tool.get("poetry")
+    if not table.name and isinstance(own, Mapping):
+        table = msgspec.convert(poetry.project_table(own), _Table)
     if not table.name and setup:
         table = _literals(setup)
     return Project(
@@ -63,7 +78,17 @@ def read(pyproject: str, setup: str, folder: str) -> Project:
         pythons=_pythons(table),
         dependencies=table.dependencies,
         plugin=_PLUGINS in table.entry_points,
+        extras={canonicalize_name(extra): lines for extra, lines in table.optional_dependencies.items()},
+        groups={canonicalize_name(group): lines for group, lines in document.dependency_groups.items()},
+        test_paths=_names_tests(document.tool),
     )
+
+
+def _names_tests(tool: Mapping[str, Any]) -> bool:
+    """Return whether pytest's settings name the folders of the tests."""
+    settings = tool.get("pytest")
+    options = settings.get("ini_options") if isinstance(settings, Mapping) else None
+    return isinstance(options, Mapping) and bool(options.get("testpaths"))
 
 
 def registered(text: str) -> Iterator[str]:
@@ -87,7 +112,7 @@ def _pythons(table: _Table) -> tuple[str, ...]:
         return ()
     with schema.located("pyproject.toml", "project", "requires-python"):
         try:
-            allowed = SpecifierSet(table.requires_python)
+            allowed = requirement_texts.specifiers(table.requires_python)
         except InvalidSpecifier:
             message = f'"{table.requires_python}" is not a specifier such as ">=3.10"'
             raise ValueError(message) from None
@@ -109,8 +134,15 @@ def _literals(setup: str) -> _Table:
         requires_python=_text(given, "python_requires"),
         classifiers=_texts(given, "classifiers"),
         dependencies=_texts(given, "install_requires"),
+        optional_dependencies=_extras(given.get("extras_require")),
         entry_points=plugins if isinstance(plugins, dict) else {},
     )
+
+
+def _extras(value: object) -> dict[str, tuple[str, ...]]:
+    """Return the extras of a setup.py; a marker in an extra's name, as in `test:python_version<'3.8'`, is dropped."""
+    lines = value.items() if isinstance(value, dict) else ()
+    return {str(name).partition(":")[0]: _texts({name: asked}, name) for name, asked in lines}
 
 
 def _called(function: ast.expr) -> str | None:

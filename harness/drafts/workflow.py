@@ -12,7 +12,6 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness.drafts.draft import MEASURED, Bundle, Draft
-from harness.drafts.project import Case
 from harness.vocabulary import HOST
 from harness.workflows import Claim, Fate, Leg
 
@@ -46,7 +45,7 @@ class _Installed:
             return None
 
 
-def of_legs(legs: Sequence[Leg], source: str, case: Case | None) -> Draft | None:
+def of_legs(legs: Sequence[Leg], source: str) -> Draft | None:
     """The draft of a matrix with the same combinations, None where no leg can be understood."""
     notes = [*_notes(legs)]
     found: list[_Installed] = []
@@ -83,7 +82,6 @@ def of_legs(legs: Sequence[Leg], source: str, case: Case | None) -> Draft | None
         requirements=common[0],
         extras=common[1],
         excludes=tuple(_missing(values, legs_as)),
-        case=case,
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -162,13 +160,11 @@ def _numbered(label: str) -> Iterator[str]:
 
 
 def _label(line: str) -> str:
-    """`numpy1.26.4` of `numpy==1.26.4`, `numpy-from1.21-below2` of `numpy<2,>=1.21`."""
+    """`numpy-1.26.4` of `numpy==1.26.4`, `numpy-from1.21-below2` of `numpy<2,>=1.21`."""
     made = Requirement(line)
     bounds = sorted(made.specifier, key=lambda each: (each.operator not in {">=", ">"}, str(each)))
     parts = [f"{_SIGNS[each.operator]}{each.version}" for each in bounds]
-    exact = len(bounds) == 1 and not _SIGNS[bounds[0].operator]
-    name = canonicalize_name(made.name)
-    return re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{name}{parts[0]}" if exact else "-".join([name, *parts]))
+    return re.sub(r"[^A-Za-z0-9._+-]+", "-", "-".join([canonicalize_name(made.name), *parts]))
 
 
 def _missing(values: Mapping[str, Sequence[str]], legs: Sequence[Mapping[str, str]]) -> Iterator[dict[str, str]]:

@@ -22,6 +22,14 @@ class Suite(Adapter):
         found = own(case)
         return [found.module] if found else list(self.imports)
 
+    def knows(self, case):
+        """Whether the suite has the task, or it is a callable of the user's."""
+        return own(case) is not None or super().knows(case)
+
+    def names(self):
+        """All tasks, as `domain/task`."""
+        return ["/".join(task) for task in importlib.import_module("dm_control.suite").ALL_TASKS]
+
     def make(self, case, tell, draw=False):
         """Load the task, which takes its randomness then; any task draws."""
         found = own(case)

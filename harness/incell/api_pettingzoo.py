@@ -1,9 +1,13 @@
-"""The adapter of PettingZoo: `pettingzoo:classic/rps_v2`, and `pettingzoo:aec:classic/rps_v2` where agents take turns.
+"""The adapter of PettingZoo: `pettingzoo:classic/rps_v2`; agents act at once where the module offers that.
 
-What follows is a module below `pettingzoo`. Every agent is examined by its own spaces.
+What follows is a module below `pettingzoo`; with `aec:` before it, agents take turns. Every agent is examined by its
+own spaces.
 """
 
 import importlib
+import os
+import re
+import sys
 
 from .cell_adapter import Adapter, Environment
 from .cell_errors import Skip, library, violate
@@ -25,7 +29,16 @@ class PettingZoo(Adapter):
     def modules(self, case):
         """The library, and the module of the environment."""
         found = own(case)
-        return [*self.imports, found.module if found else _module(case)]
+        module = found.module if found else _module(case)
+        return [*self.imports, *([module] if found or self.knows(case) else [])]
+
+    def knows(self, case):
+        """Whether PettingZoo has the module, or it is a callable of the user's."""
+        return own(case) is not None or _module(case).partition(".")[2].replace(".", "/") in self.names()
+
+    def names(self):
+        """All modules of environments, as `classic/rps_v2`."""
+        return sorted(_modules())
 
     def make(self, case, tell, draw=False):
         """Make the environment of a case."""
@@ -40,7 +53,8 @@ class PettingZoo(Adapter):
         if found:
             return found.make(options)
         module = importlib.import_module(_module(case))
-        return (module.env if _named(case).startswith(TURNS) else module.parallel_env)(**options)
+        turns = _named(case).startswith(TURNS) or not hasattr(module, "parallel_env")
+        return (module.env if turns else module.parallel_env)(**options)
 
     def make_vector(self, makers, way, tell):
         """Environments in batches are those of SuperSuit, another library."""
@@ -77,7 +91,18 @@ def _named(case):
 def _module(case):
     name = _named(case)
     name = name[len(TURNS) :] if name.startswith(TURNS) else name
-    return "pettingzoo." + name.replace("/", ".")
+    return "pettingzoo." + re.sub(r"-(v\d+)$", r"_\1", name).replace("/", ".")
+
+
+def _modules():
+    """The modules of environments that lie in the library's folder, before it is imported."""
+    for folder in sys.path:
+        below = os.path.join(folder, "pettingzoo")
+        for family in sorted(os.listdir(below)) if os.path.isdir(below) else ():
+            place = os.path.join(below, family)
+            for name in sorted(os.listdir(place)) if os.path.isdir(place) else ():
+                if re.search(r"_v\d+\.py$", name):
+                    yield family + "/" + name[: -len(".py")]
 
 
 class Agent:

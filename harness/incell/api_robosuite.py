@@ -26,6 +26,15 @@ class Robosuite(Adapter):
 
     imports = ("robosuite",)
 
+    def named(self, case):
+        """The name of the environment, without a wrapper around it."""
+        return _task(case)[0]
+
+    def names(self):
+        """All environments; None of a release that does not list them."""
+        found = getattr(importlib.import_module("robosuite"), "ALL_ENVIRONMENTS", None)
+        return None if found is None else sorted(map(str, found))
+
     def make(self, case, tell, draw=False):
         """Make the environment of a case; pictures are those of a camera among its observations."""
         task, wrapped = _task(case)

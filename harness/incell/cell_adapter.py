@@ -14,13 +14,45 @@ class Adapter:
     imports = ()
     """Modules to import before anything else."""
 
+    one_reward = False
+    """Whether environments in batches have room for one number as the reward of each."""
+
     def modules(self, case):
         """Names of modules to import first for a case."""
         return list(self.imports)
 
     def knows(self, case):
         """Whether the environment of a case can be made without importing the modules that may register it."""
-        return True
+        names = self.names()
+        return names is None or self.named(case) in names
+
+    def names(self):
+        """All environments that there are, by the names that ids have; None where they cannot be listed."""
+        return
+
+    def named(self, case):
+        """The name of the environment of a case, without ours before it."""
+        prefix, colon, rest = (case["env"] or "").partition(":")
+        return rest if colon and prefix == case["api"] else case["env"]
+
+    def versions(self, case):
+        """The names that there are of the environment of a case in any version."""
+        stem = _stem(self.named(case).rpartition(":")[2])
+        return [one for one in self.names() or () if _stem(one) == stem]
+
+    def nearest(self, case):
+        """The names most like that of a case, the nearest first; None where they cannot be listed."""
+        import difflib
+
+        names = self.names()
+        if names is None:
+            return None
+        name = self.named(case).rpartition(":")[2]
+        stems = {}
+        for one in names:
+            stems.setdefault(_stem(one), []).append(one)
+        found = [_stem(name)] if _stem(name) in stems else difflib.get_close_matches(_stem(name), stems, cutoff=0.7)
+        return [stems[stem][-1] for stem in found]
 
     def make(self, case, tell, draw=False):
         """Make the environment of a case, one that draws if asked: an `Environment`."""
@@ -60,6 +92,11 @@ class Adapter:
     def declares_pictures(self, case):
         """Whether the environment says that it can be drawn; yes where it cannot be asked."""
         return True
+
+
+def _stem(name):
+    """A name without its version."""
+    return name.rpartition("-v")[0] or name
 
 
 class Environment:
@@ -117,6 +154,10 @@ class Environment:
         """Return a picture of the present state, not examined yet."""
         with library:
             return self.draw()
+
+    def rewards(self):
+        """How many numbers a reward is, as far as that is declared."""
+        return 1
 
     def seed_actions(self, seed):
         """Make `action` give the same actions again."""

@@ -76,7 +76,6 @@ class Classic(Modern):
 
     def __init__(self, raw, examiner, heeds):
         super().__init__(raw, examiner)
-        examiner.casting = "same_kind"  # its own CartPole returns float64 and promises float32
         self.heeds = heeds
         self.frame = None
 
@@ -105,7 +104,7 @@ class Classic(Modern):
         truncated = self._truncated(info)
         self.examiner.observation("step()", observation)
         self.examiner.reward(reward)
-        self.examiner.flag("done", done)
+        done = self.examiner.flag("done", done)
         return observation, reward, done and not truncated if self.examiner.batch is None else done, truncated
 
     def _truncated(self, info):

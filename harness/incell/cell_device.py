@@ -10,6 +10,7 @@ import os
 from .cell_context import asked, current, described, drawing_device, entry, ordinal
 from .cell_episode import opened, single, tell
 from .cell_errors import Skip, summary, violate
+from .cell_kept import getpid
 from .cell_workers import Maker, endings, finish, processes
 
 ARGUMENT = "render_gpu_device_id"
@@ -196,12 +197,12 @@ class Drawing(Maker):
     def made(self):
         """Make the library's own object, as it draws."""
         env = drawing(self.api, self.case)
-        if os.getpid() != self.parent:
+        if getpid() != self.parent:
             self._watch(env)
         return env
 
     def _watch(self, env):
-        reset, path = env.reset, os.path.join(self.folder, "drew-{}.json".format(os.getpid()))
+        reset, path = env.reset, os.path.join(self.folder, "drew-{}.json".format(getpid()))
 
         def drawn(*args, **kwargs):
             result = reset(*args, **kwargs)

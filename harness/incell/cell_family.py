@@ -11,6 +11,8 @@ from .cell_values import Examiner
 class Family(Adapter):
     """The calls a user makes, made in a user's way: with the library's own checkers and wrappers in place."""
 
+    one_reward = True
+
     def __init__(self, name):
         self.name = name
 
@@ -27,7 +29,15 @@ class Family(Adapter):
 
     def knows(self, case):
         """Whether the environment of a case is registered, or a callable of the user's."""
-        return self.named(case) in self.ids() or self._own(case) is not None
+        if self._own(case) is not None:
+            return True
+        name, ids = self.named(case).rpartition(":")[2], self.names()
+        latest = name + "-v"  # an id without a version is its latest one
+        return name in ids or any(one.startswith(latest) and one[len(latest) :].isdigit() for one in ids)
+
+    def names(self):
+        """All ids that are registered."""
+        return [str(name) for name in list(self.ids())]
 
     def ids(self):
         """The ids that are registered."""
@@ -35,8 +45,13 @@ class Family(Adapter):
 
     def make(self, case, tell, draw=False):
         """Make the environment of a case."""
-        with library:
-            raw = self.bare(case, **({"render_mode": "rgb_array"} if draw else {}))
+        try:
+            with library:
+                raw = self.bare(case, **({"render_mode": "rgb_array"} if draw else {}))
+        except TypeError as error:
+            if not case["kwargs"] and _called_without(error):
+                tell("arguments", "needs arguments that only its user has: {}".format(error))
+            raise
         return self.driven(raw, tell)
 
     def driven(self, raw, tell, batch=None):
@@ -55,9 +70,21 @@ class Family(Adapter):
         """Make a SyncVectorEnv or an AsyncVectorEnv with these arguments."""
         with library:
             vector = self._part("vector")
-            way = way or {}
-            raw = (vector.AsyncVectorEnv if "context" in way else vector.SyncVectorEnv)(makers, **way)
+            raw = self._batch(vector, makers, way or {}, tell)
         return self.driven(raw, tell, batch=len(makers))
+
+    def _batch(self, vector, makers, way, tell):
+        """Make the environment of several; spaces that the library cannot lay into shared memory are sent by pipes."""
+        if "context" not in way:
+            return vector.SyncVectorEnv(makers, **way)
+        try:
+            return vector.AsyncVectorEnv(makers, **way)
+        except Exception as error:
+            causes = (error, error.__cause__)
+            if "CustomSpaceError" not in [type(one).__name__ for one in causes] or "shared_memory" in way:
+                raise
+        tell("space", "a space of its own cannot lie in shared memory: made with shared_memory=False")
+        return vector.AsyncVectorEnv(makers, shared_memory=False, **way)
 
     def autoreset_modes(self):
         """gymnasium since 1.1 lets one choose."""
@@ -147,9 +174,17 @@ class Modern(Environment):
         self.info = result[4]
         self.examiner.observation("step()", result[0])
         self.examiner.reward(result[1])
-        self.examiner.flag("terminated", result[2])
-        self.examiner.flag("truncated", result[3])
-        return result[:4]
+        ends = [self.examiner.flag(name, value) for name, value in zip(("terminated", "truncated"), result[2:4])]
+        return (result[0], result[1], *ends)
+
+    def rewards(self):
+        """How many numbers a reward is: as it was, else as far as that is declared."""
+        if self.examiner.rewards is not None:
+            return self.examiner.rewards
+        number = self.examiner.agents or 1
+        for length in self.examiner.reward_shape:
+            number *= length
+        return number
 
     def render(self):
         """Return what render() returns."""
@@ -174,6 +209,16 @@ class Modern(Environment):
     def close(self):
         """Close the library's object."""
         self.raw.close()
+
+
+def _called_without(error):
+    """Whether make() called the environment itself without an argument that it requires."""
+    if " missing " not in str(error):
+        return False
+    step = error.__traceback__
+    while step.tb_next is not None:
+        step = step.tb_next
+    return step.tb_frame.f_code.co_filename.replace("\\", "/").endswith("/envs/registration.py")
 
 
 def unheard(_kind, _text):

@@ -1,7 +1,8 @@
 """Records between the two worlds: one JSON object a line, each line one write."""
 
-import json
 import os
+
+from .cell_kept import encoded, fstat, getpid, open_file, write
 
 LAST_WORDS = "simmatrix: the last line of the reply is written"
 """What the probe prints then: of what comes after it, only the printed text is left."""
@@ -14,23 +15,23 @@ class Lines:
     """A file of records. Only the process that opened it writes to it: a forked child says nothing here."""
 
     def __init__(self, path):
-        self.pid = os.getpid()
+        self.pid = getpid()
         self.seq = 0
         self._path = path
         self._open()
 
     def write(self, kind, **fields):
         """Append one record as one write."""
-        if os.getpid() != self.pid:
+        if getpid() != self.pid:
             return
         record = dict(fields, kind=kind, seq=self.seq, pid=self.pid)
         self.seq += 1
         if not self._is_ours():
             self._open()
-        os.write(self._file, (json.dumps(plain(record)) + "\n").encode("ascii"))
+        write(self._file, (encoded(record) + "\n").encode("ascii"))
 
     def _open(self):
-        self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self._file = open_file(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         self._known = _identity(self._file)
 
     def _is_ours(self):
@@ -42,26 +43,8 @@ class Lines:
 
 
 def _identity(descriptor):
-    found = os.fstat(descriptor)
+    found = fstat(descriptor)
     return found.st_dev, found.st_ino
-
-
-def plain(value):
-    """Turn what a library handed out into what JSON can hold; a number that JSON lacks becomes its text."""
-    if isinstance(value, dict):
-        return {clean(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if value is None or isinstance(value, (bool, int)):
-        return value
-    if isinstance(value, float):
-        return value if value - value == 0 else repr(value)
-    return clean(value)
-
-
-def clean(value):
-    """Text that UTF-8 can hold."""
-    return str(value).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def bounded(text, limit):

@@ -7,10 +7,9 @@ class Examiner:
     """Looks at the values of one environment: raises where a user could not go on, tells of lesser things.
 
     `batch` is None for a single environment, else the number of them in a vector environment. `tell` takes a kind
-    (`type`, `space`) and a text. `casting` is how another dtype than that of the space may be cast to it.
+    (`type`, `space`) and a text. What the environment declares beside its spaces holds, too: rewards are as its
+    `reward_space` says, and where both its spaces are tuples of one length, of as many agents.
     """
-
-    casting = "safe"
 
     def __init__(self, spaces, env, tell, batch=None):
         self.spaces = spaces
@@ -18,6 +17,19 @@ class Examiner:
         self.batch = batch
         with library:
             self.space = env.observation_space
+            declared = getattr(env, "reward_space", None) or getattr(
+                getattr(env, "unwrapped", None), "reward_space", None
+            )
+            self.reward_shape = tuple(getattr(declared, "shape", None) or ())
+            self.agents = self._agents(env.action_space)
+        self.rewards = None
+        """How many numbers a reward was."""
+
+    def _agents(self, actions):
+        """How many agents share an environment: the parts of both its spaces, 0 where these are no such tuples."""
+        both = [getattr(space, "spaces", None) for space in (self.space, actions)]
+        several = all(isinstance(space, self.spaces.Tuple) for space in (self.space, actions))
+        return len(both[0]) if several and len(both[0]) == len(both[1]) else 0
 
     def arity(self, call, result, parts):
         """Examine how many values a call returned; `parts` are their names."""
@@ -45,10 +57,12 @@ class Examiner:
             self._dict(space, value, where, told)
         elif isinstance(space, self.spaces.Tuple):
             self._tuple(space, value, where, told)
-        elif isinstance(space, (self.spaces.Box, self.spaces.MultiDiscrete, self.spaces.MultiBinary)):
-            array_of(value, space.shape, space.dtype, where, told, casting=self.casting)
+        elif isinstance(space, self.spaces.Box):
+            array_of(value, space.shape, space.dtype, where, told, within=(space.low, space.high))
+        elif isinstance(space, (self.spaces.MultiDiscrete, self.spaces.MultiBinary)):
+            array_of(value, space.shape, space.dtype, where, told)
         elif isinstance(space, self.spaces.Discrete):
-            _integer(value, where)
+            _integer(value, where, told)
         else:
             finite(value, where)
 
@@ -56,9 +70,11 @@ class Examiner:
         if not hasattr(value, "keys"):
             violate("{} is {}, its space a Dict", where, shown(value))
         missing, extra = set(space.spaces) - set(value.keys()), set(value.keys()) - set(space.spaces)
-        if missing or extra:
+        if missing:
             text = "{} has not the keys of its space: missing {}, not in the space {}"
             violate(text, where, _names(missing), _names(extra))
+        if extra:
+            told.append("{} has keys that are not in its space: {}".format(where, _names(extra)))
         for key, part in space.spaces.items():
             self._conform(part, value[key], "{} at {!r}".format(where, key), told)
 
@@ -74,11 +90,33 @@ class Examiner:
 
     def reward(self, reward):
         """Examine a reward, or a batch of them."""
-        scalar(reward, "step() returned a reward", () if self.batch is None else (self.batch,))
+        where = "step() returned a reward"
+        if self.batch is not None:
+            scalar(reward, where, (self.batch,))
+            return
+        array = numbers(reward, where + " that")
+        self.rewards = int(array.size)
+        if array.shape != self.reward_shape:
+            self._other_shape(where, array)
+        _finite(array, where + " that")
+
+    def _other_shape(self, what, array):
+        """Tell of a value of another shape that a loop can use: one number, or one of each agent."""
+        if array.size == 1 and not self.reward_shape:
+            self.tell("type", "{} of shape {}, not a number".format(what, array.shape))
+        elif self.agents and array.shape == (self.agents,):
+            self.tell("type", "{} for each of its {} agents".format(what, self.agents))
+        else:
+            violate("{} of shape {}, not {}", what, array.shape, self.reward_shape)
 
     def flag(self, name, value):
-        """Examine a truth value, or a batch of them."""
+        """Examine a truth value, or a batch of them, and return it: of several agents, whether it holds for all."""
+        if self.batch is None and self.agents and numbers(value, name).shape == (self.agents,):
+            flag(name, value, self.tell, (self.agents,))
+            self.tell("type", "step() returned {} for each of its {} agents".format(name, self.agents))
+            return all(value)
         flag(name, value, self.tell, () if self.batch is None else (self.batch,))
+        return value
 
 
 def scalar(value, where, shape=()):
@@ -100,10 +138,10 @@ def flag(name, value, tell, shape=()):
         tell("type", "step() returned {} as {}, not as bool".format(name, shown(value)))
 
 
-def array_of(value, shape, dtype, where, told, promise="space", *, casting="safe"):  # noqa: PLR0913 - of one promise
+def array_of(value, shape, dtype, where, told, promise="space", *, within=None):  # noqa: PLR0913 - of one promise
     """Examine an array of this shape and dtype, promised by a `promise`; lesser things are appended to `told`.
 
-    Another dtype that can be cast in this way is one of them.
+    Another dtype is one of them where the promised one can hold the values, and infinity where it lies `within` bounds.
     """
     import numpy as np
 
@@ -113,16 +151,32 @@ def array_of(value, shape, dtype, where, told, promise="space", *, casting="safe
     if not isinstance(value, (np.ndarray, np.generic)):
         told.append("{} is {} where an array was promised".format(where, shown(value)))
     elif array.dtype != dtype:
-        if not np.can_cast(array.dtype, dtype, casting):
+        if not _holds(dtype, array):
             violate("{} has dtype {}, its {} {}", where, array.dtype, promise, dtype)
         told.append("{} has dtype {}, its {} {}".format(where, array.dtype, promise, dtype))
-    _finite(array, where)
+    endless = array.dtype.kind == "f" and within is not None and bool(np.isinf(array).any())
+    if endless and bool(((array >= within[0]) & (array <= within[1])).all()):
+        told.append("{} is infinite, which its {} allows".format(where, promise))
+    else:
+        _finite(array, where)
 
 
-def _integer(value, where):
+def _holds(dtype, array):
+    """Whether a dtype has room for these values, to the digits that it has."""
+    import numpy as np
+
+    if np.can_cast(array.dtype, dtype, "same_kind"):
+        return True
+    with np.errstate(all="ignore"):
+        return bool((array.astype(dtype) == array).all())
+
+
+def _integer(value, where, told):
     array = numbers(value, where)
-    if array.shape != () or array.dtype.kind not in "biu":
+    if array.size != 1 or array.dtype.kind not in "biu":
         violate("{} is {}, its space Discrete", where, shown(value))
+    if array.shape != ():
+        told.append("{} is {}, its space Discrete".format(where, shown(value)))
 
 
 def finite(value, where):

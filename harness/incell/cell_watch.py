@@ -8,6 +8,7 @@ import sys
 import warnings
 
 from .cell_errors import summary
+from .cell_kept import ITIMER_REAL, open_file, setitimer
 
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 DEPRECATIONS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)
@@ -21,17 +22,17 @@ class Stacks:
     """
 
     def __init__(self, path):
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self._file = open_file(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         faulthandler.enable(file=self._file)
         faulthandler.register(signal.SIGALRM, file=self._file, all_threads=True, chain=False)
 
     def arm(self, seconds):
         """Write the stacks after this many seconds, unless disarmed."""
-        signal.setitimer(signal.ITIMER_REAL, max(seconds, 0.001))
+        setitimer(ITIMER_REAL, max(seconds, 0.001))
 
     def disarm(self):
         """Write no stacks."""
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        setitimer(ITIMER_REAL, 0)
 
 
 class Watch:

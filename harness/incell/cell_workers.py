@@ -5,12 +5,11 @@ worker, and in gym 0.26 a `TypeError` for any exception of step().
 """
 
 import functools
-import importlib
-import os
-from time import monotonic
 
 from .cell_errors import describe, library
+from .cell_kept import getpid, join, monotonic
 from .cell_lines import Lines
+from .cell_search import imported
 from .cell_watch import Stacks
 
 
@@ -28,9 +27,9 @@ class Maker:
 
     def __call__(self):
         """Make the environment; the parent makes one, too, to know its spaces."""
-        if os.getpid() == self.parent:
+        if getpid() == self.parent:
             return self.made()
-        name = os.path.join(self.folder, "worker-{}".format(os.getpid()))
+        name = join(self.folder, "worker-{}".format(getpid()))
         stacks = Stacks(name + ".txt")
         stacks.arm(0.9 * (self.deadline - monotonic()))
         diary = Diary(Lines(name + ".jsonl"), self.check)
@@ -46,7 +45,7 @@ class Maker:
     def made(self):
         """Make one; in a worker that is started anew Python runs a user's script again, and so its imports."""
         for name in self.modules:
-            importlib.import_module(name)
+            imported(name)
         return self.api.bare(self.case)
 
 

@@ -5,14 +5,17 @@ import sys
 
 import numpy as np
 
+from .cell_camera import camera
 from .cell_context import current
 from .cell_device import device
 from .cell_episode import single
 from .cell_errors import Skip, violate
 from .cell_pictures import advance, composed, followed, marred, same, values
+from .cell_used import Called, exercised
 
 STEPS = 10
 LARGEST = 64 << 20
+SHAPE, WITH_ALPHA = ("height", "width", "colour"), 4
 DRAWERS = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet", "pygame")
 NEED_GL = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet")
 
@@ -48,12 +51,17 @@ def _render(probe, facts):
     with single(probe, draw=True) as env:
         env.seed_actions(seed)
         start = values(env.reset(seed))
-        first = _picture(env)
+        drawn = _drawn(env)
+        _tell(probe, _alpha(drawn))
+        first = _opaque(drawn)
         facts["gl"] = _context(env)
         _examine(probe, facts, first, "first")
         since = advance(env, min(STEPS, steps))
-        last = _picture(env)
+        with Called() as called:
+            last = _picture(env)
+        facts["exercised"] = exercised(called, probe.ours())
         _examine(probe, facts, last, "last")
+        _tell(probe, _blank(first, last))
         if steps >= STEPS and (same(first, last) or not since[1]):
             _tell(probe, followed(env, _picture, (first, last), start, since, steps - STEPS))
         wanted = probe.case["picture"] or probe.api.picture(probe.case)
@@ -63,11 +71,28 @@ def _render(probe, facts):
 
 
 def _picture(env):
-    """A picture that no later one overwrites."""
+    """Draw a picture that no later one overwrites, without its alpha channel."""
+    return _opaque(_drawn(env))
+
+
+def _drawn(env):
+    """Draw, as the environment does it: any array."""
     picture = env.render()
     if not isinstance(picture, np.ndarray):
         violate("render() returned a {}, not an array", type(picture).__name__)
-    return picture.copy()
+    return picture
+
+
+def _alpha(drawn):
+    """Tell of a picture that has an alpha channel."""
+    if drawn.ndim == len(SHAPE) and drawn.shape[2] == WITH_ALPHA:
+        return "alpha", "render() returned a picture with an alpha channel, which was left out"
+    return None
+
+
+def _opaque(drawn):
+    """Copy a picture without its alpha channel, if it has one."""
+    return (drawn[:, :, :3] if _alpha(drawn) else drawn).copy()
 
 
 def _context(env):
@@ -94,9 +119,21 @@ def _examine(probe, facts, frame, which):
         name = "render.rgb_array-{}.npy".format(which)
         np.save(os.path.join(probe.folder, name), frame, allow_pickle=False)
         probe.frame("render.rgb_array", which, name)
-    if bool((frame == frame[0, 0]).all()):
-        violate("blank frame: every pixel is {}", [int(v) for v in frame[0, 0]])
 
 
-CHECKS = {"render.rgb_array": rgb_array, "render.device": device, "render.unclosed": unclosed}
-FOLLOWERS = {"render.rgb_array": ("render.unclosed",)}
+def _blank(first, last):
+    """Tell of a first picture that shows nothing yet; where no later one does either, nothing can be seen."""
+    if not _plain(first):
+        return None
+    colour = [int(v) for v in first[0, 0]]
+    if _plain(last):
+        violate("blank frame: every pixel is {}", colour)
+    return "blank", "the picture after the reset shows nothing yet: every pixel is {}".format(colour)
+
+
+def _plain(frame):
+    return bool((frame == frame[0, 0]).all())
+
+
+CHECKS = {"render.rgb_array": rgb_array, "render.device": device, "render.unclosed": unclosed, "render.camera": camera}
+FOLLOWERS = {"render.rgb_array": ("render.camera", "render.unclosed")}

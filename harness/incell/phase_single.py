@@ -1,20 +1,32 @@
 """Phase single: one environment in a user's loop."""
 
+import sys
 import warnings
 
+from .cell_contact import contact
 from .cell_episode import onward, rollout, single
 from .cell_errors import Skip
+from .cell_solver import solver
+from .cell_start import start_pose
+from .cell_used import Called, distribution_of, exercised
 
 STEPS_WITH_ANOTHER_SEED = 10
 STEPS_FROM_A_STATE = 10
+FURTHER_EPISODES, STEPS_OF_A_FURTHER_ONE = 5, 3
 
 
 def loop(probe, facts):
     """Make, reset with a seed, step, reset at episode ends, close."""
     with single(probe) as env:
         trace = rollout(probe, env)
-        env.reset()  # a training loop comes to its second episode, however few steps were made here
+        with Called() as called:
+            env.reset()  # a training loop comes to its second episode, however few steps were made here
+            env.step(env.action())
+        probe.memo["rewards"] = env.rewards()
         facts.update(env.describe())
+        facts["environment_of"] = distribution_of(type(getattr(getattr(env, "raw", None), "unwrapped", None)))
+    found = exercised(called, probe.ours())
+    facts["exercised"] = sorted({*found, facts["environment_of"]} - {None})
     facts["trajectory"] = trace.steps()
     probe.memo["trace"] = trace
 
@@ -37,8 +49,10 @@ def same(probe, _facts):
     """The same environment reset with the same seed again, and again; then with another seed."""
     with single(probe) as env:
         first, second, third = [rollout(probe, env) for _ in range(3)]
+        between = second.difference(third)
+        if first.difference(second) and not between:
+            between = _by_chance(probe, env, second)
         other = rollout(probe, env, probe.case["seed"] + 1, STEPS_WITH_ANOTHER_SEED)
-    between = second.difference(third)
     if between:
         text = "the same environment, reset with the same seed, gives another trajectory, "
         probe.finding("single.repeat.same", text + between)
@@ -48,6 +62,15 @@ def same(probe, _facts):
     elif other.digests[0] == first.digests[0]:
         text = "another seed gives the same first observation: it starts always alike, or does not heed its seed"
         probe.finding("single.repeat.seed", text, level="note")
+
+
+def _by_chance(probe, env, expected):
+    """Return how further episodes differ from two that agreed: where few tasks are drawn from, two may be alike."""
+    for _ in range(FURTHER_EPISODES):
+        again = rollout(probe, env, steps=STEPS_OF_A_FURTHER_ONE)
+        if again.digests != expected.digests[: len(again.digests)]:
+            return expected.difference(again)
+    return None
 
 
 def state(probe, _facts):
@@ -76,6 +99,18 @@ def check_env(probe, _facts):
         probe.finding("single.check_env", text)
 
 
+def arrays(probe, _facts):
+    """See whether what was promised as an array was one."""
+    bullet = sys.modules.get("pybullet")
+    if not getattr(bullet, "isNumpyEnabled", lambda: 1)():
+        reason = "could not be measured as arrays: this pybullet was built without numpy, and gives tuples"
+        raise Skip(reason)
+    for text in probe.findings("single.type"):
+        if "where an array was promised" in text:
+            reason = "could not be measured as arrays: " + text
+            raise Skip(reason)
+
+
 def _episode(probe):
     with single(probe) as env:
         return rollout(probe, env)
@@ -88,5 +123,20 @@ CHECKS = {
     "single.repeat.same": same,
     "single.state": state,
     "single.check_env": check_env,
+    "single.start_pose": start_pose,
+    "single.contact": contact,
+    "single.solver": solver,
+    "single.arrays": arrays,
 }
-FOLLOWERS = {"single.loop": ("single.repeat.fresh", "single.repeat.same", "single.state", "single.check_env")}
+FOLLOWERS = {
+    "single.loop": (
+        "single.repeat.fresh",
+        "single.repeat.same",
+        "single.state",
+        "single.check_env",
+        "single.start_pose",
+        "single.contact",
+        "single.solver",
+        "single.arrays",
+    )
+}

@@ -6,7 +6,7 @@ import os
 import numpy as np
 
 from .cell_autoreset import Short, beside_single
-from .cell_episode import opened, tell
+from .cell_episode import opened, single, tell
 from .cell_errors import Skip
 from .cell_trace import Trace
 from .cell_workers import Maker, endings, finish, processes
@@ -20,6 +20,7 @@ FEWEST, MOST = 4, 16
 
 def sync(probe, facts):
     """All environments in this process."""
+    _numbers(probe)
     facts["environments"] = probe.num_envs
     makers = [Maker(probe, "vector.sync")] * probe.num_envs
     with _opened(probe, makers, None) as env:
@@ -29,6 +30,7 @@ def sync(probe, facts):
 def autoreset(probe, facts):
     """Over the ends of episodes, in this process and in workers, in each way that the library has."""
     check = "vector.autoreset"
+    _numbers(probe)
     modes = probe.api.autoreset_modes()
     facts["modes"] = list(modes)
     makers = [Short(probe, check)] * probe.num_envs
@@ -47,6 +49,19 @@ def autoreset(probe, facts):
         _watched(probe, makers, dict(chosen, context="fork"), go_over)
 
 
+def _numbers(probe):
+    """Skip a check of environments whose rewards are several numbers: a batch has room for one of each."""
+    if not probe.api.one_reward:
+        return
+    if "rewards" not in probe.memo:
+        with single(probe) as env:  # made and no more: what it draws with must not be there before workers are forked
+            probe.memo["rewards"] = env.rewards()
+    number = probe.memo["rewards"]
+    if number > 1:
+        message = "its rewards are {} numbers, and environments in batches hold one of each".format(number)
+        raise Skip(message)
+
+
 def many():
     """More environments than this process may use cores."""
     return min(max(FEWEST, 2 * len(os.sched_getaffinity(0))), MOST)
@@ -59,6 +74,7 @@ def _in_workers(check, method, **more):
         if method not in multiprocessing.get_all_start_methods():
             message = "this system has no start method {}".format(method)
             raise Skip(message)
+        _numbers(probe)
         number = many() if check.endswith(".many") else probe.num_envs
         facts["environments"] = number
         way = dict(more, context=method)

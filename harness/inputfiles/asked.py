@@ -8,14 +8,20 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from urllib.parse import unquote, urlsplit
 
-from packaging.requirements import InvalidRequirement, Requirement
+from packaging.requirements import InvalidRequirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import parse_sdist_filename, parse_wheel_filename
 
+from harness import requirement_texts
 from harness.errors import BadInput
 from harness.model import IndexSettings
 
 ARCHIVES = (".whl", ".tar.gz", ".zip")
+MOST = 2_000
+"""Requirements of a file."""
+
+LONGEST_QUOTE = 200
+"""Characters of a file that a message quotes."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -91,10 +97,10 @@ def requirement(text: str, source: Source, where: str) -> Inputs:
     """Read one requirement: PEP 508, or the address or path of an archive."""
     bare, separator, marker = text.partition(";")
     try:
-        parsed = Requirement(text)
+        parsed = requirement_texts.requirement(text)
     except InvalidRequirement as error:
         if "/" not in bare and not bare.strip().endswith(ARCHIVES):
-            message = f"{where}: '{text}' is no requirement: {str(error).splitlines()[0]}"
+            message = f"{where}: '{shortened(text)}' is no requirement: {str(error).splitlines()[0]}"
             raise BadInput(message) from None
         url, name = bare.strip(), _archive_name(bare.strip())
     else:
@@ -128,6 +134,18 @@ def where_in(text: str, pattern: str, source: Source) -> str:
     """File and line where the first match of a pattern ends."""
     match = re.search(pattern, text)
     return f"{source.name}:{text.count(chr(10), 0, match.end()) + 1}" if match else source.name
+
+
+def check_number(count: int, source: Source) -> None:
+    """Refuse a file of more requirements than any environment has packages. Raises BadInput."""
+    if count > MOST:
+        message = f"{source.name}: asks for {count:,} packages, at most {MOST:,} can be"
+        raise BadInput(message)
+
+
+def shortened(text: str) -> str:
+    """Cut what a message quotes."""
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
 
 
 def quoted(value: str) -> str:

@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import yaml
-from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.specifiers import InvalidSpecifier
 
+from harness import requirement_texts
 from harness.errors import BadInput
-from harness.inputfiles.asked import Inputs, Parsed, Source
+from harness.inputfiles.asked import Inputs, Parsed, Source, check_number
 from harness.inputfiles.pip import read_lines
+from harness.yaml_texts import readable_yaml
 
 
 def environment_yml(text: str, source: Source) -> Parsed:
     """Read conda's format: its pip part and its Python; every other conda package is not modelled."""
-    try:
+    with readable_yaml(text, source.name):
         root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        message = f"{source.name}:{line}: {error.problem}"
-        raise BadInput(message) from None
-    tables = {key.value: value for key, value in (root.value if isinstance(root, yaml.MappingNode) else ())}
+    tables = _entries(root)
     dependencies = tables.get("dependencies")
     if not isinstance(dependencies, yaml.SequenceNode):
         message = f"{source.name}: there is no list of dependencies; is it a conda environment file?"
         raise BadInput(message)
+    check_number(len(dependencies.value), source)
     found, pip = Inputs(), []
     if "variables" in tables:
         line = tables["variables"].start_mark.line + 1
@@ -33,11 +33,32 @@ def environment_yml(text: str, source: Source) -> Parsed:
     for entry in dependencies.value:
         where = f"{source.name}:{entry.start_mark.line + 1}"
         if isinstance(entry, yaml.MappingNode):
-            pip += [(item.start_mark.line + 1, item.value) for _, items in entry.value for item in items.value]
+            for items in _entries(entry).values():
+                pip += [(item.start_mark.line + 1, _text(item, source)) for item in _items(items, source)]
         else:
-            found += _conda(entry.value, where)
+            found += _conda(_text(entry, source), where)
     parsed = read_lines(pip, source)
     return replace(parsed, inputs=found + parsed.inputs)
+
+
+def _entries(node: yaml.Node | None) -> dict[str, yaml.Node]:
+    """The keys of a mapping that are texts; none of another node."""
+    pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+    return {key.value: value for key, value in pairs if isinstance(key, yaml.ScalarNode)}
+
+
+def _items(node: yaml.Node, source: Source) -> Sequence[yaml.Node]:
+    if not isinstance(node, yaml.SequenceNode):
+        message = f"{source.name}:{node.start_mark.line + 1}: expected a list"
+        raise BadInput(message)
+    return list(node.value)
+
+
+def _text(node: yaml.Node, source: Source) -> str:
+    if not isinstance(node, yaml.ScalarNode):
+        message = f"{source.name}:{node.start_mark.line + 1}: expected the name of a package"
+        raise BadInput(message)
+    return str(node.value)
 
 
 def _conda(spec: str, where: str) -> Inputs:
@@ -52,6 +73,6 @@ def _conda(spec: str, where: str) -> Inputs:
     if fuzzy:
         version = f"=={fuzzy[2]}" if fuzzy[1] == "==" and not fuzzy[3] else f"=={fuzzy[2]}.*"
     try:
-        return Inputs(python=str(SpecifierSet(version)) or None)
+        return Inputs(python=str(requirement_texts.specifiers(version)) or None)
     except InvalidSpecifier:
         return Inputs(not_modelled=(f"{where}: {spec}: this way of naming a Python is not modelled; give --python",))

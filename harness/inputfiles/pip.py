@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Iterable, Iterator
 
 from harness.errors import BadInput
-from harness.inputfiles.asked import Include, Inputs, Parsed, Source, requirement
+from harness.inputfiles.asked import Include, Inputs, Parsed, Source, check_number, requirement, shortened
 from harness.model import IndexSettings
+
+COMMENT = re.compile(r"(?:^|(?<=\s))#")
+UNQUOTED = re.compile(r"""(?:[^\s"'\\]|\\.|'[^']*'|"(?:[^"\\]|\\.)*")+""")
+QUOTED = re.compile(r"""'([^']*)'|"((?:[^"\\]|\\.)*)"|\\(.)""")
+"""A word of a shell, and its quotes: `shlex` takes a second for 64 KB."""
 
 
 def requirements_txt(text: str, source: Source) -> Parsed:
@@ -19,7 +23,9 @@ def requirements_txt(text: str, source: Source) -> Parsed:
 def read_lines(lines: Iterable[tuple[int, str]], source: Source) -> Parsed:
     """Read numbered lines in pip's format."""
     found, includes, hashed = Inputs(), [], 0
-    for number, raw in lines:
+    listed = list(lines)
+    check_number(len(listed), source)
+    for number, raw in listed:
         where = f"{source.name}:{number}"
         line = re.sub(r"\$\{([A-Z0-9_]+)\}", lambda match: source.variables.get(match[1], match[0]), raw)
         if line.startswith("-"):
@@ -41,16 +47,18 @@ def read_lines(lines: Iterable[tuple[int, str]], source: Source) -> Parsed:
 
 def _logical(text: str) -> Iterator[tuple[int, str]]:
     """Lines with the number of their first part: continued ones joined, comments and blank ones gone."""
-    start, parts = 0, ""
+    start, parts = 0, list[str]()
     for number, line in enumerate([*text.removeprefix("\ufeff").splitlines(), ""], 1):
         start = start or number
         if line.endswith("\\") and not line.lstrip().startswith("#"):
-            parts += line[:-1] + " "
+            parts.append(line[:-1])
             continue
-        whole = re.sub(r"(^|\s+)#.*$", "", parts + line).strip()
-        if whole:
+        whole = " ".join([*parts, line])
+        if comment := COMMENT.search(whole):
+            whole = whole[: comment.start()]
+        if whole := whole.strip():
             yield start, whole
-        start, parts = 0, ""
+        start, parts = 0, []
 
 
 _SHORT = {"-r": "--requirement", "-c": "--constraint", "-e": "--editable", "-i": "--index-url", "-f": "--find-links"}
@@ -59,11 +67,10 @@ _FLAGS = {"--no-index", "--pre", "--prefer-binary", "--require-hashes"}
 
 def _options(line: str, where: str) -> Iterator[tuple[str, str]]:
     """Option and value pairs of a line: `-r x`, `-rx`, `--pre`, `--index-url=x`."""
-    try:
-        words = iter(shlex.split(line))
-    except ValueError as error:
-        message = f"{where}: '{line}' cannot be read: {error}"
-        raise BadInput(message) from None
+    if UNQUOTED.sub("", line).strip():
+        message = f"{where}: '{shortened(line)}' cannot be read: No closing quotation"
+        raise BadInput(message)
+    words = iter([QUOTED.sub(_bare, word) for word in UNQUOTED.findall(line)])
     for word in words:
         option, separator, value = word.partition("=")
         if word[:2] in _SHORT:
@@ -71,6 +78,13 @@ def _options(line: str, where: str) -> Iterator[tuple[str, str]]:
         if not separator and not value and option not in _FLAGS:
             value = next(words, "")
         yield option, value
+
+
+def _bare(found: re.Match[str]) -> str:
+    """What stands between quotes, or behind a backslash."""
+    if found[1] is not None:
+        return found[1]
+    return found[3] if found[2] is None else re.sub(r'\\(["\\])', r"\1", found[2])
 
 
 def _option(option: str, value: str, source: Source, where: str) -> Inputs:

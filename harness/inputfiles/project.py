@@ -9,12 +9,11 @@ from typing import Any
 
 import msgspec
 from packaging.dependency_groups import resolve_dependency_groups
-from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
-from harness import schema
+from harness import requirement_texts, schema
 from harness.errors import BadInput
-from harness.inputfiles.asked import Inputs, Parsed, Source, quoted, requirement, where_in
+from harness.inputfiles.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
 from harness.model import IndexSettings
 
 
@@ -95,10 +94,11 @@ def pyproject(text: str, source: Source, extras: Iterable[str], groups: Iterable
     project = document.project
     optional = {canonicalize_name(name): lines for name, lines in project.optional_dependencies.items()}
     with schema.located(source.name, "project", "requires-python"):
-        found = Inputs(python=str(SpecifierSet(project.requires_python)) or None)
+        found = Inputs(python=str(requirement_texts.specifiers(project.requires_python)) or None)
     found += Inputs(not_modelled=tuple(_unread(text, source, document)))
     wanted = [*project.dependencies, *_with_extras(canonicalize_name(project.name), optional, extras)]
     wanted += _grouped(document.dependency_groups, groups, source)
+    check_number(len(wanted), source)
     for line in dict.fromkeys(wanted):
         found += requirement(line, source, where_in(text, quoted(line), source))
     found += _resolution(document.tool.uv)

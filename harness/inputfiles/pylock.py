@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from packaging.pylock import Package, Pylock, PylockValidationError
 
+from harness import schema
 from harness.errors import BadInput
-from harness.inputfiles.asked import Inputs, Parsed, Source, quoted, requirement, where_in
+from harness.inputfiles.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
 
 
 def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[str]) -> Parsed:
     """Read a lock: each package pinned to its version, with its marker."""
+    table = schema.toml_table(text, source.name)
     try:
-        lock = Pylock.from_dict(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, PylockValidationError) as error:
+        lock = Pylock.from_dict(table)
+    except PylockValidationError as error:
         message = f"{source.name}: {error}"
         raise BadInput(message) from None
     chosen = {"extras": frozenset(extras), "dependency_groups": frozenset((*(lock.default_groups or ()), *groups))}
@@ -25,6 +26,7 @@ def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[st
         python=str(lock.requires_python) if lock.requires_python else None,
         notes=(f"{source.name}: packages are pinned to its versions, its files and hashes are not asked for",),
     )
+    check_number(len(lock.packages), source)
     for package in lock.packages:
         where = where_in(text, rf"name\s*=\s*{quoted(package.name)}", source)
         found += _locked(package, chosen, source, where)

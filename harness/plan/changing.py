@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from fnmatch import translate
 
-from harness import changes
+from harness import cellid, changes
 from harness.matrix import ChangedTable, ChangeTable, Matrix
 from harness.model import Cell, Expectation, Tried
 from harness.plan.choices import Choice, Combination, condition
 from harness.plan.contents import Contents
 from harness.schema import located
-from harness.vocabulary import WITH, Kind
+from harness.vocabulary import Kind
 
 BESIDES = ("needs", "system", "files", "empty", "python_path", "bring", "extras", "groups")
 UNCHANGED = "the change leaves the cell as it is"
@@ -32,15 +30,12 @@ class Changing:
 
     def __post_init__(self) -> None:
         self.choices = [_choice(table) for table in self.matrix.change]
-        self.globs = [re.compile(translate(table.cells)) if table.cells else None for table in self.matrix.change]
         self.conditions = [condition(self.matrix, table.when) for table in self.matrix.change]
 
     def of(self, cell: Cell, combination: Combination) -> Iterator[Cell]:
         """What the changes make of a cell."""
         for index, table in enumerate(self.matrix.change):
-            glob = self.globs[index]
-            named = not glob or glob.match(cell.label) or glob.match(cell.id)
-            if named and self.conditions[index].holds(combination):
+            if self.conditions[index].holds(combination) and (not table.cells or cellid.fits(table.cells, cell)):
                 self.fitting.add(index)
                 with located(self.matrix.path, "change", index):
                     changed = self._changed(cell, combination, index, table)
@@ -76,7 +71,7 @@ class Changing:
         )
         return replace(
             changes.applied(surrounded, change, self.contents.recipes),
-            id=f"{cell.id}{WITH}{table.name}",
+            id=changes.id_of(cell, str(table.name), change),
             base=cell.id,
             tried=Tried(
                 name=str(table.name),

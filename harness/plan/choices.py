@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from harness import cellid
 from harness.matrix import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
 from harness.schema import located
-from harness.vocabulary import ABSENT, HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
+from harness.vocabulary import HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -51,7 +52,7 @@ def _distinct_choices(matrix: Matrix, name: str, values: Iterable[Value], host: 
         found = tuple(choice_of(name, matrix.axes[name].kind, value, host) for value in values)
         known: dict[str, Choice] = {}
         for choice in found:
-            twin = known.setdefault(as_folder(choice.label), choice)
+            twin = known.setdefault(cellid.as_folder(choice.label), choice)
             if twin is not choice:
                 message = f'"{twin.asked}" and "{choice.asked}" cannot be told apart: both are "{choice.label}"'
                 raise ValueError(message)
@@ -67,18 +68,14 @@ def choice_of(name: str, kind: Kind, value: Value, host: str) -> Choice:
             label = f"py{text}"
         case Kind.PACKAGE:
             text = asked
-            label = f"{name}-{ABSENT}" if asked == ABSENT else f"{name}{asked}"
+            label = cellid.package(name, asked)
         case Kind.BUNDLE | Kind.VARIABLE:
-            text = label = asked or UNSET
+            text = asked or UNSET
+            label = cellid.spelled(text)
         case Kind.EXTRA | Kind.GROUP:
-            text, label = asked or NONE, asked or f"no-{kind}"
-    Label.canonical(label)
+            text, label = asked or NONE, cellid.spelled(asked) or f"no-{kind}"
+    Label.canonical(text)
     return Choice(axis=name, kind=kind, asked=asked, text=text, label=label, changes=value.changes, cases=value.cases)
-
-
-def as_folder(label: str) -> str:
-    """The name as a folder that cares neither for case nor for the signs that nox flattens."""
-    return label.casefold().replace("/", "-").replace(".", "-")
 
 
 class Condition(NamedTuple):

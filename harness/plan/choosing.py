@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from packaging.version import Version
 
+from harness import cellid
 from harness.matrix import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
 from harness.model import Cell
 from harness.plan.choices import Choice, Combination
@@ -111,7 +112,7 @@ class _Search:
         gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_pin(choice)}
         kept = tuple(text for text in question.requirements if text not in gone)
         return Cell(
-            id=f"{name}/{'-'.join(choice.label for choice in part)}",
+            id=cellid.built(name, [choice.label for choice in part]),
             matrix=name,
             axes={choice.axis: choice.text for choice in part},
             python=next(choice.asked for choice in whole if choice.kind is Kind.PYTHON),

@@ -26,8 +26,20 @@ from harness.matrix import (
 )
 from harness.model import Bring, Case, Change, IndexSettings, Phase, Question, Repair, Subject, Suite
 from harness.plan.choices import Choice, Combination, Condition, condition
-from harness.schema import key_path, located
-from harness.vocabulary import ABSENT, IMPORT_CHECK, OF_SUBJECT, SELF, Kind, api_of, case_id, checks_of, required_name
+from harness.plan.speaking import spoken
+from harness.schema import key_path, located, suggestion
+from harness.vocabulary import (
+    ABSENT,
+    APIS,
+    IMPORT_CHECK,
+    OF_SUBJECT,
+    SELF,
+    Kind,
+    api_of,
+    case_id,
+    checks_of,
+    required_name,
+)
 
 T = TypeVar("T")
 
@@ -103,6 +115,7 @@ class Contents:
         self.questions: dict[Combination, Question] = {}
         self.surrounded: dict[Combination, Surroundings] = {}
         self.known_cases: dict[tuple[int, ...], tuple[Case, ...]] = {}
+        self.spoken: dict[tuple[int, str], Case] = {}
         self.suite = _suite(matrix.suite) if matrix.suite else None
         self.suite_when = condition(matrix, matrix.suite.when if matrix.suite else {})
         self.subjects: dict[tuple[tuple[str, ...], tuple[str, ...], bool], Subject] = {}
@@ -163,18 +176,31 @@ class Contents:
         """The cases that exist in a combination, none perhaps."""
         parts = self._parts(combination)
         found = tuple(case for part in parts for case, when in part.cases if when.holds(combination))
+        found = tuple(self._speaking(case, combination) if case.env and not case.api else case for case in found)
         key = tuple(map(id, found))
         if key not in self.known_cases:
             self._check_distinct(found)
             self.known_cases[key] = found
         return self.known_cases[key]
 
+    def _speaking(self, case: Case, combination: Combination) -> Case:
+        """The case with the API that the requirements of a combination tell, as for `try`."""
+        api = spoken(case.env or "", self.question(combination).requirements)
+        if api is None:
+            message = (
+                f'{self.matrix.path}: cases: the key "api" is missing of "{case.env}", and nothing that is asked for '
+                f"tells it{suggestion('', APIS)}"
+            )
+            raise BadInput(message)
+        return self.spoken.setdefault((id(case), api), replace(case, api=api))
+
     def places(self, choices: Iterable[Choice]) -> Iterator[tuple[Case, str]]:
-        """Every case with its place in the file."""
-        yield from ((case, f"cases[{index}]") for index, (case, _) in enumerate(self.base.cases))
+        """Every case with its place in the file, with an API of its own where one was found for it."""
+        own = {number: case for (number, _), case in self.spoken.items()}
+        yield from ((own.get(id(case), case), f"cases[{index}]") for index, (case, _) in enumerate(self.base.cases))
         for choice in choices:
             for index, (case, _) in enumerate(self._parts((choice,))[-1].cases if choice.cases else ()):
-                yield case, f"{key_path('axes', choice.axis, choice.asked, 'cases', index)}"
+                yield own.get(id(case), case), f"{key_path('axes', choice.axis, choice.asked, 'cases', index)}"
 
     def _check_distinct(self, cases: Iterable[Case]) -> None:
         known: dict[str, Case] = {}
@@ -240,9 +266,8 @@ class Contents:
         return found
 
     def _check_places(self, files: Iterable[str]) -> None:
-        """Refuse a file where a folder has to be; HOME has a folder for temporary files."""
+        """Refuse a file where a folder has to be."""
         folders = {str(parent): name for name in files for parent in PurePosixPath(name).parents}
-        folders["tmp"] = "what is temporary"
         for name in files:
             if name in folders:
                 message = f'{self.matrix.path}: files: "{name}" cannot be a file, being the folder of {folders[name]}'

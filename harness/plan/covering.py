@@ -51,6 +51,14 @@ def parts(row: Row, ways: int) -> Iterator[Part]:
     return combinations(tuple(enumerate(row)), ways)
 
 
+def number_of_parts(sizes: Sequence[int], ways: int) -> int:
+    """Count the parts of `ways` axes of these sizes that there are."""
+    counts = [1, *[0] * ways]
+    for size in sizes:
+        counts = [1, *(there + size * less for there, less in zip(counts[1:], counts, strict=False))]
+    return counts[ways]
+
+
 def uncovered(rows: Iterable[Row], sizes: Sequence[int], ways: int) -> list[Part]:
     """Parts of at most `ways` axes that no row has; of one that is listed, no larger one is."""
     chosen = list(rows)

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from fnmatch import translate
 from itertools import chain, product
+from math import prod
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
+from harness import cellid
 from harness.expansion import NO_BREAKS, Breaks
 from harness.matrix import Expansion, ExpectTable, Matrix, Value
 from harness.model import Case, Cell, Dropped, Expectation, Plan
 from harness.plan.changing import Changing
-from harness.plan.choices import Choice, Combination, Condition, as_folder, choice_of, choices, condition
+from harness.plan.choices import Choice, Combination, Condition, choice_of, choices, condition
 from harness.plan.contents import NO_RECIPES, Contents, Recipes
+from harness.plan.covering import number_of_parts
 from harness.plan.strategies import Axes, Candidates, baseline_combinations
 from harness.schema import located
-from harness.vocabulary import LONGEST_LABEL, Kind
+from harness.vocabulary import Kind
 
 NO_CASE = "no case exists for it"
+
+MOST = 20_000
+"""Combinations of a matrix, with what its changes make of them: some seconds of planning."""
+
+MOST_PARTS = 200_000
+"""Parts that a covering array may have to cover: some seconds."""
 
 
 def expand(
@@ -46,6 +53,7 @@ def expand(
             _include(sorted_out, matrix, _combination(matrix, axes, table.axes, host_python), contents)
     changing = Changing(matrix, contents, sorted_out.claim)
     cells, unmet = _cells(matrix, sorted_out.planned, contents, changing)
+    variants, unused = _variants(matrix, sorted_out.planned)
     return Plan(
         matrix=matrix.name,
         cells=cells,
@@ -57,6 +65,7 @@ def expand(
         stale=(
             *sorted_out.stale,
             *unmet,
+            *unused,
             *changing.stale(_file(matrix)),
             *_unused_cases(matrix, cells, contents.places(chain.from_iterable(axes.values()))),
         ),
@@ -64,6 +73,8 @@ def expand(
         shown=tuple(map(str, matrix.shown)),
         snapshot=contents.snapshot,
         pivot=matrix.pivot,
+        title=matrix.title,
+        variants=variants,
         page=contents.sources[str(matrix.page)] if matrix.page else None,
     )
 
@@ -86,10 +97,47 @@ def _all(
 ) -> tuple[Axes, Contents, _SortedOut]:
     """Every combination, sorted into what can be run and what cannot."""
     axes = choices(matrix, expansion, host_python)
+    with located(matrix.path, "axes"):
+        _check_size(axes)
+    with located(matrix.path, "strategy"):
+        _check_parts(axes, matrix.strategy.covering)
     dated = expansion and (matrix.ranges or matrix.strategy.covering)
     snapshot = matrix.snapshot or (expansion.instant if expansion and dated else None)
     contents = Contents(matrix, sources, snapshot, baseline_combinations(matrix, axes), recipes)
     return axes, contents, _sort_out(matrix, axes, contents)
+
+
+def _check_size(axes: Axes) -> None:
+    """Refuse, by a ValueError, axes whose product nobody could measure, before it is made."""
+    count = prod(map(len, axes.values()))
+    if count <= MOST:
+        return
+    factors = " x ".join(f"{len(listed)} {name}" for name, listed in axes.items() if len(listed) > 1)
+    longest = max(axes, key=lambda name: len(axes[name]))
+    message = (
+        f"{amount(count)} combinations ({shortened(factors)}), at most {MOST:,} can be planned, whatever a strategy, an"
+        f' exclude or -k leaves of them; list fewer values, first of all of "{longest}", or split the matrix'
+    )
+    raise ValueError(message)
+
+
+def _check_parts(axes: Axes, ways: int) -> None:
+    """Refuse, by a ValueError, a covering array that would take for ever."""
+    count = number_of_parts([len(listed) for listed in axes.values()], ways) if ways else 0
+    if count > MOST_PARTS:
+        message = f"{ways}-way would have {count:,} parts to cover, at most {MOST_PARTS:,} can be; choose fewer ways"
+        raise ValueError(message)
+
+
+def amount(count: int) -> str:
+    """Write a number of things, a very large one by its power of ten."""
+    digits = str(count) if count < 10**4000 else ""
+    return f"{count:,}" if 0 < len(digits) <= 15 else f"about 10^{len(digits) - 1}" if digits else "countless"
+
+
+def shortened(text: str, most: int = 120) -> str:
+    """Cut a text of many parts."""
+    return text if len(text) <= most else f"{text[:most]} ..."
 
 
 def _candidates(matrix: Matrix, axes: Axes, contents: Contents, found: _SortedOut, breaks: Breaks) -> Candidates:
@@ -114,13 +162,16 @@ class _SortedOut:
 
     def claim(self, name: str) -> None:
         """Refuse, by a ValueError, an id that cannot be told from another one, or that is too long."""
-        twin = self._folders.setdefault(as_folder(name), name)
-        label = name.partition("/")[2]
+        if len(self._folders) >= MOST:
+            message = f"more than {MOST:,} combinations with those that changes make; restrict a change by its `when`"
+            raise ValueError(message)
+        twin = self._folders.setdefault(cellid.as_folder(name), name)
+        label = cellid.label(name)
         if name in self.planned or name in self.dropped or twin != name:
             message = f'"{twin}" and "{name}" cannot be told apart; rename a label'
             raise ValueError(message)
-        if len(label) > LONGEST_LABEL:
-            message = f'"{label}" has {len(label)} characters, at most {LONGEST_LABEL} are allowed; shorten a label'
+        if len(label) > cellid.LONGEST:
+            message = f'"{label}" has {len(label)} characters, at most {cellid.LONGEST} are allowed; shorten a label'
             raise ValueError(message)
 
 
@@ -173,7 +224,7 @@ def _include(found: _SortedOut, matrix: Matrix, combination: Combination, conten
 
 
 def _id(matrix: Matrix, combination: Combination) -> str:
-    return f"{matrix.name}/{'-'.join([choice.label for choice in combination])}"
+    return cellid.built(matrix.name, [choice.label for choice in combination])
 
 
 # --- cells -----------------------------------------------------------------------------------------------------
@@ -183,16 +234,14 @@ class _Expected(NamedTuple):
     """An `expect` of the file, compiled."""
 
     place: str
-    glob: re.Pattern[str] | None
+    glob: str | None
     when: Condition
     expectation: Expectation
     of_changed: bool
 
-    def fits(self, name: str, label: str, combination: Combination) -> bool:
-        """Whether it speaks of a cell."""
-        if self.glob and not (self.glob.match(label) or self.glob.match(name)):
-            return False
-        return self.when.holds(combination)
+    def fits(self, cell: Cell, combination: Combination) -> bool:
+        """Return whether it speaks of a cell."""
+        return self.when.holds(combination) and (self.glob is None or cellid.fits(self.glob, cell))
 
 
 def _cells(
@@ -200,14 +249,10 @@ def _cells(
 ) -> tuple[tuple[Cell, ...], tuple[str, ...]]:
     """The cells, what changes make of them behind each, and a line for each expectation that no cell met."""
     expected = [_expected(matrix, index, table) for index, table in enumerate(matrix.expect)]
-    start = len(matrix.name) + 1
     of_changed = [each for each in expected if each.of_changed]
     met: set[str] = set()
     cells = []
     for name, combination in planned.items():
-        hit = next((each for each in expected if each.fits(name, name[start:], combination)), None)
-        if hit:
-            met.add(hit.place)
         around = contents.surroundings(combination)
         cell = Cell(
             id=name,
@@ -223,12 +268,15 @@ def _cells(
             empty=around.empty,
             python_path=around.python_path,
             bring=around.bring,
-            expect=hit.expectation if hit else None,
             subject=contents.subject(combination),
         )
+        hit = next((each for each in expected if each.fits(cell, combination)), None)
+        if hit:
+            met.add(hit.place)
+            cell = replace(cell, expect=hit.expectation)
         cells.append(cell)
         for changed in changing.of(cell, combination):
-            hit = next((each for each in of_changed if each.fits(changed.id, changed.label, combination)), None)
+            hit = next((each for each in of_changed if each.fits(changed, combination)), None)
             if hit:
                 met.add(hit.place)
             cells.append(replace(changed, expect=hit.expectation) if hit else changed)
@@ -239,7 +287,7 @@ def _cells(
 def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
     return _Expected(
         place=f"{_file(matrix)}: expect[{index}]",
-        glob=re.compile(translate(table.cells)) if table.cells is not None else None,
+        glob=table.cells,
         when=condition(matrix, table.when),
         of_changed=table.of_changed,
         expectation=Expectation(
@@ -252,6 +300,19 @@ def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
             until=str(table.until) if table.until else None,
         ),
     )
+
+
+def _variants(matrix: Matrix, planned: Mapping[str, Combination]) -> tuple[frozenset[str], tuple[str, ...]]:
+    """Return the ids of the cells under a side condition, and a line for each `variant` that no cell meets."""
+    found: set[str] = set()
+    unmet = []
+    for index, table in enumerate(matrix.variant):
+        when = condition(matrix, table.when)
+        hits = {name for name, combination in planned.items() if when.holds(combination)}
+        found |= hits
+        if not hits:
+            unmet.append(f'{_file(matrix)}: variant[{index}] matches no cell (reason: "{table.reason}")')
+    return frozenset(found), tuple(unmet)
 
 
 def _file(matrix: Matrix) -> str:

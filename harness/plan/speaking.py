@@ -29,7 +29,7 @@ SPEAKERS = (
     Speaker("mujoco", "mujoco", r".+\.xml|markers", "mujoco:markers"),
     Speaker("mujoco_warp", "mujoco-warp", r".+\.xml", "mujoco_warp:sphere"),
     Speaker("newton", "newton", r".+\.xml", "newton:sphere"),
-    Speaker("pettingzoo", "pettingzoo", r"(aec:)?[a-z]+/\w+_v\d+", "pettingzoo:classic/rps_v2"),
+    Speaker("pettingzoo", "pettingzoo", r"(aec:)?[a-z]+/\w+[_-]v\d+", "pettingzoo:classic/rps_v2"),
     Speaker("pybullet", "pybullet", r"direct|.+\.(urdf|sdf|xml)", "pybullet:direct"),
     Speaker("robosuite", "robosuite", r"(GymWrapper\()?[A-Z][A-Za-z]+\)?", "robosuite:Lift"),
 )
@@ -43,6 +43,12 @@ def speakers(requirements: Iterable[str]) -> tuple[Speaker, ...]:
     """The adapters whose own package is asked for, in that order; gym and gymnasium apart."""
     rows = {row.package: row for row in SPEAKERS if row.api in APIS}
     return tuple(rows[name] for name in dict.fromkeys(map(required_name, requirements)) if name in rows)
+
+
+def spoken(env: str, requirements: Collection[str]) -> str | None:
+    """The API of an id without one, by what is asked for: gym or gymnasium where that is named, the first of both."""
+    named = next((name for name in map(required_name, requirements) if name in FAMILY), None)
+    return named or meant(env, requirements)
 
 
 def meant(env: str, requirements: Collection[str]) -> str | None:

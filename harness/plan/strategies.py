@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 from packaging.version import Version
 
+from harness import cellid
 from harness.expansion import Breaks, boundaries
 from harness.matrix import NO_CHANGES, Chosen, Expansion, Matrix, MatrixTable
 from harness.model import Dropped
@@ -168,9 +169,11 @@ class Candidates:
         for named in self.matrix.strategy.baselines:
             base = _baseline(self.matrix, self.axes, named)
             if base not in labels:
-                label = "-".join(choice.label for choice in base)
-                why = self.excluded[f"{self.matrix.name}/{label}"]
-                message = f'the baseline "{label}" is left out ({why}); name another: {{ baseline = {{ ... }} }}'
+                name = cellid.built(self.matrix.name, [choice.label for choice in base])
+                why = self.excluded[name]
+                message = (
+                    f'the baseline "{cellid.label(name)}" is left out ({why}); name another: {{ baseline = {{ ... }} }}'
+                )
                 raise ValueError(message)
 
     def _covering(self, expansion: Expansion | None) -> Chosen:
@@ -201,7 +204,7 @@ class Candidates:
             gone = [name for name, each in rest.items() if _has(each, entry.axes)]
             for name in gone:
                 del rest[name]
-            label = "-".join(
+            parts = (
                 next(choice.label for choice in choices if choice.asked == entry.axes[name])
                 if name in entry.axes
                 else "*"
@@ -209,7 +212,7 @@ class Candidates:
             )
             if gone:
                 reason = f"does not resolve: {entry.reason}"
-                yield Dropped(id=f"{self.matrix.name}/{label}", reason=reason, count=len(gone))
+                yield Dropped(id=cellid.built(self.matrix.name, parts), reason=reason, count=len(gone))
         if rest:
             listed = [each for name, each in self.combinations.items() if name in chosen]
             yield Dropped(id=f"{self.matrix.name}/*", reason=self._unchosen(listed), count=len(rest))

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import repairs
+from harness import cellid, repairs
+from harness.cellid import Detail
 from harness.errors import BadInput
-from harness.model import Case, Cell, Phase, Plan, Question, Repair, Subject
+from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject
 from harness.plan.contents import IMPORTED
-from harness.plan.speaking import meant, speakers
+from harness.plan.speaking import meant, speakers, spoken
 from harness.schema import located, suggestion
 from harness.vocabulary import (
     APIS,
@@ -23,7 +23,6 @@ from harness.vocabulary import (
     GYM,
     GYMNASIUM,
     IMPORT_CHECK,
-    LONGEST_LABEL,
     SELF,
     Instant,
     ModuleName,
@@ -53,6 +52,9 @@ class Asked:
     """What a command line asks for, as given; `python` is a version or `host`.
 
     `brought` is the API that comes with what is asked for: that of environments of which nothing else tells it.
+    `interpreter` is the Python by its path, where that is asked for. `instant` is the cutoff where no `as_of` is: it
+    says when this was asked, and is none of the question.
+    `listed` are those of the requirements that a file lists: of them nobody asks whether each is exercised.
     """
 
     requirements: tuple[str, ...]
@@ -67,10 +69,15 @@ class Asked:
     build_constraints: tuple[str, ...] = ()
     only_binary: tuple[str, ...] = ()
     as_of: str | None = None
+    instant: str | None = None
+    interpreter: str | None = None
+    index: IndexSettings = field(default_factory=IndexSettings)
+    prerelease: str | None = None
     torch_backend: str = "cpu"
     overlay: tuple[Repair, ...] = ()
     subject: Subject | None = None
     files: Mapping[str, str] = field(default_factory=dict)
+    listed: tuple[str, ...] = ()
 
 
 def single(asked: Asked) -> Plan:
@@ -81,16 +88,18 @@ def single(asked: Asked) -> Plan:
             check_variable(name)
     axes = {"python": asked.python, **_pins(question.requirements)}
     cell = Cell(
-        id=f"{NAME}/{_label(asked.python, question.requirements, asked.subject)}",
+        id=NAME,
         matrix=NAME,
         axes=axes,
-        python=asked.python,
+        python=asked.interpreter or asked.python,
         question=question,
         environment=asked.environment,
         cases=cases_for(asked),
         files=asked.files,
         subject=asked.subject,
+        asked=tuple(dict.fromkeys(required_name(text) for text in asked.requirements if text not in asked.listed)),
     )
+    cell = replace(cell, id=cellid.built(NAME, [_label(cell, dated=asked.as_of is not None)]))
     return Plan(matrix=NAME, cells=(cell,), axes=tuple(axes))
 
 
@@ -105,8 +114,11 @@ def _question(asked: Asked) -> Question:
         build_constraints=_words(Requirement, asked.build_constraints, "--build-constraint"),
         only_binary=_words(PackageSelector, asked.only_binary, "--only-binary"),
         torch_backend=asked.torch_backend,
-        snapshot=_words(Instant, [asked.as_of], "--as-of")[0] if asked.as_of else None,
+        index=asked.index,
+        snapshot=_words(Instant, [asked.as_of], "--as-of")[0] if asked.as_of else asked.instant,
     )
+    if asked.prerelease:
+        question = replace(question, prerelease=asked.prerelease)
     return replace(question, overlay=repairs.fitting(asked.overlay, question))
 
 
@@ -125,16 +137,68 @@ def _pins(requirements: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _label(python: str, requirements: Iterable[str], subject: Subject | None) -> str:
-    pins = _pins(requirements)
-    names = dict.fromkeys(required_name(text) for text in requirements)
-    own = [PurePath(subject.source).name, *subject.extras, *subject.groups] if subject else []
-    parts = [f"py{python}", *own, *(name + pins.get(name, "") for name in names)]
-    label = re.sub(r"[^A-Za-z0-9._+-]+", "-", "-".join(parts))
-    if len(label) <= LONGEST_LABEL:
-        return label
-    digest = hashlib.sha256(label.encode()).hexdigest()[:8]
-    return f"{label[: LONGEST_LABEL - len(digest) - 1]}-{digest}"
+# --- the id ----------------------------------------------------------------------------------------------------
+
+
+def _label(cell: Cell, *, dated: bool) -> str:
+    """Return the label of an ad-hoc cell: equal for equal questions only."""
+    lines = map(parsed_requirement, cell.question.requirements)
+    return cellid.of_question(cell.axes["python"], lines, _details(cell, dated=dated))
+
+
+def _details(cell: Cell, *, dated: bool) -> Iterator[Detail]:
+    """Yield what a cell asks besides its requirements, where that is not the usual."""
+    question, usual = cell.question, Question(requirements=())
+    for word, lines in (
+        ("constraint", question.constraints),
+        ("override", question.overrides),
+        ("build-constraint", question.build_constraints),
+    ):
+        yield from (cellid.requirement(word, parsed_requirement(line)) for line in lines)
+    yield from (Detail("only-binary", name) for name in question.only_binary)
+    yield from (Detail("absent", name) for name in question.absent)
+    yield from (Detail("overlay", one.name, f"{one.version} {one.wheel}") for one in question.overlay)
+    for word, variables in (("build-set", question.build_variables), ("set", cell.environment)):
+        yield from (Detail(word, f"{name}-{text}", f"{name}={text}") for name, text in variables.items())
+    for word in ("torch_backend", "prerelease", "resolution"):
+        if getattr(question, word) != getattr(usual, word):
+            yield Detail(cellid.spelled(word), getattr(question, word))
+    if dated and question.snapshot:
+        yield Detail("as-of", question.snapshot.lower().removesuffix("t23:59:59z").replace(":", "."))
+    if question.index != usual.index:
+        yield Detail("index", rest=repr(question.index))
+    if "/" in cell.python:
+        yield Detail("interpreter", rest=cell.python)
+    if cell.subject:
+        source = cell.subject
+        yield Detail("subject", PurePath(source.source).name, source.source)
+        yield from (Detail("extra", name) for name in source.extras)
+        yield from (Detail("group", name) for name in source.groups)
+    yield from (Detail("file", name, text) for name, text in cell.files.items())
+    yield from _environments(cell, dated=dated)
+
+
+def _environments(cell: Cell, *, dated: bool) -> Iterator[Detail]:
+    """Yield the environments and modules that are tried, unless the requirements themselves suggest them."""
+    question = cell.question
+    suggested = cases_for(
+        Asked(
+            requirements=tuple(sorted(question.requirements)),
+            python=cell.axes["python"],
+            constraints=question.constraints,
+            as_of=question.snapshot if dated else None,
+            subject=cell.subject,
+        )
+    )
+    plain = [_plain(case) for case in cell.cases]
+    if sorted(plain) != sorted(map(_plain, suggested)):
+        yield from (Detail("env", case.env, _plain(case)) for case in cell.cases if case.env)
+        yield from (Detail("import", ".".join(case.imports), _plain(case)) for case in cell.cases if not case.env)
+
+
+def _plain(case: Case) -> str:
+    """Return all that a case asks, whatever it is called and in whatever order its packages are asked for."""
+    return repr(replace(case, id="", packages=tuple(sorted(case.packages))))
 
 
 # --- cases -----------------------------------------------------------------------------------------------------
@@ -159,9 +223,9 @@ def cases_for(asked: Asked) -> tuple[Case, ...]:
     for env, checks in envs.items():
         with located("--env"):
             name = _free(case_id(env, ()), cases)
-            spoken = api_of(env, asked.api) or api or meant(env, asked.requirements)
-            spoken = spoken or asked.brought or GYMNASIUM
-        cases[name] = Case(id=name, env=env, api=spoken, imports=imports, packages=packages, checks=checks)
+            found = api_of(env, asked.api) or api or spoken(env, asked.requirements)
+        found = found or asked.brought or GYMNASIUM
+        cases[name] = Case(id=name, env=env, api=found, imports=imports, packages=packages, checks=checks)
     return tuple(cases.values())
 
 

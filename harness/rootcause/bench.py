@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from harness import failure, interpreters, knowledge, machine, process, verdict
-from harness.evidence import diagnosed
+from harness.evidence import diagnosed, looked_up
 from harness.failure import Failure
 from harness.model import CASE_PHASES, Cell, CellRecord, Outcome, Phase, Verdict
 from harness.reporttypes import UNTOLD
@@ -46,8 +46,18 @@ class Trial:
 
     @property
     def works(self) -> bool:
-        """Whether all of it that was asked for passed."""
-        return verdict.fulfilled(self.judged.verdict, self.judged.phases)
+        """Return whether all of it that was asked for passed, and no silent issue is left open."""
+        return verdict.fulfilled(self.judged.verdict, self.judged.phases, self.judged.unverified)
+
+    @property
+    def doubtful(self) -> bool:
+        """Return whether it works but for a silent issue that no check has refuted."""
+        return self.judged.verdict is Verdict.WORKS and not self.works
+
+    @property
+    def bad(self) -> bool:
+        """Return whether it fails, misleads, or may mislead."""
+        return self.failure is not None or self.doubtful
 
     @property
     def well(self) -> str:
@@ -181,12 +191,13 @@ class Bench:
         self.built |= made
 
     def _trial(self, record: CellRecord, began: float, *, at_hand: bool) -> Trial:
-        judged = verdict.judge(record)
+        known = knowledge.beside(self.store.folder)
+        judged = looked_up(record, verdict.judge(record), known)
         return Trial(
             cell=record.cell,
             record=record,
             judged=judged,
-            found=diagnosed(record, judged, knowledge.beside(self.store.folder)),
+            found=diagnosed(record, judged, known),
             seconds=round(monotonic() - began, 3),
             at_hand=at_hand,
         )

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from harness import changes
-from harness.model import Cell, Change, Question, Repair, Tried
+from harness import cellid, changes
+from harness.model import Cell, Change, Phase, Question, Repair, Tried
 from harness.rootcause.bench import Bench, Spent, Trial
 from harness.rootcause.candidates import Candidate
-from harness.rootcause.predicate import Predicate, Said, failing, plain, working
+from harness.rootcause.good_end import GoodEndSearch, Look
+from harness.rootcause.predicate import Predicate, Said, alike, failing, plain, working
 from harness.search import Answer, Boundary, Refused, Rules, Search
-from harness.vocabulary import LONGEST_LABEL, WITH, required_name
+from harness.vocabulary import required_name
 
 AHEAD = 2
 """Candidates that are prepared while one is tested."""
@@ -86,7 +87,7 @@ class Bisection:
         self.steps: list[Step] = []
         self.predicate: Predicate | None = None
         self.told: list[str] = []
-        self._known: dict[int, Said] = {}
+        self._ends: GoodEndSearch | None = None
 
     def run(self) -> Bisected:
         """Find the boundary. Never raises Spent."""
@@ -96,7 +97,7 @@ class Bisection:
                 return self._answer(ended)
             good = self.task.good if self.task.good is not None else self._good_end()
         except Spent as spent:
-            self.told.append(str(spent))
+            self.told += filter(None, (str(spent), self._tried()))
             return self._answer(Status.STOPPED)
         if good is None:
             return self._answer(self._without_good_end())
@@ -106,8 +107,9 @@ class Bisection:
         """Whether there is none, or one of those that nothing could be told of here may be it."""
         lost = [step.candidate.name for step in self.steps if step.trial.untold]
         if not lost:
+            self.told.append(f"no candidate was found that works: {self._tried()}")
             return Status.NO_GOOD_END
-        self.told.append(f"of {', '.join(lost)} nothing could be told here, and each may be good")
+        self.told.append(f"of {', '.join(lost)} nothing could be told here, and each may be good; {self._tried()}")
         return Status.UNTOLD
 
     # --- ends ------------------------------------------------------------------------------------------------------
@@ -136,49 +138,49 @@ class Bisection:
         return None
 
     def _good_end(self) -> int | None:
-        """A candidate that is good: at hand, near what was measured to work, else ever further off, older first."""
-        known = {place: said for place in self._others() if (said := self._at_hand(place))}
-        good = [place for place, said in known.items() if said.answer is Answer.GOOD]
-        if good:
-            return min(good, key=lambda place: abs(place - self.task.bad))
-        self._known = known
-        for place in self.task.hints:
-            if self._looked(place) is Answer.GOOD:
-                return place
-        ends = [end for end in (0, len(self.task.line) - 1) if end != self.task.bad]
-        return next((found for end in ends if (found := self._towards(end)) is not None), None)
+        """Find a candidate that is good: at hand, near what was measured to work, further off, or between two bad."""
+        bad = self.task.bad
+        last = next(step for step in reversed(self.steps) if step.candidate == self.task.line[bad])
+        looks = {place: _look(trial, said) for place in self._others() for trial, said in self._at_hand(place)}
+        looks[bad] = _look(last.trial, last.said)
+        self._ends = GoodEndSearch(len(self.task.line), bad, looks, self._looked)
+        return self._ends.find(self.task.hints)
 
-    def _towards(self, end: int) -> int | None:
-        """A good candidate on this side of the bad end: ever further off, then before what cannot be tested."""
-        bad, last = self.task.bad, abs(end - self.task.bad)
-        sign = 1 if end > bad else -1
-        near: int = 0
-        far: int | None = None
-        for off in dict.fromkeys([*(1 << power for power in range(last.bit_length()) if 1 << power < last), last]):
-            answer = self._looked(bad + sign * off)
-            if answer is Answer.GOOD:
-                return bad + sign * off
-            near, far = (near, far or off) if answer is Answer.UNTESTABLE else (off, None)
-        while far is not None and far - near > 1:
-            off = (near + far) // 2
-            answer = self._looked(bad + sign * off)
-            if answer is Answer.GOOD:
-                return bad + sign * off
-            near, far = (near, off) if answer is Answer.UNTESTABLE else (off, far)
-        return None
+    def _beyond(self, good: int) -> Iterator[str]:
+        """Yield the nearest candidate behind the good end that is bad, too: then only a range of them works."""
+        away = 1 if good > self.task.bad else -1
+        looks = self._ends.looks if self._ends else {}
+        behind = [
+            place for place, look in looks.items() if (place - good) * away > 0 and look.answer is not Answer.GOOD
+        ]
+        if behind:
+            name = self.task.line[min(behind, key=lambda place: abs(place - good))].name
+            words = next(step.said.words for step in reversed(self.steps) if step.candidate.name == name)
+            yield f"only a range works: {self.task.axis} {name} fails as well ({words})"
 
-    def _looked(self, place: int) -> Answer:
-        """What a candidate is, of which each is looked at once."""
-        if place not in self._known:
-            self._known[place] = self._test(place, LOOKING, left=None)
-        return self._known[place].answer
+    def _looked(self, place: int) -> Look:
+        """Measure a candidate that may be a good end."""
+        said = self._test(place, LOOKING, left=None)
+        return _look(self.steps[-1].trial, said)
 
     def _others(self) -> Iterator[int]:
         return (place for place in range(len(self.task.line)) if place != self.task.bad)
 
-    def _at_hand(self, place: int) -> Said | None:
+    def _at_hand(self, place: int) -> Iterator[tuple[Trial, Said]]:
         trial = self.bench.at_hand(self.cell(self.task.line[place]))
-        return self._predicate.of(trial) if trial else None
+        if trial:
+            yield trial, self._predicate.of(trial)
+
+    def _tried(self) -> str:
+        """Return how many candidates were tried while a good end was looked for, and which ones were not."""
+        if self._ends is None:
+            return ""
+        names = [one.name for one in self.task.line]
+        left = [(names[low], names[high], high - low + 1) for low, high in self._ends.untried()]
+        count = len(names) - sum(number for _, _, number in left)
+        ranges = [low if number == 1 else f"{low} to {high} ({number})" for low, high, number in left]
+        others = f"; not tried: {', '.join(ranges)}" if ranges else ""
+        return f"{count} of {len(names)} candidates were tried{others}"
 
     # --- between ---------------------------------------------------------------------------------------------------
 
@@ -196,6 +198,7 @@ class Bisection:
             lower, upper = self._confirmed(search.result())
         except Spent as spent:
             self.told.append(str(spent))
+        self.told += self._beyond(good)
         return replace(
             self._answer(status), line=line, boundary=search.result(), good=lower, bad=upper, oldest_first=good <= bad
         )
@@ -264,13 +267,16 @@ class Bisection:
         if changes.same(made, base):
             return base
         made = replace(made, question=_in_place(made.question, base.question))
-        ending = f"{WITH}{self.task.axis.strip('-')}{candidate.name}".replace(":", "")
-        label = f"{base.label[: LONGEST_LABEL - len(ending)]}{ending}"
+        axis = {"--python": "py", "--date": "date-"}.get(self.task.axis, f"{self.task.axis}-")
+        name = cellid.spelled(f"{axis}{candidate.name}")
         reason = f"a bisection along {self.task.axis}"
-        tried = Tried(name=ending.removeprefix(WITH), reason=reason, change=candidate.change, proving=True)
-        return replace(made, id=f"{base.matrix}/{label}", base=base.id, tried=tried, expect=None)
+        tried = Tried(name=name, reason=reason, change=candidate.change, proving=True)
+        return replace(made, id=changes.id_of(base, name, candidate.change), base=base.id, tried=tried, expect=None)
 
     def _note(self, candidate: Candidate, why: str, trial: Trial, said: Said) -> Step:
+        until = self.predicate.until if self.predicate else Phase.SUITE
+        if trial.works and why != "whole" and until is not Phase.SUITE:
+            said = replace(said, words=f"passes {until}")  # nothing behind it was run
         step = Step(candidate=candidate, why=why, trial=trial, said=said)
         self.steps.append(step)
         self.say(f"  {said.answer}: {said.words}" + (" (at hand)" if trial.at_hand else f" ({trial.seconds:.0f} s)"))
@@ -286,6 +292,11 @@ def _in_place(question: Question, before: Question) -> Question:
     order = {name: place for place, name in reversed(list(enumerate(old)))}
     lines = sorted(question.requirements, key=lambda line: order.get(required_name(line), len(old)))
     return replace(question, requirements=tuple(lines))
+
+
+def _look(trial: Trial, said: Said) -> Look:
+    failed = plain(trial.failure)
+    return Look(answer=said.answer, failure=alike(failed) if failed else trial.judged.verdict)
 
 
 def _line(trial: Trial) -> str:

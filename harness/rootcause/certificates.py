@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
+from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,11 @@ from harness.reporttypes import number
 from harness.rootcause.bench import Bench, Trial
 from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, Step
 from harness.rootcause.candidates import Candidate, differing
+from harness.rootcause.predicate import plain
 from harness.search import Answer, Turn
 from harness.store import now
+
+DATE = "--date"
 
 
 class PredicateEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -211,8 +215,10 @@ def _turn(turn: Turn[Candidate], done: Bisected) -> TurnEntry:
 
 
 def _moved(bench: Bench, good: Trial, bad: Trial) -> tuple[MovedEntry, ...]:
-    found = differing(versions(bench, good), versions(bench, bad))
-    return tuple(MovedEntry(name=name, good=old, bad=new) for name, old, new in found)
+    """Return the packages that differ; none where one of both has no lock to compare."""
+    old, new = versions(bench, good), versions(bench, bad)
+    found = differing(old, new) if old and new else ()
+    return tuple(MovedEntry(name=name, good=version, bad=other) for name, version, other in found)
 
 
 def versions(bench: Bench, trial: Trial) -> dict[str, str]:
@@ -232,13 +238,24 @@ def claim(done: Bisected, cell: Cell, axis: str) -> str:
     if done.status is not Status.FOUND or good is None or bad is None:
         told = "; ".join(done.told) or "no candidate was found that works"
         return f"{cell.id}: {done.status} along {axis}: {told}"
-    names = [f"{_thing(axis)} {one.candidate.name}" for one in (good, bad)]
+    names = [f"{_thing(axis)} {_last(done, one, axis)}" for one in (good, bad)]
     last, first = ("last", "first") if done.oldest_first else ("first", "last")
     works = good.trial.well if good.trial.works else f"is without this failure ({good.said.words})"
-    failing = done.predicate.failure if done.predicate else None
+    failing = plain(bad.trial.failure) or (done.predicate.failure if done.predicate else None)
     what = f"fails with {failing.line}" if failing and failing.line else "fails"
     gap = _gap(done)
     return f"{names[0]} is the {last} that {works} and {names[1]} the {first} that {what}{gap}"
+
+
+def _last(done: Bisected, one: Step, axis: str) -> str:
+    """Return the name of a neighbour; the older one of two days lasts until the day before the next upload."""
+    line = [each.name for each in done.line]
+    place, newer = line.index(one.candidate.name), 1 if done.oldest_first else -1
+    older = one is (done.good if done.oldest_first else done.bad)
+    if axis != DATE or not older or not 0 <= place + newer < len(line):
+        return one.candidate.name
+    eve = date.fromisoformat(line[place + newer][:10]) - timedelta(days=1)
+    return max(one.candidate.name[:10], eve.isoformat())
 
 
 def _gap(done: Bisected) -> str:
@@ -254,7 +271,7 @@ def _gap(done: Bisected) -> str:
 
 
 def _thing(axis: str) -> str:
-    return {"--date": "the index of", "--python": "Python"}.get(axis, axis)
+    return {DATE: "the index of", "--python": "Python"}.get(axis, axis)
 
 
 def page(made: BisectDocument) -> str:
@@ -262,7 +279,7 @@ def page(made: BisectDocument) -> str:
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= {"cell": present.filters()["cell"]}
+    environment.filters |= present.filters()
     template = (Path(__file__).parent.parent / "templates" / "bisect.md.j2").read_text(encoding="utf-8")
     said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
     return environment.from_string(template).render(**said)
@@ -282,6 +299,8 @@ def lines(made: BisectDocument) -> Iterator[str]:
     moved = [f"{one.name} {one.good or 'absent'} -> {one.bad or 'absent'}" for one in made.moved]
     if moved:
         yield f"between their locks: {', '.join(moved[:8])}{f' and {len(moved) - 8} more' if len(moved) > 8 else ''}"
+    if made.good:
+        yield from (f"note: {one}" for one in made.told)
     if made.confidence is not None:
         yield f"confidence: {made.confidence:.4f}"
     found = f" ({made.for_an_end} of them for a good end)" if made.for_an_end else ""

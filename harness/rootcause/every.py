@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from harness import failure, knowledge, verdict
+from harness import changes, failure, knowledge, verdict
 from harness.evidence import diagnosed
 from harness.failure import Failure
 from harness.model import Cell, CellRecord, Change
 from harness.rootcause.lab import Lab
 from harness.rootcause.repairing import Repaired, Search, Status
 from harness.store import Store
-from harness.vocabulary import LONGEST_LABEL, WITH, required_name
+from harness.vocabulary import required_name
 
 REPAIR = "repair"
 
@@ -40,10 +40,9 @@ class Ended:
         if self.repaired.status is not Status.FOUND or self.repaired.proof is None:
             return None
         record = self.repaired.proof.record
-        ending = f"{WITH}{REPAIR}"
-        label = f"{self.cell.label[: LONGEST_LABEL - len(ending)]}{ending}"
+        name = changes.id_of(self.cell, REPAIR, self.repaired.change or Change())
         tried = replace(record.cell.tried, reason=self.repaired.why) if record.cell.tried else None
-        return replace(record, cell=replace(record.cell, id=f"{self.cell.matrix}/{label}", tried=tried))
+        return replace(record, cell=replace(record.cell, id=name, tried=tried))
 
 
 def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[Ended]:

@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
 from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from harness import changes, knowledge, moves
+from packaging.version import Version
+
+from harness import cellid, changes, clues, knowledge, locks, moves
 from harness.evidence import failures
+from harness.failure import Failure
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.scheduler import Observer, Settings
 from harness.signatures import Evidence
+from harness.standalone.silent import PREFIX
 from harness.store import Store
 from harness.verdict import case_phases
-from harness.vocabulary import LONGEST_LABEL, WITH
+from harness.vocabulary import MISLEADING
 
 ORDER = list(Phase)
 
@@ -76,7 +79,7 @@ class Lab:
         tried = Tried(name="repair", reason="a remedy is looked for", change=change, proving=True)
         return replace(
             made,
-            id=f"{self.base.matrix}/{_label(self.base, change)}",
+            id=_id(self.base, change),
             base=self.base.id,
             tried=tried,
             expect=None,
@@ -138,10 +141,9 @@ class Lab:
         return tuple(failures(trial.record, knowledge.beside(self.store.folder).logs))
 
 
-def _label(cell: Cell, change: Change) -> str:
-    digest = sha256(repr(sorted(changes.plain(change).items())).encode()).hexdigest()[:8]
-    ending = f"{WITH}repair-{digest}"
-    return f"{cell.label[: LONGEST_LABEL - len(ending)]}{ending}"
+def _id(cell: Cell, change: Change) -> str:
+    digest = cellid.digest(repr(sorted(changes.plain(change).items())))
+    return changes.id_of(cell, f"repair-{digest}", change)
 
 
 # --- what came of it -------------------------------------------------------------------------------------------
@@ -151,10 +153,12 @@ def weaker(before: Trial, after: Trial) -> str | None:
     """Why a cell that works shows less than was asked of the one before: a check that failed or passed is left out."""
     ended = _checks(after)
     for (case, check), outcome in _checks(before).items():
+        if check in MISLEADING and outcome is Outcome.PASSED and ended.get((case, check)) is Outcome.SKIPPED:
+            continue  # it has no meaning there, such as that of a free camera where the model's own is drawn with
         if outcome in {*FAILING, Outcome.PASSED} and ended.get((case, check)) is not Outcome.PASSED:
             now = ended.get((case, check), Outcome.NOT_REACHED)
             return f"{check} of {case} was {outcome} before and is {now} now"
-    for phase in after.judged.unverified:
+    for phase in (name for name in after.judged.unverified if not name.startswith(PREFIX)):
         if before.judged.phases.get(Phase(phase)) in {*FAILING, Outcome.PASSED}:
             return f"{phase} could not be verified"
     return None
@@ -186,14 +190,54 @@ def ended(trial: Trial, until: Phase) -> str:
         return f"passes {until}"
     if trial.works:
         return trial.well
+    if trial.doubtful:
+        return f"works, not verified: {', '.join(trial.judged.unverified)}"
     failed = f" in {trial.judged.phase}" if trial.judged.phase else ""
     return f"{trial.judged.verdict}{failed}"
 
 
 def further(before: Trial, after: Trial) -> bool:
-    """Whether a cell fails of something else than the one before, and not earlier."""
+    """Return whether a cell fails of something else than the one before, and not earlier.
+
+    Two sentences of the resolver about the same packages are one failure, however they are worded.
+    """
     one, other = before.failure, after.failure
     if one is None or other is None or one.same(other):
         return False
+    if one.phase is other.phase is Phase.RESOLVE:
+        return _conflicts(one).isdisjoint(_conflicts(other)) and bool(_conflicts(other))
     places = [ORDER.index(each.phase) if each.phase else 0 for each in (one, other)]
     return places[1] >= places[0]
+
+
+def _conflicts(failed: Failure) -> frozenset[str]:
+    return clues.subjects(failed.line)
+
+
+def told(lab: Lab, trial: Trial) -> tuple[str, ...]:
+    """Return the lines that say why a cell failed."""
+    return tuple(text for one in lab.evidence(trial) for text in one.told)
+
+
+def versions(lab: Lab, trial: Trial) -> dict[str, str]:
+    """Return what a cell's lock holds; nothing if it did not resolve."""
+    if trial.record.lock is None:
+        return {}
+    text = (lab.store.folder / trial.record.lock).read_text(encoding="utf-8")
+    return {name: version for name, (version, _) in locks.pinned(text).items()}
+
+
+def unrefused(lab: Lab, before: Trial, after: Trial) -> str | None:
+    """Return why a cell works only because an older release does not refuse yet what a newer one does."""
+    had = versions(lab, before) or moves.pins(before.cell)
+    has = versions(lab, after)
+    for name, bound in clues.refused(told(lab, before), had).items():
+        kept = has.get(name)
+        if kept is None or bound.contains(kept, prereleases=True):
+            continue
+        for other in had.keys() & has.keys() - {name}:
+            if Version(has[other]) < Version(had[other]):
+                return (
+                    f"the error asks for {name}{clues.written(bound)}, and {other} {has[other]} is too old to know that"
+                )
+    return None

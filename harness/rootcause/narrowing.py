@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 from packaging.version import Version
 
-from harness import clues, locks, moves, search
+from harness import clues, moves, search
 from harness.model import Change, Interpreter, Phase
 from harness.moves import together
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import Lab, passes, weaker
+from harness.rootcause.lab import Lab, passes, versions, weaker
 from harness.search import Answer
 
 SINGLES = 2
@@ -165,14 +165,6 @@ def _likely(line: Sequence[Version]) -> list[int]:
 def held(chosen: Iterable[Suspect]) -> Change:
     """Packages held to their good versions."""
     return moves.of_parts(one.at(f"=={one.good}") for one in chosen)
-
-
-def versions(lab: Lab, trial: Trial) -> dict[str, str]:
-    """What a cell's lock holds; empty where it did not resolve."""
-    if trial.record.lock is None:
-        return {}
-    text = (lab.store.folder / trial.record.lock).read_text(encoding="utf-8")
-    return {name: version for name, (version, _) in locks.pinned(text).items()}
 
 
 def differing(lab: Lab, good: Trial, bad: Trial) -> tuple[Suspect, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from harness import failure
 from harness.failure import Failure
-from harness.model import FAILING, Outcome, Phase
+from harness.model import FAILING, Outcome, Phase, Verdict
 from harness.rootcause.bench import Trial
 from harness.search import Answer
 
@@ -60,6 +60,9 @@ class Predicate:
     def _without(self, trial: Trial) -> Said:
         if trial.works:
             return working(trial)
+        if trial.doubtful:
+            words = f"works, not verified: {', '.join(trial.judged.unverified)}"
+            return Said(answer=Answer.UNTESTABLE, why=None, words=words)
         if self.failure is not None and self._passed(trial):
             return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}")
         told = f"{trial.judged.verdict}: {trial.judged.decisive or 'no line says why'}"
@@ -72,7 +75,8 @@ class Predicate:
         order = list(Phase)
         before = order[: order.index(self.until) + 1]
         phases = [trial.judged.phases.get(phase, Outcome.SKIPPED) for phase in before]
-        return phases[-1] is Outcome.PASSED and set(phases) <= BETTER
+        misleads = trial.judged.verdict is Verdict.MISLEADS and trial.judged.phase in before
+        return phases[-1] is Outcome.PASSED and set(phases) <= BETTER and not misleads
 
 
 def working(trial: Trial) -> Said:
@@ -86,10 +90,17 @@ def plain(failed: Failure | None) -> Failure | None:
 
 
 def _called(failed: Failure) -> str:
-    """A name that is the same for the same failure, so that what lies between two of them is taken to be one, too."""
+    """Return a name that is the same for the same failure: what lies between two such candidates is taken to be one."""
     return f"{failed.phase}: {failed.causes[0] if failed.causes else failure.CHANGING.sub('…', failed.line)}"
+
+
+def alike(failed: Failure) -> tuple[Phase | None, str]:
+    """Return a name that differs where the line that says why does, whatever known failure both may be."""
+    return failed.phase, failure.CHANGING.sub("…", failed.line)
 
 
 def failing(trial: Trial) -> bool:
     """Whether a trial failed of its packages."""
+    if trial.judged.verdict is Verdict.MISLEADS:
+        return True
     return trial.failure is not None and any(outcome in FAILING for outcome in trial.judged.phases.values())

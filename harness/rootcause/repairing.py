@@ -6,28 +6,30 @@ cures is made smaller, each part of it is left out once, and the whole is measur
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from heapq import heappop, heappush
 from itertools import count
 
-from harness import interpreters, moves
+from harness import interpreters, moves, search
 from harness.model import Change, Phase, Verdict
 from harness.moves import Move, Way, together
-from harness.rootcause import narrowing, stages
+from harness.reporttypes import number
+from harness.rootcause import narrowing, stages, widening
 from harness.rootcause.bench import Spent, Trial
-from harness.rootcause.lab import Lab, further, weaker
+from harness.rootcause.lab import Lab, ended, further, unrefused, versions, weaker
 from harness.rootcause.narrowing import Narrowing
 from harness.rootcause.stages import STAGES, Place
+from harness.search import Answer
 from harness.vocabulary import required_name
 
 DEEPEST = 4
 """Changes on top of each other, each for a failure that showed behind the one before."""
 
 
-MANY = 3
-"""Lines of one kind that are left out together before each of them is."""
+FEW = 4
+"""Parts that are not needed and are listed by name."""
 
 
 class Status(StrEnum):
@@ -109,7 +111,7 @@ class Search:
         """Measure the cell, and look for what cures it. Never raises Spent."""
         before = self.lab.measure(Change(), "as it is asked for")
         self.before = before
-        if before.works:
+        if before.works or before.doubtful:
             return Repaired(status=Status.GREEN, before=before)
         if before.failure is None:
             return Repaired(status=Status.UNTOLD, before=before)
@@ -130,7 +132,7 @@ class Search:
         move = Move(change=change, way=Way.KNOWN, why="it cured another cell of the same cause")
         try:
             trial = self.lab.measure(change, move.why)
-            if not trial.works or weaker(self.before, trial):
+            if not trial.works or self._no_cure(self.before, trial):
                 return None
             self.found = _Found(change=change, move=move, trial=trial)
             self._least(self.found)
@@ -142,11 +144,11 @@ class Search:
 
     # --- looking ---------------------------------------------------------------------------------------------------
 
-    def _open(self, change: Change, trial: Trial, depth: int) -> None:
-        """Put all stages of a place on the list of what is to be tried."""
+    def _open(self, change: Change, trial: Trial, depth: int, ways: Iterable[Way] = STAGES) -> None:
+        """Put stages of a place on the list of what is to be tried."""
         phase = trial.failure.phase if trial.failure else None
         place = Place(lab=self.lab, change=change, trial=trial, phase=phase or Phase.SUITE)
-        for way in STAGES:
+        for way in ways:
             heappush(self.queue, _Entry(moves.COSTS[way], -depth, next(self.numbers), place, way))
 
     def _look(self) -> None:
@@ -168,16 +170,24 @@ class Search:
         except ValueError:
             return False
         if trial.works:
-            less = weaker(self.before, trial)
-            if less:
-                self.told.append(f"{move.why}: {less}, which is a weaker test")
+            reason = self._no_cure(place.trial, trial)
+            if reason:
+                self.told.append(f"{move.why}: {reason}")
                 return False
             self.found = _Found(change=change, move=move, trial=trial)
             return True
         depth = 1 - entry.above
-        if depth < DEEPEST and further(place.trial, trial):
+        if trial.doubtful:
+            self.told.append(f"{move.why}: {ended(trial, self.lab.until)}")
+            self._open(change, trial, depth, (Way.KNOWN,))
+        elif depth < DEEPEST and further(place.trial, trial):
             self._open(change, trial, depth)
         return False
+
+    def _no_cure(self, before: Trial, trial: Trial) -> str | None:
+        """Return why a cell that works is no remedy all the same."""
+        less = weaker(self.before, trial)
+        return f"{less}, which is a weaker test" if less else unrefused(self.lab, before, trial)
 
     # --- making it smaller -----------------------------------------------------------------------------------------
 
@@ -186,14 +196,15 @@ class Search:
         found.change = (self._nearest(found) if self._by_pins(found) else self._narrowed(found)) or found.change
         self._unguarded(found)
         self._least(found)
+        self._widened(found)
         if self.lab.shown(found.trial) is None:
             found.trial = self.lab.measure(found.change, "the whole remedy once more", again=True)
-        found.proven = found.trial.works and weaker(self.before, found.trial) is None
+        found.proven = found.trial.works and self._no_cure(self.before, found.trial) is None
 
     def _take(self, found: _Found, change: Change, why: str) -> bool:
         """Whether a smaller change cures in every phase, too; then it is the one."""
         trial = self.lab.measure(change, why)
-        if not trial.works or weaker(self.before, trial):
+        if not trial.works or self._no_cure(self.before, trial):
             return False
         found.change, found.trial = change, trial
         return True
@@ -243,6 +254,17 @@ class Search:
         pinned = phase is Phase.SUITE and self._take(found, exact, "pinned, in every phase")
         return found.change if pinned else None
 
+    def _widened(self, found: _Found) -> None:
+        """Let the bounds of a known remedy keep all releases that work."""
+        if found.move.way is not Way.KNOWN:
+            return
+        widened = widening.Widening(self.lab, found.change, self.before, found.trial)
+        change = widened.run()
+        self.bound += widened.bound
+        self.told += widened.told
+        if change != found.change and self._take(found, change, "with the widest bounds, in every phase"):
+            self._least(found)
+
     def _by_pins(self, found: _Found) -> bool:
         return found.move.way is Way.PINS and len(found.move.change.requirements) == 1
 
@@ -250,7 +272,7 @@ class Search:
         """The release nearest to the one that the user asks for, of those between that and one that works."""
         (line,) = found.move.change.requirements
         name, pinned = required_name(line), moves.pins(self.lab.base)
-        good = narrowing.versions(self.lab, found.trial).get(name)
+        good = versions(self.lab, found.trial).get(name)
         if name not in pinned or good is None:
             return None
         rest = moves.without(found.change, found.move.change)
@@ -272,18 +294,24 @@ class Search:
         yield from stages.tools(failing.cell, whole, offline=self.lab.settings.offline)
 
     def _least(self, found: _Found) -> None:
-        """Leave out what is many together, then each part in turn: without one that is needed the cell fails."""
-        many = [part for part in moves.kinds(found.change) if len(moves.parts(part)) >= MANY]
-        for part in (*many, *reversed(moves.parts(found.change))):
-            if part not in (*many, *moves.parts(found.change)):
-                continue
-            rest = moves.without(found.change, part)
-            trial = self._without(rest, part)
-            if trial.works and not weaker(self.before, trial):
-                found.change, found.trial = rest, trial
-                self.told.append(f"not needed: {moves.in_words(part)}")
+        """Leave out parts by halves as long as the cell works; without each part that stays it fails."""
+        whole = moves.parts(found.change)
+        needed = search.minimise(whole, self._keeping).items if len(whole) > 1 else whole
+        if needed is not None and len(needed) < len(whole):
+            spare = [moves.in_words(part) for part in whole if part not in needed]
+            more = f" and {len(spare) - FEW} more" if len(spare) > FEW else ""
+            self.told.append(f"not needed: {'; '.join(spare[:FEW])}{more}")
+            found.change = moves.of_parts(part for part in whole if part in needed)
+            found.trial = self.lab.measure(found.change, "the parts that are needed")
         tried = [(part, self._without(moves.without(found.change, part), part)) for part in moves.parts(found.change)]
-        found.parts = tuple(Part(change=part, without=trial if trial.failure else None) for part, trial in tried)
+        found.parts = tuple(Part(change=part, without=trial if trial.bad else None) for part, trial in tried)
+
+    def _keeping(self, parts: tuple[Change, ...]) -> Answer:
+        """Measure the cell with some parts of the remedy only."""
+        trial = self.lab.measure(moves.of_parts(parts), f"with {number(len(parts), 'part')} of the remedy")
+        if trial.works and not self._no_cure(self.before, trial):
+            return Answer.GOOD
+        return Answer.BAD if trial.bad or trial.works else Answer.UNTESTABLE
 
     def _without(self, rest: Change, part: Change) -> Trial:
         return self.lab.measure(rest, f"without {moves.in_words(part)}")

@@ -8,13 +8,15 @@ from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
-from harness import clues, interpreters, machine, measured, moves, sitepackages
-from harness.model import Cell, Change, Interpreter, Phase, Verdict
+from harness import clues, interpreters, knowledge, machine, measured, moves, sitepackages
+from harness.model import Cell, Change, Interpreter, Phase
 from harness.moves import Move, Way
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import Lab
-from harness.rootcause.narrowing import Suspect, versions
+from harness.rootcause.lab import Lab, told, versions
+from harness.rootcause.narrowing import Suspect
+from harness.signatures import Diagnosis
+from harness.standalone.silent import PREFIX, plainly_good
 from harness.store import cache_folder
 from harness.vocabulary import parsed_requirement, required_name
 
@@ -69,9 +71,45 @@ def unguarded(change: Change, own: Collection[str] = ()) -> Change:
     return replace(change, only_binary=tuple(name for name in change.only_binary if name not in gone))
 
 
+def named(place: Place) -> Iterator[Move]:
+    """Yield the bounds that the failure names, where they leave what the user asked for."""
+    yield from (one for one in _named(place) if one.way is Way.NAMED)
+
+
+def refused(place: Place) -> Iterator[Move]:
+    """Yield the bounds that the failure names, in place of what the user asked for."""
+    yield from (one for one in _named(place) if one.way is Way.REFUSED)
+
+
+def _named(place: Place) -> Iterator[Move]:
+    cell, pinned = place.trial.cell, moves.pins(place.trial.cell)
+    had = versions(place.lab, place.trial) | pinned
+    for name, bound in clues.refused(told(place.lab, place.trial), had).items():
+        line = f"{name}{clues.written(bound)}"
+        why = f"the error names {line}"
+        if name not in pinned:
+            change, contrary = moves.beside(cell, Change(constraints=(line,)))
+            yield Move(change=change, way=Way.REFUSED if contrary else Way.NAMED, why=why)
+            continue
+        fitting = [each for each in _usable(place, name) if bound.contains(str(each))]
+        newer = [each for each in fitting if each > Version(pinned[name])]
+        if newer:  # the nearest to what is asked for; the newest may be too new again
+            change = moves.released(cell, name, f"=={newer[0]}")
+            yield Move(change=change, way=Way.REFUSED, why=why)
+        yield Move(change=moves.released(cell, name, clues.written(bound)), way=Way.REFUSED, why=why)
+
+
 def known(place: Place) -> Iterator[Move]:
     """Remedies of the known failures, where they leave what the user asked for."""
-    yield from (one for one in moves.known(place.trial.cell, place.trial.found) if one.way is Way.KNOWN)
+    found = place.trial.found or tuple(_silent(place.trial))
+    yield from (one for one in moves.known(place.trial.cell, found) if one.way is Way.KNOWN)
+
+
+def _silent(trial: Trial) -> Iterator[Diagnosis]:
+    """Yield the silent issues that a cell which works leaves open."""
+    left = {name.removeprefix(PREFIX) for name in trial.judged.unverified if name.startswith(PREFIX)}
+    known = (one for one in knowledge.known() if one.id in left)
+    yield from (Diagnosis(signature=one, phase=None, seen="", told=False) for one in known)
 
 
 def missing(place: Place) -> Iterator[Move]:
@@ -168,7 +206,7 @@ def lock(place: Place) -> Iterator[Move]:
     known = measured.load()
     found: dict[str, Change] = {}
     for one in known["cells"]:
-        works = one["verdict"] == Verdict.WORKS and one["lock"] in known["locks"]
+        works = plainly_good(one["verdict"], one["unverified"]) and one["lock"] in known["locks"]
         if not (works and cases and cases <= {(case["env"], case["api"]) for case in one["cases"]}):
             continue
         had = dict(known["locks"][one["lock"]])
@@ -245,8 +283,7 @@ def pins(place: Place) -> Iterator[Move]:
 
 def _around(place: Place, name: str, now: Version) -> Iterator[Version]:
     """Releases at doubling distance, newer and older in turn."""
-    offline = place.lab.settings.offline
-    found = times.usable(place.trial.cell, name, place.python, wheels=name in HEAVY, offline=offline)
+    found = _usable(place, name)
     newer = [each for each in found if each > now]
     older = [each for each in reversed(found) if each < now]
     step = 1
@@ -256,11 +293,18 @@ def _around(place: Place, name: str, now: Version) -> Iterator[Version]:
     yield from (line[-1] for line in (newer, older) if line)
 
 
+def _usable(place: Place, name: str) -> tuple[Version, ...]:
+    offline = place.lab.settings.offline
+    return times.usable(place.trial.cell, name, place.python, wheels=name in HEAVY, offline=offline)
+
+
 STAGES: dict[Way, Stage] = {
+    Way.NAMED: named,
     Way.KNOWN: known,
     Way.MISSING: missing,
     Way.OVERLAY: overlay,
     Way.BUILDS: builds,
+    Way.REFUSED: refused,
     Way.DATE: date,
     Way.LOCK: lock,
     Way.WHEELS: wheels,

@@ -7,14 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from harness import pasting, present
+from harness.moves import Way
 from harness.reporttypes import number
 from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repairing import Status
+from harness.standalone.silent import PREFIX
 
 
 def lines(made: RepairDocument) -> Iterator[str]:
     """What people read of it."""
     before = made.runs[0]
+    doubts = [name.removeprefix(PREFIX) for name in before.unverified if name.startswith(PREFIX)]
+    if made.status is Status.GREEN and doubts:
+        yield f"{made.cell} works, but a silent known issue is not excluded: {', '.join(doubts)}"
+        yield f"next: simmatrix known {doubts[0]}"
+        return
     if made.status is Status.GREEN:
         yield f"{made.cell} {_ended(before)}: there is nothing to repair"
         return
@@ -36,7 +43,9 @@ def lines(made: RepairDocument) -> Iterator[str]:
 
 
 def _found(made: RepairDocument, remedy: RemedyEntry) -> Iterator[str]:
-    if remedy.moved:
+    if remedy.moved and remedy.way == Way.REFUSED:
+        yield f"you asked for another {' and '.join(remedy.moved)}: {remedy.why}"
+    elif remedy.moved:
         yield f"nothing else that was tried cures it: {' and '.join(remedy.moved)} has to move, which you bounded"
     yield f"remedy: {'; '.join(remedy.does)}"
     yield from pasting.lines(remedy.paste)
@@ -73,8 +82,8 @@ def page(made: RepairDocument) -> str:
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= {"cell": present.filters()["cell"]}
+    environment.filters |= present.filters()
     template = (Path(__file__).parent.parent / "templates" / "repair.md.j2").read_text(encoding="utf-8")
     said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
     lines = list(pasting.lines(made.remedy.paste)) if made.remedy else []
-    return environment.from_string(template).render(**said, lines=[line.strip() for line in lines])
+    return environment.from_string(template).render(**said, refused=Way.REFUSED, lines=[line.strip() for line in lines])

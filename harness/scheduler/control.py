@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from harness import controls
 from harness.model import Cell, CellRecord, ControlRecord, Phase
+from harness.scheduler import cell_faults
 from harness.scheduler.pool import Unknown
 
 if TYPE_CHECKING:
@@ -42,7 +43,14 @@ def ran(runner: Runner, control: Cell, *, quick: bool = False) -> ControlRecord:
     """What a control came to: in this run, as it is stored, or run now."""
     with runner.once.turn(("control", control.id)):
         if control.id not in runner.controls:
-            runner.controls[control.id] = _ran(runner, control, quick=quick)
+            try:
+                runner.controls[control.id] = _ran(runner, control, quick=quick)
+            except Unknown:
+                raise
+            except Exception as error:
+                step = cell_faults.fault(runner, control, Phase.RESOLVE, error)
+                untold = f"the {_name(control)} could not be run: {step.decisive}"
+                runner.controls[control.id] = ControlRecord(control=_name(control), untold=untold)
     return runner.controls[control.id]
 
 
@@ -53,7 +61,7 @@ def _ran(runner: Runner, control: Cell, *, quick: bool) -> ControlRecord:
         if quick:
             raise Unknown
         case = control.cases[0]
-        runner.observer.say(f"a case of {case.api} failed: running the {_name(control)}, which is known to work")
+        runner.observer.say(f"a {case.api} task failed; to rule out this machine, the {_name(control)} is run, too")
         record = beside.measure(control)
     beside.keep(record)
     text = (runner.store.folder / record.lock).read_text(encoding="utf-8") if record.lock else None

@@ -18,15 +18,16 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import Any
 
 from harness import controls, machine, process
 from harness.filelocks import Claim, claim
 from harness.model import Cell, CellRecord, ControlRecord, Phase
-from harness.scheduler import control
+from harness.scheduler import cell_faults, control
 from harness.scheduler.past import Past
+from harness.scheduler.records import stopped
 from harness.scheduler.room import Room
 from harness.scheduler.runner import Prepared, Runner
 from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
@@ -37,6 +38,7 @@ PREPARING = 3
 
 LOOK_SECONDS = 0.25
 """How often it is asked whether memory is free again, and whether another process is done with the same cell."""
+SIGNAL_SECONDS = 1.0  # a signal that another thread took is obeyed when this one runs again
 
 
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
@@ -157,7 +159,11 @@ class Flow:
         if taken is not None:
             self.behind[taken].append(ready)
             return
-        held = claim([self.runner.store.claim_file(name) for name in claims], wait=False)
+        try:
+            held = claim([self.runner.store.claim_file(name) for name in claims], wait=False)
+        except Exception as error:
+            self._fault(ready.prepared.record, error)
+            return
         if held is None:
             self.elsewhere.append(ready)
             return
@@ -176,14 +182,24 @@ class Flow:
 
     def _finish(self, record: CellRecord) -> None:
         """Keep a record, once the controls that it turns on were run."""
-        due = next(control.due(self.runner, record), None)
+        try:
+            due = next(control.due(self.runner, record), None)
+            controlled = control.controlled(self.runner, record) if due is None else record
+        except Exception as error:
+            self._fault(record, error)
+            return
         if due is None:
-            self._keep(control.controlled(self.runner, record))
+            self._keep(controlled)
         elif due.id in self.held:
             self.held[due.id].append(record)
         else:
             self.held[due.id] = [record]
             self.controlling[self.third.submit(control.ran, self.runner, due)] = due.id
+
+    def _fault(self, record: CellRecord, error: Exception) -> None:
+        """Keep the record of a cell that met an exception which nobody foresaw."""
+        phase = Phase.INSTALL if record.lock else Phase.RESOLVE
+        self._keep(replace(stopped(record, cell_faults.fault(self.runner, record.cell, phase, error)), mark=None))
 
     def _controlled(self, future: Future[ControlRecord]) -> None:
         future.result()
@@ -195,7 +211,7 @@ class Flow:
     def _wait(self) -> None:
         """Wait until something ended, or until it is time to look again."""
         busy: set[Future[Any]] = {*self.preparing, *self.probing, *self.controlling}
-        looking = LOOK_SECONDS if self.elsewhere or self.ready else None
+        looking = LOOK_SECONDS if self.elsewhere or self.ready else SIGNAL_SECONDS
         if busy:
             wait(busy, timeout=looking, return_when=FIRST_COMPLETED)
         else:
@@ -224,7 +240,10 @@ class Flow:
         return ready
 
     def _keep(self, record: CellRecord) -> None:
-        self.runner.keep(record)
+        try:
+            self.runner.keep(record)
+        except Exception as error:  # the record is told all the same, and measured again in the next run
+            self.runner.observer.say(f"{record.cell.id}: it cannot be stored: {error}")
         self.records[record.cell.id] = record
         self.runner.observer.done(record)
 

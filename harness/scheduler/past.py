@@ -16,7 +16,7 @@ class Past:
     """The last records of some cells on one machine."""
 
     def __init__(self, store: Store, machine: str, cells: Iterable[Cell]) -> None:
-        found = {cell.id: store.glance(machine, cell.id) for cell in cells}
+        found = {cell.id: store.glance(machine, cell) for cell in cells}
         self._known = {name: glance for name, glance in found.items() if glance}
 
     def seconds(self, cell: Cell) -> float:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from harness import machine, warming
+from harness.hostile_data import Unreadable
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.scheduler.once import Once
 from harness.scheduler.settings import Observer, Settings
-from harness.store import Installed, Store, digest
+from harness.store import Installed, Store, cache_folder, digest
 from harness.vocabulary import FAMILY
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 class Owner(Protocol):
     """The runner, as far as a pool needs it; `installed` is what it knows of installs, `environments` are those
-    that were made or looked at in this run."""
+    that were made or looked at in this run, `doubted` are keys of installs that were found damaged."""
 
     store: Store
     settings: Settings
@@ -26,6 +28,7 @@ class Owner(Protocol):
     once: Once
     installed: dict[str, Installed]
     environments: dict[str, Environment]
+    doubted: set[str]
 
 
 class Unknown(Exception):
@@ -80,12 +83,28 @@ class Pool:
         return known
 
     def _new(self) -> Installed:
-        from harness import sitepackages  # noqa: PLC0415 - start-up
-
         try:
             made = self.environment()
         except NoEnvironment as failure:
             return Installed(failed=conditioned(failure.step))
+        try:
+            return self._found(made)
+        except Unreadable:  # it was damaged: once more, from its wheels
+            self._discard(made)
+        try:
+            return self._found(self.environment())
+        except NoEnvironment as failure:
+            return Installed(failed=conditioned(failure.step))
+
+    def _discard(self, made: Environment) -> None:
+        from harness import environments  # noqa: PLC0415 - start-up
+
+        environments.discard(made)
+        self.owner.environments.pop(self.key, None)
+
+    def _found(self, made: Environment) -> Installed:
+        from harness import sitepackages  # noqa: PLC0415 - start-up
+
         return Installed(
             key=made.key,
             versions=made.installed,
@@ -98,17 +117,23 @@ class Pool:
 
     def environment(self) -> Environment:
         """The environment itself, from the pool or made now."""
-        from harness import environments, sitepackages  # noqa: PLC0415 - start-up
+        from harness import bytecode, environments  # noqa: PLC0415 - start-up
 
         with self.owner.once.turn(("environment", self.key)):
             if self.key not in self.owner.environments:
                 self.owner.observer.step(self.cell, Phase.INSTALL)
                 made = self._ensured()
-                if self.owner.settings.verify and not isinstance(made, Step) and sitepackages.changed(made.path):
+                if (
+                    self.owner.settings.verify
+                    and not isinstance(made, Step)
+                    and not environments.stands(made, thorough=True)
+                ):
                     environments.discard(made)
                     made = self._ensured()
                 if isinstance(made, Step):
                     raise NoEnvironment(made)
+                if self.owner.settings.verify or self.owner.settings.fresh:
+                    bytecode.forget(code_folder(made))
                 self.owner.environments[self.key] = made
         return self.owner.environments[self.key]
 
@@ -123,7 +148,15 @@ class Pool:
         lock = overlays.supplied(self.lock, self.cell.question, offline=settings.offline)
         if isinstance(lock, Step):
             return lock
-        return environments.ensure(lock, self.interpreter, self.cell.question, offline=settings.offline)
+        thorough = settings.verify or self.key in self.owner.doubted
+        return environments.ensure(
+            lock, self.interpreter, self.cell.question, offline=settings.offline, thorough=thorough
+        )
+
+
+def code_folder(environment: Environment) -> Path:
+    """Return where the byte code of an environment is kept."""
+    return cache_folder() / "pycache" / environment.path.name
 
 
 def conditioned(step: Step) -> Step:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from harness import cellrun
 from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, PhaseRecord, Step
 from harness.store import Installed, now
+from harness.vocabulary import FAMILY
 
 
 def finished(record: CellRecord) -> CellRecord:
@@ -36,13 +37,22 @@ def not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
 
 
 def with_modules(case: Case, installed: Installed) -> Case:
-    """The case with the modules of its packages; one that installs none is left to fail by its name."""
-    speaking = [name for name in case.packages if not case.api or name in installed.speaking.get(case.api, ())]
-    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in speaking)
-    modules = tuple(module for modules in found for module in modules)
+    """The case with the modules of its packages; one that installs none is left to fail by its name.
+
+    Those that declare that they need the API come first: the others may register environments with it, too. Last come
+    packages that an extra or another package brought.
+    """
+    speaking = installed.speaking.get(case.api, ())
+    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in case.packages)
+    ordered = sorted(zip(case.packages, found, strict=True), key=lambda row: bool(case.api) and row[0] not in speaking)
+    modules = tuple(module for _, names in ordered for module in names)
     if case.env is None:
         return replace(case, imports=(*case.imports, *modules))
-    return replace(case, providers=modules)
+    if case.api not in FAMILY:
+        return case
+    others = (name for name in speaking if name not in {case.api, *case.packages})
+    beside = tuple(module for name in others for module in installed.modules.get(name, ()))
+    return replace(case, providers=modules, beside=beside)
 
 
 def _phases(record: CellRecord) -> Iterator[PhaseRecord]:

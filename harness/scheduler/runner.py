@@ -7,11 +7,13 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness import cellrun, interpreters, launch, machine, process, repairs, uvcli
-from harness.errors import CouldNotTell
+from harness import cellrun, interpreters, launch, machine, process, repairs, uvcli, uvsays
+from harness.errors import BadInput, CouldNotTell
+from harness.exercised import unregistered
 from harness.filelocks import claim, exclusive
 from harness.model import (
     Case,
+    CaseRecord,
     Cell,
     CellRecord,
     ControlRecord,
@@ -24,14 +26,14 @@ from harness.model import (
     Question,
     Step,
 )
-from harness.scheduler import control
+from harness.scheduler import cell_faults, control, ways
 from harness.scheduler.brought import Luggage, missing
 from harness.scheduler.lasting import lasts
 from harness.scheduler.once import Once
-from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
+from harness.scheduler.pool import NoEnvironment, Pool, Unknown, code_folder, conditioned, outdated
 from harness.scheduler.records import finished, not_reached, stopped, with_modules
 from harness.scheduler.settings import Observer, Settings
-from harness.store import Installed, Store, cache_folder, digest, question_key
+from harness.store import Installed, Store, digest, question_key
 
 if TYPE_CHECKING:
     from harness.environments import Environment
@@ -44,7 +46,8 @@ class Prepared:
     """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
 
     `claims` are what is to be measured, `environment` is where; `suite` comes after the cases. `site` is there where an
-    environment was all that was wanted. `told` is whether the record is that of an earlier run.
+    environment was all that was wanted. `told` is whether the record is that of an earlier run. `around` makes the
+    context of other settings.
     """
 
     record: CellRecord
@@ -55,6 +58,7 @@ class Prepared:
     environment: str | None = None
     site: launch.Site | None = None
     told: bool = False
+    around: ways.Around | None = None
 
 
 @dataclass
@@ -71,6 +75,7 @@ class Runner:
     resolved: dict[str, tuple[Lock | None, Step]] = field(default_factory=dict)
     installed: dict[str, Installed] = field(default_factory=dict)
     environments: dict[str, Environment] = field(default_factory=dict)
+    doubted: set[str] = field(default_factory=set)
     measured: dict[str, PhaseRecord] = field(default_factory=dict)
     subjects: dict[str, Ready | Step] = field(default_factory=dict)
     places: Mapping[str, str] = field(default_factory=uvcli.places)
@@ -95,7 +100,8 @@ class Runner:
 
     def keep(self, record: CellRecord) -> None:
         """Store the record of a cell, unless it tells less of the same than the one that is there."""
-        if record.cell.id not in self.unchanged and not self._tells_less(record):
+        wrong = record.cell.asked and unregistered(record)  # a mistyped id says nothing of packages
+        if not wrong and record.cell.id not in self.unchanged and not self._tells_less(record):
             self.store.save_cell(record)
 
     def known(self, cell: Cell) -> CellRecord | None:
@@ -103,28 +109,48 @@ class Runner:
         try:
             ready = self._prepared(cell, quick=True)
             return control.controlled(self, ready.record if ready.told else finished(ready.record), quick=True)
-        except Unknown:
+        except BadInput:
+            raise
+        except Exception:  # Unknown; anything else is met again, and said, where something is done about the cell
             return None
 
     def prepare(self, cell: Cell) -> Prepared:
         """Resolve and install: mostly waiting, for the network and the disk."""
         self.observer.started(cell)
         self.observer.step(cell, Phase.RESOLVE)
-        return self._prepared(cell, quick=False)
+        try:
+            return self._prepared(cell, quick=False)
+        except Exception as error:
+            step = cell_faults.fault(self, cell, Phase.RESOLVE, error)
+            return Prepared(record=stopped(CellRecord(cell=cell, machine=machine.facts().id), step))
 
     def probe(self, ready: Prepared) -> CellRecord:
         """Run what is to be run of a prepared cell: mostly computing. The controls of its record are left to come."""
         record = ready.record
         if ready.context:
             try:
-                cases = tuple(cellrun.run_case(ready.context, case) for case in ready.cases)
-                record = replace(record, cases=cases, suite=ready.suite.measure(cases) if ready.suite else None)
+                record = replace(
+                    record, cases=tuple(self._case(record.cell, ready.context, case) for case in ready.cases)
+                )
+                if ready.around:
+                    record = ways.drawn_otherwise(record, ready.cases, ready.around)
+                record = replace(record, suite=ready.suite.measure(record.cases) if ready.suite else None)
             except NoEnvironment as failure:
                 record = stopped(record, failure.step)
+            except Exception as error:
+                record = stopped(record, cell_faults.fault(self, record.cell, Phase.INSTALL, error))
         if process.stopped():
             message = f"{record.cell.id}: interrupted"
             raise CouldNotTell(message)
         return record if ready.told else finished(record)
+
+    def _case(self, cell: Cell, context: cellrun.Context, case: Case) -> CaseRecord:
+        try:
+            return cellrun.run_case(context, case)
+        except NoEnvironment:
+            raise
+        except Exception as error:
+            return cellrun.untold(case, cell_faults.fault(self, cell, Phase.IMPORT, error))
 
     # --- resolving -------------------------------------------------------------------------------------------------
 
@@ -151,7 +177,8 @@ class Runner:
         """The answer of an earlier run, where it still holds; a lock does, however fresh the rest is to be."""
         kept = self.store.load_lock(key)
         if isinstance(kept, Step):
-            holds = not (outdated(kept) or self.settings.again or self.settings.fresh)
+            mended = uvsays.may_be_mended(kept) and not self.settings.offline
+            holds = not (outdated(kept) or mended or self.settings.again or self.settings.fresh)
             return (None, replace(kept, reused=True)) if holds else None
         if kept is None or (self.settings.fresh and not lasts(kept, question, self.store.locked_at(key))):
             return None
@@ -206,7 +233,7 @@ class Runner:
         record = replace(record, lock=file, lock_sha256=lock.sha256, supplied=supplied)
         if self.settings.until is Phase.RESOLVE:
             return Prepared(record=record)
-        return self._installed(record, Pool(self, asked, lock, interpreter), tested, quick=quick)
+        return self._guarded_install(record, Pool(self, asked, lock, interpreter), tested, quick=quick)
 
     def _asked(self, cell: Cell, interpreter: Interpreter, *, quick: bool) -> tuple[Cell, Ready | Step | None]:
         """The cell with what is to be resolved for it; and its subject, if it has one, or why there is no wheel."""
@@ -233,6 +260,15 @@ class Runner:
             if found:
                 self.pythons[cell.python] = found
         return found or interpreters.hint(cell.python)
+
+    def _guarded_install(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> Prepared:
+        """Install; what nobody foresaw there is the install's, not the resolution's."""
+        try:
+            return self._installed(record, pool, tested, quick=quick)
+        except Exception as error:
+            if quick:
+                raise
+            return Prepared(record=stopped(record, cell_faults.fault(self, record.cell, Phase.INSTALL, error)))
 
     def _installed(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> Prepared:
         """Install, unless every result is known already."""
@@ -275,7 +311,8 @@ class Runner:
     ) -> Prepared:
         context = self._context(record, pool, tested)
         cases = tuple(with_modules(case, known) for case in record.cell.cases)
-        record = record if tested else replace(record, mark=cellrun.mark(context, cases, record.lock_sha256))
+        mark = digest(cellrun.mark(context, cases, record.lock_sha256), sorted(record.supplied.items()))
+        record = record if tested else replace(record, mark=mark)
         told = self._told(record)
         if told:
             return Prepared(record=told, told=True)
@@ -284,8 +321,9 @@ class Runner:
         suite = self._suite(record, pool, tested, quick=quick)
         if len(found) == len(stored):
             whole, ended = suite.known(found) if suite else (True, None)
-            if whole:
-                return Prepared(record=replace(record, cases=found, suite=ended))
+            complete = replace(record, cases=found, suite=ended)
+            if whole and not ways.due(complete):
+                return Prepared(record=complete)
         if quick:
             raise Unknown
         self._place(pool, tested)
@@ -297,13 +335,14 @@ class Runner:
             suite=suite,
             claims=tuple(sorted(claims | ({suite.key} if suite and suite.key else set()))),
             environment=record.key,
+            around=lambda other: self._context(other, pool, tested),
         )
 
     def _told(self, record: CellRecord) -> CellRecord | None:
         """The last record of the cell, if all that it depends on is the same."""
         if self.settings.fresh or self.settings.again or record.mark is None:
             return None
-        kept = self.store.load_cell(record.machine, record.cell.id)
+        kept = self.store.load_cell(record.machine, record.cell)
         if kept is None or kept.mark != record.mark:
             return None
         if kept.cell == record.cell:
@@ -352,20 +391,33 @@ class Runner:
         return variables, files, process.sandbox_mode(), machine.facts().id, *filter(None, around)
 
     def _site(self, record: CellRecord, environment: Environment, below: Environment | None) -> launch.Site:
-        from harness import environments  # noqa: PLC0415 - start-up
-
         copies, folders = self.luggage.unpacked(record.cell)
         return launch.Site(
             folder=environment.path,
             python=environment.python,
-            pycache=cache_folder() / "pycache" / environment.path.name,
+            pycache=code_folder(environment),
             variables=self._variables(record),
             files={name: content.encode() for name, content in record.cell.files.items()},
             below=below.path if below else None,
             python_path=folders,
             brought=copies,
-            stands=lambda: all(environments.stands(one) for one in (environment, below) if one),
+            stands=lambda: self._stand(*filter(None, (environment, below))),
         )
+
+    def _stand(self, *used: Environment) -> bool:
+        """Whether environments are as they were installed. Those that are asked for next are, where one is not."""
+        from harness import bytecode, environments  # noqa: PLC0415 - start-up
+
+        if all(environments.stands(one) for one in used):
+            return True
+        for one in used:  # one that lies on top leads on to the other
+            for key in [key for key, made in self.environments.items() if made is one]:
+                with self.once.turn(("environment", key)):
+                    environments.discard(one, used=True)
+                    bytecode.forget(code_folder(one))
+                    self.doubted.add(key)
+                    self.environments.pop(key, None)
+        return False
 
     def _context(self, record: CellRecord, pool: Pool, tested: Ready | None) -> cellrun.Context:
         cell = record.cell
@@ -390,7 +442,7 @@ class Runner:
         """Whether a run that was to stop early has nothing to say against what is known of the same lock."""
         if self.settings.until not in {Phase.RESOLVE, Phase.INSTALL} or not record.lock:
             return False
-        kept = self.store.load_cell(record.machine, record.cell.id)
+        kept = self.store.load_cell(record.machine, record.cell)
         failed = record.install is not None and record.install.outcome is not Outcome.PASSED
         return not failed and kept is not None and kept.cell == record.cell and kept.lock_sha256 == record.lock_sha256
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from harness import cellrun, environments, launch, machine, sitepackages, subjects, suites, uvcli
+from harness import cellrun, environments, launch, machine, subjects, suites, uvcli
 from harness.environments import Environment
 from harness.model import (
     FAILING,
@@ -39,6 +39,7 @@ class Owner(Protocol):
     once: Once
     installed: dict[str, Installed]
     environments: dict[str, Environment]
+    doubted: set[str]
     measured: dict[str, PhaseRecord]
     subjects: dict[str, Ready | Step]
 
@@ -106,7 +107,7 @@ def on_top(owner: Owner, pool: Pool, tested: Ready) -> Environment:
     with owner.once.turn(("environment", key)):
         if key not in owner.environments:
             made = environments.on_top(base, tested.wheel, pool.interpreter)
-            if owner.settings.verify and isinstance(made, Environment) and sitepackages.changed(made.path):
+            if owner.settings.verify and isinstance(made, Environment) and not environments.stands(made, thorough=True):
                 environments.discard(made)
                 made = environments.on_top(base, tested.wheel, pool.interpreter)
             if isinstance(made, Step):
@@ -146,11 +147,11 @@ class Suite:
         lock, step = self.owner.lock(question, self.interpreter, quick=quick)
         if lock is None:
             told = f"the tests cannot have their packages beside the cell's: {step.decisive}"
-            self.failed = suites.untold(told, unavailable=step.outcome is Outcome.UNAVAILABLE)
+            self.failed = suites.not_run(told, step)
             return
         moved = suites.moved(self.lock, lock)
         if moved:
-            self.failed = suites.untold(moved)
+            self.failed = suites.not_run(moved, Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=moved))
             return
         self.pool = Pool(self.owner, replace(self.cell, question=question), lock, self.interpreter)
         known = self.pool.kept()
@@ -159,7 +160,7 @@ class Suite:
         known = known or self.pool.install()
         if known.failed:
             decisive = f"the environment of the tests cannot be made: {known.failed.decisive}"
-            self.failed = suites.untold(decisive, unavailable=known.failed.outcome is Outcome.UNAVAILABLE)
+            self.failed = suites.not_run(decisive, known.failed)
             return
         tests = (subject.suite, subject.state, launch.file_hash(suites.DOOR), suites.judging())
         self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)

@@ -12,10 +12,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness import machine, verdict
+from harness import cellid, machine, verdict
 from harness.commands import reporting
 from harness.errors import HarnessError
-from harness.model import CellRecord, Phase
+from harness.model import Cell, CellRecord, Phase
 from harness.scheduler import Runner
 from harness.smoke import frozen, junit, plugin
 from harness.smoke import items as tree
@@ -63,11 +63,13 @@ class Face:
         self._take_chosen()
 
     def _take_chosen(self) -> None:
-        """Let node ids of the suite be arguments as pytest prints them, though they name no file."""
-        known = {cell.id for cell in self.frozen.cells}
-        self.chosen = tuple(given for given in self.config.args if given.partition("::")[0] in known)
+        """Let node ids of the suite be arguments as pytest prints them, or printed them, though they name no file."""
+        known = {name: cell.id for cell in self.frozen.cells for name in (cellid.older(cell), cell.id)}
+        named = {given: given.partition("::") for given in self.config.args}
+        chosen = {given: known[name] + sign + rest for given, (name, sign, rest) in named.items() if name in known}
+        self.chosen = tuple(chosen.values())
         if self.chosen:
-            files = [given for given in self.config.args if given not in {*self.chosen, plugin.SUITE}]
+            files = [given for given in self.config.args if given not in {*chosen, plugin.SUITE}]
             self.config.args[:] = [*files, str(FOLDER)]
 
     @pytest.hookimpl(optionalhook=True)
@@ -110,6 +112,12 @@ class Face:
         else:
             cells = self.frozen.cells
             metafunc.parametrize("cell", cells, ids=[cell.id for cell in cells], indirect=True, scope="session")
+
+    def pytest_itemcollected(self, item: pytest.Item) -> None:
+        """Let `-k` find functions of the user by the ids of earlier versions, too."""
+        params = getattr(getattr(item, "callspec", None), "params", {})
+        found = [value[0] if isinstance(value, tuple) else value for value in params.values() if value]
+        item.extra_keyword_matches.update(cellid.older(cell) for cell in found if isinstance(cell, Cell))
 
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
         """Of the suite only what was named, where node ids were."""
@@ -184,6 +192,7 @@ class Face:
         told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
         folders = ", ".join(os.path.relpath(one.folder) for one in made)
         self.summary.append(f"simmatrix: {told}; report: {folders}")
+        self.summary += [f"simmatrix: the report is not written: {one.trouble}" for one in made if one.trouble]
 
 
 def _within(nodeid: str, chosen: tuple[str, ...]) -> bool:

@@ -10,9 +10,8 @@ from typing import Any, Protocol
 
 import pytest
 
-from harness import knowledge, outcomes, store, verdict
-from harness.__main__ import SHORTAGES
-from harness.errors import CouldNotTell, HarnessError
+from harness import cellid, knowledge, outcomes, store, verdict
+from harness.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan
 from harness.smoke import judging, junit
 from harness.smoke.frozen import Frozen
@@ -61,9 +60,10 @@ class Told(pytest.Item):
         except HarnessError as error:
             return Ended(kind=Kind.FAILED, text=str(error))
         except OSError as error:
-            if error.errno not in SHORTAGES:
+            machine = in_the_way(error)
+            if machine is None:
                 raise
-            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: this machine got in the way: {error}")
+            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: {machine}")
 
     def runtest(self) -> None:
         """Measure, and tell pytest."""
@@ -203,6 +203,7 @@ class CellNode(pytest.Collector):
     def __init__(self, *, cell: Cell, **rest: Any) -> None:
         super().__init__(**rest)
         self.cell = cell
+        self.extra_keyword_matches.add(cellid.older(cell))
 
     def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
         """What every cell goes through, its cases, its verdict."""

@@ -7,13 +7,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from harness import outcomes, verdict
+from harness import misleading, outcomes, verdict
 from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Outcome, Phase, PhaseRecord, Verdict
 
 POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
     Verdict.UNRESOLVABLE: frozenset({Phase.RESOLVE}),
     Verdict.UNINSTALLABLE: frozenset({Phase.INSTALL}),
     Verdict.IMPORT_FAILS: frozenset({Phase.IMPORT}),
+    Verdict.MISLEADS: frozenset({*CASE_PHASES, Phase.SUITE}),
     Verdict.PARTIAL: frozenset({*CASE_PHASES, Phase.SUITE}),
     Verdict.BROKEN: frozenset({*CASE_PHASES, Phase.SUITE}),
 }
@@ -88,6 +89,8 @@ def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozense
     here = found.get(phase)
     if here is not None and here.outcome is not Outcome.NOT_REACHED:
         return _told(cell, here, today)
+    if here is not None and here.line:
+        return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: not run: {here.line}", evidence=here.evidence)
     way = _in_the_way(phase, found)
     if way is None:
         return Ended(kind=Kind.INCONCLUSIVE, text="inconclusive: it was not reached, and nothing says why")
@@ -150,15 +153,18 @@ def _late(phase: Phase, outcome: Outcome) -> bool:
 
 
 def _probed(record: PhaseRecord) -> Seen:
-    line = verdict.reason(record)
+    """Return a phase as its item ends: one that passed and in which a case misleads has not passed."""
+    shown = misleading.shown(record.checks) if record.outcome is Outcome.PASSED else ()
+    told = tuple(check.decisive for check in shown)
+    line = f"misleads: {told[0]}" if told else verdict.reason(record)
     lines = []
     for check in (one for one in record.checks if one.outcome not in {Outcome.PASSED, Outcome.SKIPPED}):
-        why = f": {check.decisive}" if check.decisive and check.decisive != line else ""
+        why = f": {check.decisive}" if check.decisive and check.decisive not in {line, *told} else ""
         lines.append(f"{check.check} {check.outcome}{why}")
         lines += [f"{check.check} is hidden by: {check.masked_by}"] if check.masked_by else []
     return Seen(
         phase=record.phase,
-        outcome=record.outcome,
+        outcome=Outcome.FAILED if shown else record.outcome,
         line=line,
         more=tuple(lines),
         evidence=record.evidence,

@@ -8,7 +8,7 @@ from itertools import chain
 
 from harness import interpreters, launch, outcomes
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase
-from harness.scheduler import Runner
+from harness.scheduler import Runner, ways
 from harness.smoke import judging
 from harness.smoke.frozen import Frozen
 from harness.store import Store, question_key
@@ -96,7 +96,13 @@ class Measuring:
     def whole(self, cell: Cell) -> CellRecord:
         """The record of the cell with all its cases, as `run` keeps it."""
         suite = [self.suite(cell)] if has_suite(cell) else []
-        return combined(cell, self.steps(cell), [self.case(cell, case) for case in cell.cases], suite)
+        cases = [self.case(cell, case) for case in cell.cases]
+        record = combined(cell, self.steps(cell), cases, suite)
+        if not any(ways.due(part) or part.supplied != record.supplied for part in cases):
+            return record
+        # One set of settings has to draw all cases of a cell: what each drew with alone is stored, and looked up here.
+        drawn = self._bound(cell, Phase.SUITE if suite else CASE_PHASES[-1]).measure(cell)
+        return replace(record, cases=drawn.cases, supplied=drawn.supplied, findings=drawn.findings)
 
     def shown(self, cell: Cell, case: Case) -> frozenset[Phase]:
         """The phases whose end is told by an item of their own, so that it need not be told again."""

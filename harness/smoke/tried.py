@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +9,14 @@ from pathlib import Path
 import pytest
 
 from harness import launch, process
+from harness.guarded_files import log_text
 from harness.model import Cell, Expectation
+from harness.outcomes import SHOT
+from harness.scratch_folders import scratch_folder
 from harness.smoke import judging
 from harness.smoke.items import SESSION
 from harness.smoke.judging import Kind
-from harness.store import now
+from harness.store import now, own_folders
 
 TAIL = 4000
 
@@ -71,11 +72,8 @@ class CellUnderTest:
     def run(self, code: str, *arguments: str, timeout: float = 120.0, memory_mb: int = 6000, check: bool = True) -> Ran:
         """Run Python source in the cell, in the sandbox that probes run in; with `check` it has to end well."""
         __tracebackhide__ = True
-        scratch = Path(tempfile.mkdtemp(prefix="simmatrix-"))
-        try:
+        with scratch_folder() as scratch:
             ran = self._run(code, arguments, process.Limits(seconds=timeout, memory_mb=memory_mb), scratch)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
         if check and ran.exit_code != 0:
             how = f"no end within {timeout:g} s" if ran.timed_out else f"signal {ran.signal}"
             how = how if ran.exit_code is None else f"exit code {ran.exit_code}"
@@ -88,26 +86,29 @@ class CellUnderTest:
         folder, sealed = launch.entered(self.site, scratch)
         script = scratch / "script.py"
         script.write_text(code, encoding="utf-8")
-        command = process.Command(
-            argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
-            cwd=scratch / "home",
-            env=self.site.cached(scratch / "home"),
-            limits=limits,
-            log=scratch / "log.txt",
-            profile=process.Profile.CELL,
-            home=scratch / "home",
-            sealed=sealed,
-        )
-        done = process.run(command)
-        if done.killed or done.out_of_memory:
-            why = done.killed or f"it needs more than {limits.memory_mb} MB"
+        with self.site.code(folder, "tried") as lent:
+            command = process.Command(
+                argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
+                cwd=scratch / "home",
+                env=self.site.cached(scratch / "home", lent),
+                limits=limits,
+                log=scratch / "log.txt",
+                profile=process.Profile.CELL,
+                home=scratch / "home",
+                sealed=sealed,
+                shielded=own_folders(),
+                writable=(scratch, *lent.writable),
+            )
+            done = process.run(command)
+        if done.killed or done.out_of_memory or done.shot:
+            why = done.killed or (SHOT if done.shot else None) or f"it needs more than {limits.memory_mb} MB"
             pytest.fail(f"inconclusive: {self.id}: {why}", pytrace=False)
         return Ran(
             exit_code=done.exit_code,
             signal=done.signal,
             timed_out=done.timed_out,
             seconds=done.seconds,
-            output=done.log.read_text(encoding="utf-8", errors="replace"),
+            output=log_text(done.log),
         )
 
 

@@ -10,8 +10,8 @@ import pkgutil
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
-from . import remedies, running
-from .doctor import doctor
+from . import output, remedies, running, wrapping
+from .doctor import choosing, doctor
 from .doctor.choosing import NoEnvironment
 from .explain import explain
 from .explain.wording import Place
@@ -22,6 +22,12 @@ SIGNATURES, MEASURED = "signatures.json", "measured.json.gz"
 
 INTERRUPTED = 130
 PROVE = "pip install simmatrix; simmatrix doctor --prove --python PATH"
+
+
+def console() -> None:
+    """Entry point of a process."""
+    output.guard()
+    sys.exit(main(sys.argv[1:]))
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -43,9 +49,6 @@ def main(arguments: Sequence[str]) -> int:
         return explain.BAD
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # whoever read the output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
 
 
 def _program() -> str:
@@ -76,9 +79,12 @@ def _doctor(args: argparse.Namespace) -> int:
             PROVE
         )
         raise explain.Bad(message)
-    asked = doctor.Asked(args.python, args.env, dict(os.environ), os.getcwd(), args.rendering)
+    asked = doctor.Asked(
+        args.python, args.env, dict(os.environ), os.getcwd(), args.rendering, running=choosing.environment_running()
+    )
     made = doctor.document(asked, running.run, doctor.Knowledge(_known(), lambda: _measured() or {}))
-    doctor.printed(json.dumps(made) if args.json else "\n".join(doctor.lines(made, remedies.in_words)))
+    lines = wrapping.wrapped(doctor.lines(made, remedies.in_words), wrapping.width(sys.stdout))
+    doctor.printed(json.dumps(made) if args.json else "\n".join(lines))
     return doctor.code(made)
 
 
@@ -109,4 +115,4 @@ def _measured() -> Optional[Mapping[str, Any]]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    console()

@@ -10,6 +10,8 @@ import re
 import signal
 from typing import Iterator, Mapping, NamedTuple, Sequence
 
+from .control_characters import SEQUENCE, visible
+
 LIMIT = 300
 """Characters of a decisive line."""
 
@@ -21,8 +23,6 @@ SILENT = "without a word"
 
 LOOKUPS = frozenset({"KeyError", "IndexError", "StopIteration"})
 """Causes that carry a bare key: the exception raised from them says more."""
-
-ANSI = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(?:\x07|\x1b\\)|[@-Z\\-_])")
 
 PATH_START = r"(?:(?<![\w.-])|(?<=-[IL]))"
 DEEP = 3
@@ -44,9 +44,9 @@ CHANGING = (
 
 
 def strip_ansi(text: str) -> str:
-    """Take colours and cursor movements of a terminal out, and keep what a carriage return left standing."""
-    lines = ANSI.sub("", text).replace("\r\n", "\n").split("\n")
-    return "\n".join(line.rstrip("\r").rpartition("\r")[2] for line in lines)
+    """Remove what a terminal would obey, and keep what a carriage return left standing."""
+    lines = SEQUENCE.sub("", text).replace("\r\n", "\n").split("\n")
+    return visible("\n".join(line.rstrip("\r").rpartition("\r")[2] for line in lines))
 
 
 def normalise(text: str, places: Mapping[str, str]) -> str:
@@ -74,7 +74,7 @@ def decisive_line(text: str) -> str | None:
 
 def bounded(text: str) -> str:
     """One line of at most `LIMIT` characters: line breaks become ` / `, repeated blanks one."""
-    parts = (" ".join(part.split()) for part in text.splitlines())
+    parts = (" ".join(visible(part).split()) for part in text.splitlines())
     line = " / ".join(part for part in parts if part)
     return line if len(line) <= LIMIT else line[: LIMIT - 1].rstrip() + "…"
 

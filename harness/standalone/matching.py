@@ -38,6 +38,15 @@ class Known(NamedTuple):
     masks: bool
     generic: bool
     silent: bool
+    envs: Tuple[str, ...] = ()
+    apis: Tuple[str, ...] = ()
+    check: Optional[str] = None
+    opengl: bool = False
+
+    @property
+    def loud(self) -> bool:
+        """Whether something is written by which it can be told."""
+        return bool(self.pattern or self.signal)
 
 
 def read(plain: Mapping[str, Any]) -> Known:
@@ -54,6 +63,10 @@ def read(plain: Mapping[str, Any]) -> Known:
         masks=bool(plain.get("masks")),
         generic=bool(plain.get("generic")),
         silent=bool(plain.get("silent")),
+        envs=tuple(plain.get("envs", ())),
+        apis=tuple(plain.get("apis", ())),
+        check=plain.get("check"),
+        opengl=bool(plain.get("opengl")),
     )
 
 
@@ -119,7 +132,7 @@ def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tupl
     look = _looking(around)
     found: List[Tuple[Any, int, Hit]] = []
     for one in known:
-        if not one.silent and _fits(one, around, look):
+        if one.loud and _fits(one, around, look):
             hits = [(hit.rank, place, hit) for place, hit in enumerate(_hit(one, each) for each in evidence) if hit]
             hits = [each for each in hits if not _beside_the_point(each[2])]
             if hits:
@@ -134,8 +147,9 @@ def _beside_the_point(hit: Hit) -> bool:
 
 def lurking(known: Iterable[Any], around: Any) -> Tuple[Any, ...]:
     """The silent failures that what is installed runs into: all their packages are there."""
-    look = _looking(around)
-    return tuple(one for one in known if one.silent and _of_python(one, around) and _standing(one, look))
+    silent = [one for one in known if one.silent]
+    look = _looking(around) if silent else None
+    return tuple(one for one in silent if look and _of_python(one, around) and _standing(one, look))
 
 
 def matches(known: Iterable[Any], evidence: Any) -> Iterator[Hit]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import marshal
 import os
+import select
 import sys
+import time
 
 from harness.supervisor import SIZE
+from harness.supervisor.rights import ready_gpu
 from harness.supervisor.sandbox import enter_namespaces, furnish, prctl
 from harness.supervisor.tree import SupervisorError, end_all
 from harness.supervisor.watch import CHUNK, Watch, write_all
@@ -20,17 +23,22 @@ else:
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 LISTED = 100  # of the files written into sealed folders
+LOOK = 1.0  # seconds between two looks at the keeper
+PATIENCE = 15.0  # seconds that the keeper has to end everything, once the harness is gone
 
 
-def keep(order: dict[str, Any], early: bytes) -> dict[str, Any]:
-    """The keeper's life; when it ends, so does what is left (by the namespace, or by the guard)."""
-    if order["sandbox"].startswith("pid"):
-        prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+def keep(order: dict[str, Any], early: bytes, parent: int) -> dict[str, Any]:
+    """The keeper's life; when it ends, so does what is left (by the namespace, or by the guard).
+
+    When the guard dies, a namespace ends at once; without one the keeper is woken, in case it was stopped, and sees it.
+    """
+    apart = order["sandbox"].startswith("pid")
+    prctl(PR_SET_PDEATHSIG, signal.SIGKILL if apart else signal.SIGCONT)
     prctl(PR_SET_CHILD_SUBREAPER, 1)
     try:
         layers = furnish(order)
         try:
-            report = Watch(order).run(early)
+            report = Watch(order, 0 if apart else parent).run(early)
             paths = (path for layer in layers for path in layer.written())
             return {**report, "written": [path for path, _ in zip(paths, range(LISTED), strict=False)]}
         finally:
@@ -43,26 +51,70 @@ def keep(order: dict[str, Any], early: bytes) -> dict[str, Any]:
 def guard(order: dict[str, Any], early: bytes) -> bytes:
     """The guard's life: start the keeper, pass its report on, and end what it could not."""
     prctl(PR_SET_CHILD_SUBREAPER, 1)
+    if order["confined"]:
+        ready_gpu()
     told, report = os.pipe()
-    enter_namespaces(order["sandbox"])
+    enter_namespaces(order)
+    parent = os.getpid()
     keeper = os.fork()
     if keeper == 0:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the end of the report's pipe is the end of the guard
         try:
-            write_all(report, marshal.dumps(keep(order, early)))
+            write_all(report, marshal.dumps(keep(order, early, parent)))
         except BaseException:
             sys.excepthook(*sys.exc_info())
         finally:
             os._exit(0)
     os.close(report)
-    with open(told, "rb") as file:
-        text = file.read()
-    status = os.waitpid(keeper, 0)[1]
+    text, status = report_of(keeper, told)
     if not order["sandbox"].startswith("pid"):
         end_all({})
     if not text or status:
         return marshal.dumps(failure(f"the keeper ended with {os.waitstatus_to_exitcode(status)}"))
     return text
+
+
+def report_of(keeper: int, told: int) -> tuple[bytes, int]:
+    """Read what the keeper reports until its end: (report, status). One that is stopped is woken.
+
+    Once the harness is gone the keeper has a while to end everything; then it is killed.
+    """
+    poller = select.poll()
+    poller.register(told, select.POLLIN)
+    poller.register(0, 0)  # its end alone; what comes there is the keeper's to read
+    text, patience = b"", float("inf")
+    while True:
+        for descriptor, _ in poller.poll(LOOK * 1000):
+            if descriptor == 0:
+                poller.unregister(0)
+                patience = time.monotonic() + PATIENCE
+                continue
+            data = os.read(told, CHUNK)
+            if not data:
+                return text, ended(keeper)
+            text += data
+        if time.monotonic() > patience:
+            os.kill(keeper, signal.SIGKILL)
+        elif stopped(keeper):
+            os.kill(keeper, signal.SIGCONT)
+
+
+def stopped(pid: int) -> bool:
+    """Whether a child was stopped; one that has ended is left to be waited for."""
+    try:
+        found = os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:
+        return False
+    return found is not None
+
+
+def ended(pid: int) -> int:
+    """Wait for the end of a child, and return its status; woken where it was stopped on its way."""
+    while True:
+        found, status = os.waitpid(pid, os.WUNTRACED)
+        if not os.WIFSTOPPED(status):
+            return status
+        os.kill(found, signal.SIGCONT)
 
 
 def failure(error: object) -> dict[str, Any]:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
 
-CLONE_NEWNS, CLONE_NEWUSER, CLONE_NEWPID = 0x00020000, 0x10000000, 0x20000000
+CLONE_NEWNS, CLONE_NEWIPC, CLONE_NEWUSER, CLONE_NEWPID = 0x00020000, 0x08000000, 0x10000000, 0x20000000
 MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC, MS_REMOUNT = 1, 2, 4, 8, 32
 MS_NOATIME, MS_NODIRATIME, MS_BIND, MS_REC, MS_PRIVATE = 1024, 2048, 4096, 16384, 1 << 18
 MNT_DETACH = 2
@@ -43,9 +43,16 @@ def umount(target: str) -> None:
     call("umount2", os.fsencode(target), MNT_DETACH)
 
 
-def enter_namespaces(sandbox: str) -> None:
+def shares_objects(order: dict[str, Any]) -> bool:
+    """Whether System V objects of the command are the host's: it hands pictures to an X server in shared memory."""
+    return order["sandbox"] == "subreaper" or "DISPLAY" in order["env"] or not os.path.exists("/proc/self/ns/ipc")
+
+
+def enter_namespaces(order: dict[str, Any]) -> None:
     """Leave the host's mounts and, for the children to come, its processes; in a user namespace where need be."""
+    sandbox = order["sandbox"]
     flags = (CLONE_NEWPID if sandbox.startswith("pid") else 0) | (CLONE_NEWNS if sandbox != "subreaper" else 0)
+    flags |= 0 if shares_objects(order) else CLONE_NEWIPC
     if not flags:
         return
     user, group = os.geteuid(), os.getegid()
@@ -117,6 +124,26 @@ class Layer:
                     continue
 
 
+def supply_shared_memory(scratch: str) -> None:
+    """Cover /dev with one that has all that is there and a folder `shm`; the machine's own stays as it is."""
+    os.makedirs(scratch)
+    mount("tmpfs", scratch, "tmpfs", MS_NOSUID, "mode=755")
+    for entry in os.scandir("/dev"):
+        target = f"{scratch}/{entry.name}"
+        if entry.is_symlink():
+            os.symlink(os.readlink(entry.path), target)
+            continue
+        if entry.is_dir():
+            os.mkdir(target)
+        else:
+            os.close(os.open(target, os.O_CREAT | os.O_WRONLY))
+        mount(entry.path, target, None, MS_BIND | MS_REC)
+    os.mkdir(f"{scratch}/shm")
+    mount(scratch, "/dev", None, MS_BIND | MS_REC)
+    umount(scratch)
+    os.rmdir(scratch)
+
+
 def furnish(order: dict[str, Any]) -> list[Layer]:
     """Mount what the command is to see: its own /proc and /dev/shm, and sealed folders covered."""
     process, _, seal = order["sandbox"].partition("+")
@@ -125,18 +152,37 @@ def furnish(order: dict[str, Any]) -> list[Layer]:
     mount("none", "/", None, MS_REC | MS_PRIVATE)
     if process == "pid":
         mount("proc", "/proc", "proc", MS_NOSUID | MS_NODEV | MS_NOEXEC)
-    if os.path.isdir("/dev/shm"):
-        mount("tmpfs", "/dev/shm", "tmpfs", MS_NOSUID | MS_NODEV, f"mode=1777,size={order['memory_mb']}m")
+    if not os.path.isdir("/dev/shm"):
+        supply_shared_memory(f"{order['home']}/.dev")
+    mount("tmpfs", "/dev/shm", "tmpfs", MS_NOSUID | MS_NODEV, f"mode=1777,size={order['memory_mb']}m")
     open_folders = [(path, os.open(path, os.O_PATH)) for path in order["writable"]]
+    shield(order["shielded"], open_folders)
     layers = []
     for number, folder in enumerate(order["sealed"]):
         if seal == "overlay":
             layers.append(Layer(folder, f"{order['home']}/.sealed/{number}"))
         else:
-            mount(folder, folder, None, MS_BIND | MS_REC)
-            kept = os.statvfs(folder).f_flag & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
-            mount("none", folder, None, MS_REMOUNT | MS_BIND | MS_RDONLY | kept)
-    for path, descriptor in open_folders:
-        if any(os.path.commonpath((path, folder)) == folder for folder in order["sealed"]):
-            mount(f"/proc/self/fd/{descriptor}", path, None, MS_BIND | MS_REC)
+            read_only(folder)
+    reopen(open_folders, order["sealed"])
     return layers
+
+
+def shield(folders: list[str], open_folders: list[tuple[str, int]]) -> None:
+    """Let nothing be written to the harness's own folders, those for the command apart."""
+    for folder in folders:
+        read_only(folder)
+    reopen(open_folders, folders)
+
+
+def read_only(folder: str) -> None:
+    """Mount a folder over itself, so that nothing can be written to it."""
+    mount(folder, folder, None, MS_BIND | MS_REC)
+    kept = os.statvfs(folder).f_flag & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
+    mount("none", folder, None, MS_REMOUNT | MS_BIND | MS_RDONLY | kept)
+
+
+def reopen(open_folders: list[tuple[str, int]], closed: list[str]) -> None:
+    """Mount writable folders as they were before the folder above them was closed."""
+    for path, descriptor in open_folders:
+        if any(os.path.commonpath((path, folder)) == folder for folder in closed):
+            mount(f"/proc/self/fd/{descriptor}", path, None, MS_BIND | MS_REC)

@@ -59,29 +59,6 @@ def below(root: int, children: dict[int, list[tuple[int, int | None]]]) -> dict[
     return found
 
 
-def proportional(pid: int, resident: int) -> int:
-    """The memory of a process in bytes, a shared page counted by its share."""
-    try:
-        with open(f"/proc/{pid}/smaps_rollup", "rb") as file:
-            lines = [line.split() for line in file]
-    except PermissionError:
-        return resident
-    except OSError:  # it has ended
-        return 0
-    return sum(int(words[1]) * 1024 for words in lines if words[0] in (b"Pss:", b"SwapPss:"))
-
-
-def uses_more_than(limit: int) -> tuple[bool, int]:
-    """Whether all processes together hold more than `limit` bytes, exact only where the cheap sum says so; that sum.
-
-    The exact sum is taken twice: while processes start or end, their shares of a page do not add up to one.
-    """
-    cheap = sum(descendants().values())
-    if cheap <= limit:
-        return False, cheap
-    return all(sum(proportional(*process) for process in descendants().items()) > limit for _ in range(2)), cheap
-
-
 def reap(ended: dict[int, int]) -> None:
     """Note the status of every child that has ended."""
     while True:
@@ -112,13 +89,3 @@ def end_all(ended: dict[int, int]) -> int:
         reap(ended)
     reap(ended)
     return len(killed)
-
-
-def killed_by_kernel() -> int:
-    """How often the kernel has ended a process of this machine for want of memory."""
-    try:
-        with open("/proc/vmstat") as file:
-            counts = dict(line.split() for line in file)
-    except OSError:
-        return 0
-    return int(counts.get("oom_kill", 0))

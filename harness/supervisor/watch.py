@@ -7,7 +7,11 @@ import resource
 import select
 import time
 
-from harness.supervisor.tree import SupervisorError, descendants, end_all, killed_by_kernel, reap, uses_more_than
+from harness.supervisor import objects
+from harness.supervisor.memory import Memory
+from harness.supervisor.rights import confine
+from harness.supervisor.sandbox import prctl, shares_objects
+from harness.supervisor.tree import SupervisorError, descendants, end_all, reap
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -20,6 +24,7 @@ GRACE = 0.5  # seconds between SIGTERM and SIGKILL
 STRAY_GRACE = 0.25  # helpers such as multiprocessing's resource tracker end by themselves just after their parent
 LOOK = 0.1  # seconds between two looks at the memory
 CHUNK = 1 << 16
+PR_SET_PDEATHSIG = 1
 
 
 def spawn(order: dict[str, Any], output: int) -> int:
@@ -55,6 +60,9 @@ def become(order: dict[str, Any], output: int) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(output, 1)
     os.dup2(output, 2)
+    if order["confined"]:
+        confine(apart=order["sandbox"].startswith("subreaper"))
+    prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # the last resort, where guard and keeper are killed
     program = order["argv"][0]
     doing = f"enter {order['cwd']}"
     try:
@@ -101,9 +109,16 @@ def write_all(descriptor: int, data: bytes) -> None:
 class Watch:
     """The command from its start to its end."""
 
-    def __init__(self, order: dict[str, Any]) -> None:
+    def __init__(self, order: dict[str, Any], parent: int) -> None:
         self.log = Log(order["output_kb"] * 1024)
-        self.memory = order["memory_mb"] << 20
+        self.parent = parent
+        self.memory = Memory(order["memory_mb"] << 20, private=order["sandbox"] != "subreaper" and order["confined"])
+        self.home = order["home"]
+        self.least_room = room(self.home)
+        self.swept = order["confined"] and shares_objects(order)
+        self.apart = order["sandbox"].startswith("pid")
+        self.objects = objects.present() if self.swept else set()
+        self.seen: set[int] = set()
         self.output, inlet = os.pipe()
         os.set_blocking(self.output, False)
         self.poller = select.poll()
@@ -112,12 +127,11 @@ class Watch:
         self.ended: dict[int, int] = {}
         self.killed: str | None = None
         self.timed_out = self.out_of_memory = False
-        self.kernel_kills = killed_by_kernel()
-        self.peak = 0
         self.started = time.monotonic()
         self.deadline, self.last_chance = self.started + order["seconds"], float("inf")
         self.next_look = self.started + LOOK
         self.pid = spawn(order, inlet)
+        self.seen.add(self.pid)
         os.close(inlet)
 
     def run(self, early: bytes) -> dict[str, Any]:
@@ -132,10 +146,12 @@ class Watch:
         stray = self.clear()
         self.drain()
         self.log.close()
+        self.sweep()
         code = os.waitstatus_to_exitcode(self.ended[self.pid])
         largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss << 10  # of one that ended between two looks
-        if code == -signal.SIGKILL and not self.ending() and killed_by_kernel() > self.kernel_kills:
-            self.out_of_memory, self.killed = True, "the machine ran out of memory"
+        starved = self.memory.kills()
+        if code == -signal.SIGKILL and not self.ending() and starved:
+            self.out_of_memory, self.killed = True, self.memory.shortage()
         return {
             "exit_code": code if code >= 0 else None,
             "signal": -code if code < 0 else None,
@@ -143,7 +159,9 @@ class Watch:
             "out_of_memory": self.out_of_memory,
             "killed": self.killed,
             "seconds": seconds,
-            "peak_mb": max(self.peak, largest) >> 20,
+            "peak_mb": max(self.memory.peak, largest) >> 20,
+            "starved": starved,
+            "least_room_mb": self.least_room,
             "truncated": bool(self.log.omitted),
             "stray": stray,
         }
@@ -175,17 +193,21 @@ class Watch:
     def look(self) -> None:
         """Hold time and memory against their limits."""
         now = time.monotonic()
-        if now >= self.last_chance:
+        if self.parent and os.getppid() != self.parent:
+            self.killed = self.killed or "the guard is gone"
+            end_all(self.ended)
+        elif now >= self.last_chance:
             end_all(self.ended)
         elif now >= self.deadline:
             self.timed_out = True
             self.terminate()
         if now >= self.next_look and not self.out_of_memory:
-            over, held = uses_more_than(self.memory)
-            self.peak = max(self.peak, held)
-            if over:
+            if self.memory.exceeded():
                 self.out_of_memory = True
                 end_all(self.ended)
+            self.least_room = min(self.least_room, room(self.home))
+            if self.swept and not self.apart:
+                self.seen.update(descendants())
             after = time.monotonic()
             self.next_look = after + max(LOOK, 20 * (after - now))
 
@@ -205,6 +227,15 @@ class Watch:
             reap(self.ended)
         return end_all(self.ended)
 
+    def sweep(self) -> None:
+        """Remove the System V objects that the command left, where they are not in a namespace that ends with it.
+
+        In a namespace of processes nobody else's have a number; without one those count that were seen.
+        """
+        if self.swept:
+            seen = self.seen | set(self.ended)
+            objects.remove((lambda pid: True) if self.apart else seen.__contains__, self.objects)
+
     def drain(self) -> None:
         """Read what is there, without waiting for more."""
         while self.pump():
@@ -218,6 +249,15 @@ class Watch:
             return False
         self.log.feed(data)
         return bool(data)
+
+
+def room(folder: str) -> int:
+    """Return the MB that are free on the disk of a folder, as many as one may use."""
+    try:
+        disk = os.statvfs(folder)
+    except OSError:
+        return 1 << 40
+    return disk.f_bavail * disk.f_frsize >> 20
 
 
 def wakeup_on_child() -> int:

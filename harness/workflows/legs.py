@@ -17,6 +17,7 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 
+from harness import requirement_texts
 from harness.workflows import expressions, shell
 from harness.workflows.combinations import Combination
 from harness.workflows.expressions import UNKNOWN, text_of
@@ -168,7 +169,7 @@ class _Followed:
                 self.extras = (self.extras or set()) | {extra.strip() for extra in (own[1] or "").split(",")} - {""}
                 continue
             try:
-                requirement = Requirement(word)
+                requirement = requirement_texts.requirement(word)
             except InvalidRequirement:
                 self.unread.append(word)
                 continue
@@ -232,7 +233,7 @@ def _package(name: str) -> str:
 def _specifiers(value: str) -> SpecifierSet | None:
     text = value.strip()
     try:
-        return SpecifierSet(text if text[:1] in "<>=~!^" else f"=={text}")
+        return requirement_texts.specifiers(text if text[:1] in "<>=~!^" else f"=={text}")
     except InvalidSpecifier:
         return None
 

@@ -12,6 +12,7 @@ import yaml
 from harness.errors import BadInput
 from harness.workflows.combinations import Combination, Unreadable, combinations, unmatched
 from harness.workflows.legs import Leg, leg
+from harness.yaml_texts import readable_yaml
 
 MOST = 256
 """GitHub refuses a matrix of more jobs."""
@@ -28,16 +29,12 @@ class Job:
 
 def read(text: str, file: str) -> tuple[Job, ...]:
     """Read a workflow; jobs without a matrix are left out."""
-    try:
+    with readable_yaml(text, file):
         loader = _Loader(text)
         try:
             document = loader.get_single_data()
         finally:
             loader.dispose()
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        message = f"{file}:{line}: {error.problem}"
-        raise BadInput(message) from None
     jobs = document.get("jobs") if isinstance(document, dict) else None
     if not isinstance(jobs, dict):
         message = f"{file}: there are no jobs; is it a workflow of GitHub?"

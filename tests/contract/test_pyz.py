@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import venv
 import zipfile
 from pathlib import Path
 
@@ -93,6 +94,24 @@ def test_every_python_runs_a_command_and_looks_at_itself(python: str, pyz: Path,
     looked = run(python, pyz, "doctor", "--json", "--python", python, cwd=tmp_path)
     assert looked.returncode in {0, 1}, looked.stderr
     assert json.loads(looked.stdout)["environment"]["python"] == python
+
+
+def test_doctor_looks_at_the_environment_that_runs_it(pyz: Path, tmp_path: Path) -> None:
+    """`env/bin/python FILE doctor` is about env, though none is active and PATH has another Python."""
+    venv.create(tmp_path / "env", with_pip=False)
+    python = str(tmp_path / "env" / "bin" / "python")
+
+    done = subprocess.run(
+        [python, str(pyz), "doctor", "--json"],
+        capture_output=True,
+        cwd=tmp_path,
+        env={"PATH": os.defpath},
+        timeout=120,
+        check=True,
+    )
+
+    looked = json.loads(done.stdout)["environment"]
+    assert (looked["python"], looked["why"]) == (python, "it runs this file")
 
 
 def test_people_are_told_too(pyz: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -10,9 +11,20 @@ from threading import Thread
 
 import pytest
 import wheelhouse as fakes
+from supervised import marker, python, sandbox
 
 from harness import interpreters
 from harness.model import IndexSettings, Interpreter
+
+__all__ = ["marker", "python", "sandbox"]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def terminal_signals() -> None:
+    """Commands start with the signals that a terminal gives, though the suite itself runs under `nohup`."""
+    for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @pytest.fixture

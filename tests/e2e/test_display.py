@@ -113,10 +113,10 @@ class TestReach:
 @pytest.mark.usefixtures("xvfb")
 def test_ends_with_the_harness(tmp_path: Path) -> None:
     """Nothing is left of it when the harness is killed."""
-    mark = f"MARK={tmp_path}"
+    mark = f"MESA_MARK={tmp_path}"
     argv = (sys.executable, "-c", KEEPING, str(tmp_path))
     with subprocess.Popen(
-        argv, stdout=subprocess.PIPE, text=True, env={"MARK": str(tmp_path), "PATH": "/usr/bin"}
+        argv, stdout=subprocess.PIPE, text=True, env={"MESA_MARK": str(tmp_path), "PATH": "/usr/bin"}
     ) as one:
         assert one.stdout
         assert one.stdout.readline() == "there\n"

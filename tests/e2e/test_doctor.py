@@ -73,7 +73,7 @@ def tree(folder: Path) -> dict[str, Any]:
 
 
 def test_nothing_is_wrong(place: Place) -> None:
-    """Packages that fit and can be imported; the installer is uv where there is no pip."""
+    """Packages that fit and can be imported; nothing is to be installed."""
     place.put("numpy", "2.2.6")
     place.put("gym", "0.26.2", "import numpy", requires=["numpy>=1.18"])
 
@@ -341,7 +341,7 @@ def test_the_verb(place: Place, typed: Callable[..., Any]) -> None:
     assert lines[0] == f"{place.folder}/bin/python (Python {version}), named by $VIRTUAL_ENV"
     assert "warning: `import gym` fails: AttributeError: module 'numpy' has no attribute 'bool8'" in lines
     jsonschema.validate(document, schema.json_schema(Doctored))
-    assert document["nearest"]["command"].startswith("uv pip install --python ")
+    assert document["nearest"]["command"].startswith(f"{place.folder}/bin/python -m ensurepip && ")
     assert {one["name"] for one in document["nearest"]["changes"]} >= {"numpy"}
 
 
@@ -389,6 +389,7 @@ CELL = {
     "machine": "here",
     "measured": "2026-11-22T00:00:00Z",
     "verdict": "works",
+    "unverified": [],
     "phases": {"single": "passed"},
     "cases": [{"env": "Ant-v4", "api": "gym", "phases": {"single": "passed"}}],
     "axes": {},

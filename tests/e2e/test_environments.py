@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+import zipfile
 from base64 import b64encode
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,9 +16,9 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question, send
 
-from harness import downloads, environments, filelocks, sitepackages, uv
+from harness import downloads, environment_damage, environments, filelocks, uv, uvcli
 from harness.environments import Environment, Wheel, environment_key
-from harness.model import Artifact, IndexSettings, Interpreter, Lock, Outcome, Phase, Step
+from harness.model import Artifact, IndexSettings, Interpreter, Level, Lock, Outcome, Phase, Step
 
 pytestmark = pytest.mark.usefixtures("workplace")
 
@@ -341,19 +342,124 @@ class TestDownloads:
         assert [name for name in asked if name.endswith(".whl")] == ["fake_needs_plain-1.0-py3-none-any.whl"]
 
 
-class TestVerify:
+class TestDamage:
     def test_changed_files(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
-        """What a cell wrote over, or removed, is found by the hashes of RECORD."""
+        """What a cell wrote over, or removed, is found by the hashes of RECORD, each with its package."""
         environment = made(ensure(lock("fake-needs-plain")))
-        clean = sitepackages.changed(environment.path)
+        assert environments.stands(environment, thorough=True)
         changed, gone = site(environment) / "fake_plain.py", site(environment) / "fake_needs_plain.py"
+        text = changed.read_text()
         changed.unlink()
-        changed.write_text("VERSION = '4.0'\n")
+        changed.write_text(text[:-2] + "#\n")  # of the same size
         gone.unlink()
         folder = site(environment).relative_to(environment.path).as_posix()
 
-        assert clean == ()
-        assert sitepackages.changed(environment.path) == (f"{folder}/fake_needs_plain.py", f"{folder}/fake_plain.py")
+        assert environment_damage.damaged(environment.path, thorough=False) == {
+            f"{folder}/fake_needs_plain.py": "fake-needs-plain",
+            f"{folder}/fake_plain.py": "fake-plain",
+        }
+        assert not environments.stands(environment)
+
+    def test_what_is_no_code_is_looked_at_thoroughly(
+        self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
+    ) -> None:
+        """A quick look takes the sizes of other files, a thorough one their hashes."""
+        environment = made(ensure(lock("fake-plain")))
+        metadata = next(site(environment).glob("*.dist-info/WHEEL"))
+        content = metadata.read_bytes()
+        metadata.unlink()
+        metadata.write_bytes(content[:-1] + b" ")
+
+        assert environments.stands(environment)
+        assert not environments.stands(environment, thorough=True)
+
+    @pytest.mark.parametrize("how", ["garbage", "gone", "folder", "link"])
+    def test_an_environment_without_its_configuration_is_made_anew(
+        self, how: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
+    ) -> None:
+        """Without its own pyvenv.cfg a Python finds nothing of its environment, which is no package's fault."""
+        first = made(ensure(lock("fake-plain")))
+        config = first.path / "pyvenv.cfg"
+        config.unlink()
+        match how:
+            case "garbage":
+                config.write_bytes(b"\xff" * 90)
+            case "folder":
+                config.mkdir()
+            case "link":
+                config.symlink_to(config)
+
+        assert not environments.stands(first)
+        again = made(ensure(lock("fake-plain")))
+        assert (again.reused, config.is_file(), environments.stands(again)) == (False, True, True)
+
+    def test_uv_s_cache_is_doubted(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
+        """What uv unpacked long ago and a disk damaged since is unpacked anew, and looked at again."""
+        first = made(ensure(lock("fake-plain")))
+        good = (site(first) / "fake_plain.py").read_bytes()
+        for kept in (uvcli.shared_cache() / "archive-v0").glob("*/fake_plain.py"):
+            kept.unlink()
+            kept.write_bytes(b"#" * len(good))
+        environments.discard(first)
+
+        again = made(ensure(lock("fake-plain")))
+        assert (again.reused, again.findings) == (False, ())
+        assert (site(again) / "fake_plain.py").read_bytes() == good
+        assert environments.stands(again, thorough=True)
+
+    def test_a_file_that_uv_s_cache_lost_is_no_package_s_fault(
+        self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
+    ) -> None:
+        """An install that fails is tried once more from fresh downloads."""
+        first = made(ensure(lock("fake-plain")))
+        for kept in (uvcli.shared_cache() / "archive-v0").glob("*/*.dist-info/WHEEL"):
+            kept.unlink()
+        environments.discard(first)
+
+        assert made(ensure(lock("fake-plain"))).findings == ()
+
+    def test_one_that_is_used_is_left_where_it_is(
+        self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
+    ) -> None:
+        """Whoever uses a damaged environment keeps it: the next one lies beside it."""
+        first = made(ensure(lock("fake-plain")))
+        environments.discard(first, used=True)
+
+        again = made(ensure(lock("fake-plain")))
+        assert (again.path.name, first.path.is_dir()) == (f"{first.key}-1", True)
+
+    def test_a_wheel_whose_record_is_wrong_is_no_damage(
+        self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
+    ) -> None:
+        """A file that differs from RECORD in a fresh download, too, is a note; the environment stands."""
+        wheel = fakes.wheel(tmp_path, "1.0", {"odd.py": "A = 1\n"}, {"name": "odd"})
+        content = wheel.read_bytes()
+        other = tmp_path / "other.whl"
+        with zipfile.ZipFile(wheel) as read, zipfile.ZipFile(other, "w") as write:
+            for name in read.namelist():
+                write.writestr(name, "A = 2\n" if name == "odd.py" else read.read(name))
+        other.replace(wheel)
+        assert wheel.read_bytes() != content
+        asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
+        environment = made(ensure(locked(uv.resolve(asked, host, tmp_path / "state" / "x"))))
+
+        assert [(found.check, found.level) for found in environment.findings] == [("install.record", Level.NOTE)]
+        assert environments.stands(environment, thorough=True)
+
+    def test_a_wheel_that_replaces_python_is_uninstallable(
+        self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
+    ) -> None:
+        """A wheel cannot undo that a cell holds what its lock holds."""
+        text = "include-system-site-packages = true\n"
+        wheel = fakes.wheel(tmp_path, "1.0", {"odd-1.0.data/data/pyvenv.cfg": text}, {"name": "odd"})
+        asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
+        step = ensure(locked(uv.resolve(asked, host, tmp_path / "state" / "x")))
+
+        assert isinstance(step, Step)
+        assert (step.phase, step.outcome) == (Phase.INSTALL, Outcome.FAILED)
+        assert step.decisive == (
+            "odd 1.0 replaces pyvenv.cfg or bin/python, by which the environment is kept apart from others"
+        )
 
 
 class TestTrouble:

@@ -84,6 +84,7 @@ def environment(place: Path, version: str) -> str:
     site = place / "env" / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
     (site / "flyer-1.dist-info").mkdir(parents=True)
     (site / "flyer-1.dist-info" / "METADATA").write_text(f"Name: flyer\nVersion: {version}\n")
+    (site / "pip-25.0.dist-info").mkdir()
     (place / "env" / "pyvenv.cfg").write_text(f"home = {sys.base_prefix}/bin\nversion = 3.{sys.version_info.minor}.1\n")
     (place / "env" / "bin").mkdir()
     (place / "env" / "bin" / "python").symlink_to(sys.executable)

@@ -3,7 +3,9 @@
 import hashlib
 import json
 import os
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
@@ -11,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from harness import index
+from harness import index, process
 from harness.index import IndexUnreachable, Release, UnknownPackage, fetch, releases
 from harness.model import Artifact, IndexSettings
 
@@ -129,6 +131,17 @@ def cut_off(handler: BaseHTTPRequestHandler) -> None:
     handler.send_header("Content-Length", "1000000")
     handler.end_headers()
     handler.wfile.write(b"<html>")
+
+
+def drip(handler: BaseHTTPRequestHandler) -> None:
+    """Send a little every now and then, and never end."""
+    handler.send_response(200)
+    handler.send_header("Content-Type", "text/html")
+    handler.end_headers()
+    with suppress(OSError):
+        for _ in range(100):
+            handler.wfile.write(b"<a href='x'>x</a>\n")
+            time.sleep(0.1)
 
 
 def in_turn(*answers: Callable[[BaseHTTPRequestHandler], None]) -> Callable[[BaseHTTPRequestHandler], None]:
@@ -268,6 +281,42 @@ class TestTrouble:
         assert raised.value.exit_code == 3
         assert len(server.asked) == attempts
 
+    def test_an_answer_that_does_not_end_is_given_up(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A page that comes in drips is waited for no longer than a page may take, and asked for once."""
+        monkeypatch.setattr(index, "TIMEOUT", (1, 0.5))
+        began = time.monotonic()
+
+        with pytest.raises(IndexUnreachable, match="/simple/pole/ could not be had: its answer does not end"):
+            releases("pole", page(server, drip))
+
+        assert (time.monotonic() - began < 4, len(server.asked)) == (True, 1)
+
+    def test_a_file_that_drips_is_given_up(
+        self, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A file that comes by a few bytes in a second is given up too, and nothing of it is kept."""
+        monkeypatch.setattr(index, "TIMEOUT", (1, 0.5))
+        server.pages["/pole.whl"] = drip
+
+        with pytest.raises(IndexUnreachable, match="its answer does not end"):
+            fetch(wheel(f"{server.url}/pole.whl"), tmp_path)
+
+        assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+    def test_a_page_that_is_too_long_is_none(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+        """No more of a page is read than the longest of them have."""
+        monkeypatch.setattr(index, "MOST_PAGE", 1000)
+
+        with pytest.raises(IndexUnreachable, match="the answer is no index page"):
+            releases("pole", page(server, answer(200, b" " * 1001)))
+
+    def test_who_is_ended_waits_for_no_answer(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Once the command is ended, no thread waits for an index."""
+        monkeypatch.setattr(process, "stopped", lambda: True)
+
+        with pytest.raises(IndexUnreachable, match="interrupted"):
+            releases("pole", page(server, drip))
+
     def test_a_closed_port_is_told_without_the_login(self) -> None:
         """No connection; the message names the address without its password."""
         server = Server()
@@ -295,7 +344,7 @@ class TestTrouble:
             releases("pole", page(server, JSON), offline=True)
 
         assert str(raised.value) == (
-            f"{server.url}/simple/pole/ is on the network and the harness is offline; run without --offline"
+            f"{server.url}/simple is on the network and the harness is offline; run without --offline"
         )
         assert server.asked == []
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import recipes
 
-from harness import environments, interpreters, mending, overlays, repairs, sitepackages
+from harness import environments, interpreters, mending, overlays, repairs
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 
 INVALID, NARROW, NEW = recipes.WHEELS
@@ -46,7 +46,7 @@ def test_a_repaired_release_is_found_locked_and_installed(asked: Question, host:
     made = environments.ensure(lock, host, asked)
 
     assert isinstance(made, environments.Environment), made.decisive
-    assert (sitepackages.changed(made.path), made.findings) == ((), ())
+    assert (environments.stands(made, thorough=True), made.findings) == (True, ())
 
 
 def test_the_wheel_is_the_same_by_whatever_python(

@@ -9,109 +9,15 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 import uuid
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from supervised import CHECKOUT, DAEMON, Build, ending, eventually, found, gone, missing, readable_python
 
 from harness import process
 from harness.errors import BadInput
-from harness.process import Command, Completed, Limits, Profile
-
-CHECKOUT = Path(process.__file__).parents[1]
-KINDS = ("pid+overlay", "subreaper")
-
-Build = Callable[..., Command]
-
-
-def missing(sandbox: str) -> bool:
-    """Whether this machine refuses a sandbox."""
-    return sandbox != "subreaper" and not process._holds(sandbox)
-
-
-@pytest.fixture(params=KINDS)
-def sandbox(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Every test that asks for it runs with namespaces and without."""
-    name: str = request.param
-    if missing(name):
-        pytest.skip(f"unavailable: {name}")
-    monkeypatch.setenv(process.FORCED, name)
-    return name
-
-
-@pytest.fixture
-def marker() -> Iterator[str]:
-    """A word to put into an argv, by which processes are found; all are gone at the end of the test."""
-    word = f"marker-{uuid.uuid4().hex}"
-    yield word
-    assert gone(word)
-
-
-@pytest.fixture
-def python(tmp_path: Path) -> Build:
-    """A command that runs Python code in a cell's sandbox."""
-
-    def build(code: str, *words: str, **settings: Any) -> Command:
-        home = tmp_path / "home"
-        home.mkdir(exist_ok=True)
-        limits = {name: settings.pop(name) for name in ("seconds", "memory_mb", "output_kb") if name in settings}
-        given: dict[str, Any] = {
-            "argv": (sys.executable, "-I", "-S", "-c", code, *words),
-            "cwd": tmp_path,
-            "env": {"PATH": os.defpath},
-            "limits": Limits(**{"seconds": 30.0, **limits}),
-            "log": tmp_path / "log",
-            "profile": Profile.CELL,
-            "home": home,
-        }
-        return Command(**(given | settings))
-
-    return build
-
-
-def found(word: str) -> list[int]:
-    """The living processes with a word in their argv."""
-    pids = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            if word.encode() in (folder / "cmdline").read_bytes():
-                pids.append(int(folder.name))
-        except OSError:
-            continue
-    return pids
-
-
-def eventually(condition: Callable[[], object]) -> bool:
-    """Wait for a condition, ten seconds at most."""
-    for _ in range(500):
-        if condition():
-            return True
-        time.sleep(0.02)
-    return False
-
-
-def gone(word: str) -> bool:
-    """Whether no process with the word is left, after the little while a kill may take."""
-    return eventually(lambda: not found(word))
-
-
-def ending(done: Completed) -> tuple[int | None, int | None, bool, bool, str | None]:
-    """What tells one end from another."""
-    return done.exit_code, done.signal, done.timed_out, done.out_of_memory, done.killed
-
-
-DAEMON = """
-import os, sys, time
-if os.fork() == 0:
-    os.setsid()
-    if os.fork() == 0:
-        os.execv(sys.executable, [sys.executable, "-I", "-S", "-c", "import time; time.sleep(600)", sys.argv[1]])
-    os._exit(0)
-os.wait()
-"""
+from harness.process import Profile
 
 
 class TestEnds:
@@ -359,14 +265,23 @@ class TestPrivacy:
         assert dict(line.split("=", 1) for line in done.log.read_text().splitlines()) == {
             "GIVEN": "yes",
             "HOME": str(home),
-            "TMPDIR": str(home / "tmp"),
+            "TMPDIR": str(tmp_path / "tmp"),
             "XDG_CACHE_HOME": str(home / ".cache"),
             "XDG_CONFIG_HOME": str(home / ".config"),
             "XDG_DATA_HOME": str(home / ".local/share"),
             "XDG_STATE_HOME": str(home / ".local/state"),
             "XDG_RUNTIME_DIR": str(home / ".run"),
         }
-        assert (home / "tmp").is_dir()
+        assert (tmp_path / "tmp").is_dir()
+
+    def test_who_removes_home_keeps_its_temporary_folder(self, sandbox: str, python: Build, tmp_path: Path) -> None:
+        """Python falls back to no folder of the machine, and can still write to its own."""
+        code = "import os, tempfile; os.rename(os.environ['HOME'], os.environ['HOME'] + '.gone'); "
+        code += "open(os.path.join(os.environ['TMPDIR'], 'x'), 'w').close(); print(tempfile.gettempdir())"
+
+        done = process.run(python(code))
+
+        assert (done.log.read_text(), sandbox) == (f"{tmp_path / 'tmp'}\n", done.sandbox)
 
     def test_host_profile(self, python: Build) -> None:
         """The profile of the host's uv leaves the environment as it is given."""
@@ -488,6 +403,39 @@ class TestSealed:
         done = process.run(python("for i in range(300): open(f'f{i}', 'w')", cwd=sealed, sealed=(sealed,)))
 
         assert len(done.written) == 100
+
+    @pytest.mark.parametrize("name", [name for name in process.SANDBOXES if "+" in name])
+    def test_the_harness_s_own_folders_take_no_write(
+        self, python: Build, sealed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    ) -> None:
+        """A cache is read-only for a probe, but not its own folders in it, nor what is laid over its environment."""
+        if missing(name):
+            pytest.skip(f"unavailable: {name}")
+        monkeypatch.setenv(process.FORCED, name)
+        cache = tmp_path / "cache"
+        (cache / "home").mkdir(parents=True)
+        (cache / "work").mkdir()
+        environment = sealed.rename(cache / "environment")
+        code = """
+def write(path):
+    try:
+        open(path, "w").write("poison")
+    except OSError as error:
+        print(error.strerror)
+    else:
+        print("written")
+
+for path in ("../stored", "../environment/changed.txt", "../work/own", "own"):
+    write(path)
+"""
+
+        settings = {"cwd": cache / "home", "home": cache / "home", "sealed": (environment,), "shielded": (cache,)}
+        done = process.run(python(code, writable=(cache / "work",), **settings))
+
+        over = "written" if name.endswith("overlay") else "Read-only file system"
+        assert done.log.read_text().splitlines() == ["Read-only file system", over, "written", "written"]
+        assert (environment / "changed.txt").read_text() == "old"
+        assert [(cache / where / "own").read_text() for where in ("work", "home")] == ["poison"] * 2
 
     @pytest.mark.parametrize("name", ["pid+readonly", "subreaper+readonly"])
     def test_read_only(self, python: Build, sealed: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
@@ -649,18 +597,3 @@ done = run(Command(argv=(sys.executable, "-I", "-S", "-c", code), cwd=sealed, en
     log=folder / "log", profile=Profile.CELL, home=home, sealed=(sealed,)))
 print(mode, done.log.read_text().strip(), done.exit_code, done.killed, done.written, done.stray, list(sealed.iterdir()))
 """
-
-
-def readable_python(folder: Path) -> str:
-    """An interpreter that everybody may run, with the package beside the script."""
-    folder.chmod(0o755)
-    shutil.copytree(CHECKOUT / "harness", folder / "harness", ignore=shutil.ignore_patterns("__pycache__"))
-    (folder / "work").mkdir()
-    shutil.chown(folder / "work", 65534, 65534)
-    folder.chmod(0o777)
-    for candidate in (sys.executable, "/usr/bin/python3", "/usr/local/bin/python3"):
-        check = "import os, sys; sys.exit(sys.version_info < (3, 11) or not os.access(sys.executable, os.X_OK))"
-        words = ("setpriv", "--reuid=65534", "--regid=65534", "--clear-groups", candidate, "-c", check)
-        if subprocess.run(words, capture_output=True, check=False).returncode == 0:
-            return candidate
-    pytest.skip("unavailable: Python 3.11 that an unprivileged user may run")

@@ -83,7 +83,7 @@ def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, m
     phase, outcome, decisive = failed(step)
     assert (phase, outcome) == (Phase.INSTALL, Outcome.FAILED)
     assert decisive is not None
-    assert decisive.startswith("fake-compiles, compiled by its first import: $HOME/tmp/fake.c:1:10: fatal error:")
+    assert decisive.startswith("fake-compiles, compiled by its first import: $TMP/fake.c:1:10: fatal error:")
     assert decisive.endswith("fake/absent.h: No such file or directory")
     assert isinstance(step, Step)
     assert [finding.text for finding in step.findings] == (

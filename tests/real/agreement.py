@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import machine, plan, scheduler, store, verdict
+from harness import machine, plan, present, scheduler, store, verdict
 from harness.commands.progress import Progress
 from harness.commands.reporting import headline
 from harness.model import Cell, CellRecord, Outcome, Phase
@@ -153,7 +153,7 @@ def render(compared: Sequence[Compared], command: str) -> str:
 
 
 def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("<", "&lt;")[:160]
+    return present.table_cell(text[:160])
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -13,8 +13,8 @@ from harness.model import Cell, CellRecord, Outcome, Verdict
 from harness.scheduler import Runner
 
 MATRIX = Path(__file__).parents[2] / "matrices" / "kitchen-twin.toml"
-WHOLE = "py3.9-gymnasium-absent-gym0.21.0-dm-control1.0.20-mujoco3.2.0-whole"
-REFUSED = "py3.11-gymnasium1.2.3-gym-absent-dm-control-absent-mujoco3.2.0-alone"
+WHOLE = "py3.9_gymnasium-absent_gym-0.21.0_dm-control-1.0.20_mujoco-3.2.0_whole"
+REFUSED = "py3.11_gymnasium-1.2.3_gym-absent_dm-control-absent_mujoco-3.2.0_alone"
 XML = "ValueError: XML Error: top-level default class 'main' cannot be renamed / Element 'default', line 0"
 MASKS = {"ConnectionResetError: [Errno 104] Connection reset by peer", "BrokenPipeError: [Errno 32] Broken pipe"}
 """Which of them it is, is a race."""
@@ -48,23 +48,27 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
     _, why, mask = found["workers", "vector.async.fork"]
     assert (why, mask in MASKS) == (XML, True)
     assert found["single", "single.loop"] == (Outcome.FAILED, XML, None)
-    assert {name: ended[0] for name, ended in found.items() if name[0] == "mended"} == {
-        ("mended", "single.loop"): Outcome.PASSED,
-        ("mended", "vector.async.fork"): Outcome.PASSED,
-    }
+    mended = {check: ended[0] for (case, check), ended in found.items() if case == "mended"}
+    assert {mended["single.loop"], mended["vector.async.fork"]} == {Outcome.PASSED}
+    assert set(mended.values()) <= {Outcome.PASSED, Outcome.SKIPPED}
     judged = verdict.judge(record)
     assert (judged.verdict, judged.decisive) == (Verdict.PARTIAL, XML)
     first, *_ = diagnosed(record, judged, knowledge.beside(tmp_path))
     assert first.signature.id == "mujoco-top-level-default-class"
 
-    changed = runner.measure(cells[f"{REFUSED}-with-mujoco-before-3.2"])
+    changed = runner.measure(cells[f"{REFUSED}_with-mujoco-before-3.2"])
     assert (changed.installed or {})["mujoco"] == "3.1.6"
-    assert set(checks(changed).values()) == {(Outcome.PASSED, None, None)}
+    ended = checks(changed)
+    assert ended["workers", "vector.async.fork"][0] is ended["single", "single.loop"][0] is Outcome.PASSED
+    assert {outcome for outcome, _, _ in ended.values()} <= {Outcome.PASSED, Outcome.SKIPPED}
 
 
 def test_what_spares_the_parent_hides_the_error(cells: dict[str, Cell], runner: Runner) -> None:  # noqa: F811
     """With Diffusion Policy's `dummy_env_fn` the parent sees a mask, without it the error itself."""
-    found = checks(runner.measure(cells[WHOLE]))
+    record = runner.measure(cells[WHOLE])
+    if record.unavailable:
+        pytest.skip(f"unavailable: {record.unavailable}")
+    found = checks(record)
     _, why, mask = found["runner", "vector.async.fork"]
 
     assert (why, mask in MASKS) == (XML, True)

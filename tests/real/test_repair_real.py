@@ -5,6 +5,7 @@ Those of `LONG` are looked for where `ENDURANCE` is set.
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from harness import catalog, interpreters, scheduler, store
+from harness.__main__ import main
 from harness.commands.repair import MINUTES, RUNS, repair
 from harness.model import Cell
 from harness.rootcause.bench import Bounds
@@ -65,18 +67,18 @@ def repaired(cell: Cell) -> RepairDocument:
 @pytest.mark.parametrize(
     ("label", "change"),
     [
-        pytest.param("py3.10-gym0.26-numpy", {"constraints": ["numpy<2"]}, id="numpy 2 beside gym 0.26"),
+        pytest.param("py3.10_gym0.26-numpy", {"constraints": ["numpy<2"]}, id="numpy 2 beside gym 0.26"),
         pytest.param(
-            "py3.11-gymnasium1.4-packaging",
+            "py3.11_gymnasium1.4-packaging",
             {"requirements": ["imageio", "packaging"]},
             id="two packages that only an extra names",
         ),
         pytest.param(
-            "py3.10-gym0.25-numpy", {"constraints": ["numpy<1.24"]}, id="two things that numpy took", marks=LONG
+            "py3.10_gym0.25-numpy", {"constraints": ["numpy<1.24"]}, id="two things that numpy took", marks=LONG
         ),
-        pytest.param("py3.12-mujoco2.3-sdist", {"python": "3.11"}, id="no wheel, and no MUJOCO_PATH", marks=LONG),
+        pytest.param("py3.12_mujoco2.3-sdist", {"python": "3.11"}, id="no wheel, and no MUJOCO_PATH", marks=LONG),
         pytest.param(
-            "py3.11-human-mujoco3", {"requirements": ["mujoco==2.3.7"]}, id="a window beside MuJoCo 3", marks=LONG
+            "py3.11_human-mujoco3", {"requirements": ["mujoco==2.3.7"]}, id="a window beside MuJoCo 3", marks=LONG
         ),
     ],
 )
@@ -87,3 +89,64 @@ def test_remedy_is_found_and_proven(cells: dict[str, Cell], label: str, change: 
     assert (made.status, made.remedy.change) == (Status.FOUND, change)
     assert made.remedy.necessary
     assert made.remedy.sufficient
+
+
+@pytest.mark.parametrize(
+    ("asked", "change", "runs"),
+    [
+        pytest.param(
+            ("stable-baselines3==2.3.2", "gymnasium==1.0.0", "--python", "3.11"),
+            {"requirements": ["gymnasium>=0.28.1,<0.30"]},
+            2,
+            id="two that the resolver keeps apart",
+            marks=LONG,
+        ),
+        pytest.param(
+            ("dm-control==1.0.31", "mujoco==3.3.2", "--python", "3.11", "--env", "dm_control:cartpole/swingup"),
+            {"requirements": ["mujoco==3.3.3"]},
+            2,
+            id="the nearest release that the resolver names",
+        ),
+        pytest.param(
+            ("robosuite==1.4.1", "--python", "3.9", "--env", "robosuite:Lift"),
+            {"only_binary": ["mujoco"]},
+            4,
+            id="a known failure of a package that nobody asked for",
+            marks=LONG,
+        ),
+        pytest.param(
+            (
+                "gymnasium-robotics==1.4.2",
+                "--python",
+                "3.11",
+                "--env",
+                "FetchReach-v4",
+                "--import",
+                "gymnasium_robotics",
+            ),
+            {"requirements": ["mujoco<3.12"]},
+            9,
+            id="the widest bound",
+            marks=LONG,
+        ),
+    ],
+)
+def test_what_people_type(
+    asked: tuple[str, ...],
+    change: dict[str, Any],
+    runs: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With all known failures; what an error names is tried first, and few runs are enough."""
+    monkeypatch.delenv("HARNESS_SIGNATURES")
+    if interpreters.find(asked[asked.index("--python") + 1]) is None:
+        pytest.skip("unavailable: its Python")
+    code = main(["repair", *asked, "--as-of", "2026-11-20", "--json"])
+    made = json.loads(capsys.readouterr().out)
+    if code == 3:
+        pytest.skip("unavailable: package index")
+    assert (code, made["remedy"]["change"]) == (0, change)
+    assert len(made["runs"]) <= runs
+    assert made["remedy"]["necessary"]
+    assert made["remedy"]["sufficient"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -66,15 +67,18 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable
 
 
 def test_it_carries_what_was_measured(wheel: Path) -> None:
-    """One file, below 2 MB, with all that the reports of the checkout hold, and equal when it is made again."""
+    """Two files, below 2 MB, with all that the reports of the checkout hold, and equal when they are made again."""
     with zipfile.ZipFile(wheel) as archive:
         packed = archive.read("harness/measured.json.gz")
+        reports = archive.read("harness/reports.zip")
         names = archive.namelist()
 
-    assert len(packed) < MOST
+    assert len(packed) + len(reports) < MOST
+    found = {path.parent.name: json.loads(path.read_bytes()) for path in measured.report_files()}
+    assert reports == distilling.packed_reports(found)
     assert distilling.unpacked(packed) == measured.shipped()
     assert packed == distilling.packed(measured.shipped())
-    assert not [name for name in names if name.startswith(("reports", "harness/reports"))]
+    assert not [name for name in names if name.startswith(("reports/", "harness/reports/"))]
 
 
 def test_it_recommends_on_a_fresh_machine(installed: Callable[..., subprocess.CompletedProcess[str]]) -> None:
@@ -85,6 +89,25 @@ def test_it_recommends_on_a_fresh_machine(installed: Callable[..., subprocess.Co
     assert done.returncode == 0, done.stderr
     assert told["measured"]
     assert all(one["lock"].count("--hash=sha256:") >= one["lock"].count("==") for one in told["measured"])
+
+
+def test_what_it_recommends_opens_on_a_fresh_machine(
+    installed: Callable[..., subprocess.CompletedProcess[str]],
+) -> None:
+    """Cells, reports and known issues that it names are shown, and a lock is written, without any checkout."""
+    said = installed("recommend", "gymnasium", "mujoco").stdout
+    cells, issues = re.findall(r"simmatrix show (\S+)", said), re.findall(r"simmatrix known (\S+)", said)
+    assert cells
+    assert issues
+
+    opened = [installed("show", cell) for cell in cells] + [installed("known", issue) for issue in issues]
+    written = installed("show", cells[0], "--lock-out", "lock.txt")
+    report = installed("report", cells[0].partition("/")[0])
+
+    assert [one.returncode for one in (*opened, written)] == [0] * (len(opened) + 1)
+    assert [one.stdout.splitlines()[0] for one in opened] == [*cells, *issues]
+    assert report.returncode in {0, 1}
+    assert report.stdout.startswith(f"{cells[0].partition('/')[0]}: ")
 
 
 def test_it_explains_on_a_fresh_machine(installed: Callable[..., subprocess.CompletedProcess[str]]) -> None:

@@ -75,7 +75,7 @@ def case(outcomes: str, name: str = "ant", required: tuple[str, ...] = (), **rep
     )
 
 
-def cell(label: str = "py3.11-gymnasium1.2.3", cases: Iterable[str] = ("ant",), **more: Any) -> Cell:
+def cell(label: str = "py3.11_gymnasium-1.2.3", cases: Iterable[str] = ("ant",), **more: Any) -> Cell:
     """A cell of the matrix `quick`, with a case of every phase for each name."""
     values: dict[str, Any] = {
         "id": f"quick/{label}",
@@ -118,7 +118,20 @@ def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
 # --- a whole matrix, with a cell of every kind -----------------------------------------------------------------
 
 HERE = "linux-x86_64"
-MACHINES = {HERE: {"os": "Debian 12", "gl_vendor": "Mesa", "gpu": None, "capabilities": ["egl", "osmesa"]}}
+LLVMPIPE = {"vendor": "Mesa/X.org", "renderer": "llvmpipe", "version": "4.5 Mesa 22.3.6"}
+MACHINES = {
+    HERE: {
+        "os": "Debian 12",
+        "libc": "glibc 2.36",
+        "architecture": "x86_64",
+        "egl": LLVMPIPE,
+        "osmesa": {"missing": "no library"},
+        "gpu": {"missing": "no driver of NVIDIA's"},
+    }
+}
+"""Facts under the names that `harness.machine` writes: a test compares them with those of a committed report."""
+GPU = {"models": "NVIDIA H200", "driver": "570.86.15"}
+"""The same of a machine that has one."""
 GENERATED = "2026-11-21T12:30:00Z"
 SOLVER = "AttributeError: 'mujoco._structs.MjData' object has no attribute 'solver_iter'"
 XML = "ValueError: XML Error: bad | worse / Element 'default', line 0"
@@ -135,7 +148,7 @@ EXPECTED = Expectation(
 def combination(python: str, gymnasium: str, mujoco: str, expect: Expectation | None = None) -> Cell:
     """A cell of the matrix `quick`."""
     return cell(
-        f"py{python}-gymnasium{gymnasium}-mujoco{mujoco}",
+        f"py{python}_gymnasium-{gymnasium}_mujoco-{mujoco}",
         ("cartpole", "ant"),
         axes={"python": python, "gymnasium": gymnasium, "mujoco": mujoco},
         python=python,
@@ -197,7 +210,7 @@ def quick() -> tuple[Plan, tuple[CellRecord, ...]]:
         ),
     )
     dropped = tuple(
-        Dropped(id=f"quick/py3.9-gymnasium1.2.3-mujoco{mujoco}", reason="gymnasium 1.2 needs Python 3.10")
+        Dropped(id=f"quick/py3.9_gymnasium-1.2.3_mujoco-{mujoco}", reason="gymnasium 1.2 needs Python 3.10")
         for mujoco in ("2.3.7", "3.3.7")
     )
     axes = ("python", "gymnasium", "mujoco")

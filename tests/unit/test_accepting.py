@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Sequence
 from random import Random
+from time import monotonic
 
 import pytest
 from specimens import GENERATED, MACHINES, case, phase, record
@@ -92,9 +93,9 @@ class TestTables:
             (labels(), ['when = { python = ["3.10", "3.11"] }']),
             (labels(gymnasium="1.2.3"), ['when = { gymnasium = "1.2.3" }']),
             (labels(gymnasium="1.2.3", mujoco="3.3.7"), ['when = { gymnasium = "1.2.3", mujoco = "3.3.7" }']),
-            (labels()[:1], ['cells = "py3.10-gymnasium0.29.1-mujoco2.3.7"']),
+            (labels()[:1], ['cells = "py3.10_gymnasium-0.29.1_mujoco-2.3.7"']),
             ([*labels()[:1], *labels()[3:4]],
-             ['cells = "py3.10-gymnasium0.29.1-mujoco2.3.7"', 'cells = "py3.10-gymnasium1.2.3-mujoco3.3.7"']),
+             ['cells = "py3.10_gymnasium-0.29.1_mujoco-2.3.7"', 'cells = "py3.10_gymnasium-1.2.3_mujoco-3.3.7"']),
             ([label for label in labels() if label not in labels(gymnasium="1.2.3", mujoco="2.3.7")],
              ['when = { gymnasium = "0.29.1" }', 'when = { mujoco = "3.3.7" }']),
         ],
@@ -106,11 +107,11 @@ class TestTables:
     def test_the_glob_that_chose_them(self) -> None:
         """Where no two axes tell the cells apart, what the user typed does, if it matches these alone."""
         text = HEAD.replace('"3.3.7"]', '"3.3.7", "4.0.0"]')
-        red = [f"py3.11-gymnasium1.2.3-mujoco{version}" for version in ("3.3.7", "4.0.0")]
+        red = [f"py3.11_gymnasium-1.2.3_mujoco-{version}" for version in ("3.3.7", "4.0.0")]
 
         for pattern, selectors in {
-            "py3.11-gymnasium1*-mujoco[34]*": ['cells = "py3.11-gymnasium1*-mujoco[34]*"'],
-            "*mujoco[34]*": [f'cells = "{label}"' for label in red],
+            "py3.11_gymnasium-1*_mujoco-[34]*": ['cells = "py3.11_gymnasium-1*_mujoco-[34]*"'],
+            "*mujoco-[34]*": [f'cells = "{label}"' for label in red],
         }.items():
             made = accepted(text, red, accepting.Wish(pattern=pattern, reason="x"))
             assert [table.splitlines()[1] for table in made.tables] == selectors
@@ -252,3 +253,22 @@ class TestReds:
         assert 'match = "no EGL|no GL"' in made.text
         after = planned(made.text)[1].cells[0]
         assert [accepting.as_expected(after, entry, TODAY) for entry in entries[cell.id]] == [(True, None)] * 2
+
+
+def test_a_file_with_thousands_of_tables_is_read_once() -> None:
+    """Tables are found in a time that grows with the file, not with its square."""
+    tables = "".join(
+        f'[[expect]]\ncells = "*{number}*"\nreason = """\n[not.a.table]\n"""\n\n' for number in range(3_000)
+    )
+    start = monotonic()
+
+    blocks = list(accepting._blocks((HEAD + tables).split("\n")))
+
+    assert len(blocks) == 3_000
+    assert monotonic() - start < 10  # a second, where the square takes minutes
+
+
+@pytest.mark.parametrize("text", ["\U0001f600", "a\x7fb", 'quo"te', "back\\slash", "tab\tnew\nline", "é\x00\x1b"])
+def test_any_text_can_be_expected(text: str) -> None:
+    """What is written is read again as it is."""
+    assert tomllib.loads(f"x = {accepting._string(text)}") == {"x": text}

@@ -102,6 +102,19 @@ def test_machines_never_mix() -> None:
     assert made["machines"] == {"here": {"os": "one"}, "there": {"os": "another"}}
 
 
+def test_a_machine_is_told_by_what_draws_and_by_its_gpu() -> None:
+    """The models that `harness.machine` found, and the library that draws where one is there."""
+    plain = report()
+    (facts,) = plain["machines"].values()
+
+    (without,) = distilling.layer(plain, lambda _: None).machines.values()
+    facts["gpu"] = specimens.GPU
+    (made,) = distilling.layer(plain, lambda _: None).machines.values()
+
+    assert without == {key: made[key] for key in made if key != "gpu"}
+    assert (made["gpu"], made["gl"], made["glibc"]) == ("NVIDIA H200", "Mesa/X.org", "2.36")
+
+
 def test_what_was_packed_comes_out_equal() -> None:
     """Packed twice it is the same bytes; unpacked, and put under nothing, it is the same document."""
     made = distilling.combined([distilling.layer(report(), lambda _: NUMPY)])

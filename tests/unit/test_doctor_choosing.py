@@ -71,3 +71,14 @@ def test_nothing_to_look_at(tmp_path: Path) -> None:
     assert refused(None) == (
         f"there is no Python here: no environment is active, ./.venv is none, and PATH has none; {hint}"
     )
+
+
+def test_the_environment_that_runs_the_file(tmp_path: Path) -> None:
+    """`/env/bin/python FILE doctor` means /env, whatever shell it is typed in; --python still names another."""
+    active, other = environment(tmp_path / "active"), environment(tmp_path / "other")
+    variables = {"VIRTUAL_ENV": str(active), "PATH": "/none"}
+
+    found = chosen(None, variables, str(tmp_path), "/env/bin/python")
+
+    assert (found.python, found.why) == ("/env/bin/python", "it runs this file")
+    assert chosen(str(other), variables, str(tmp_path), "/env/bin/python").why == "named by --python"

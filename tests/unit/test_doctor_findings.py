@@ -269,3 +269,7 @@ def test_silent_failures() -> None:
 
     assert [one.id for one in reading.quiet([silent], installed(mujoco="4.0.0"))] == ["quiet"]
     assert reading.quiet([silent], installed(mujoco="4.0.1")) == []
+    ants = silent._replace(envs=("Ant-*",))
+    assert [one.id for one in reading.quiet([ants], installed(mujoco="4.0.0"), "Ant-v5")] == ["quiet"]
+    assert [one.id for one in reading.quiet([ants], installed(mujoco="4.0.0"))] == ["quiet"]
+    assert reading.quiet([ants], installed(mujoco="4.0.0"), "CartPole-v1") == []

@@ -6,7 +6,9 @@ from typing import Any
 
 from facts import distribution, facts, installed
 
+from harness.standalone import matching
 from harness.standalone.doctor import nearest
+from harness.standalone.installing import PIP
 
 
 def cell(label: str, verdict: str = "works", python: str = "3.11.7", env: str = "CartPole-v1", **lock: str) -> Any:
@@ -36,10 +38,16 @@ def measured(*cells: Any) -> dict[str, Any]:
     return {"schema": 1, "cells": [{**one, "lock": one["id"]} for one in cells], "locks": locks}
 
 
-def near(made: dict[str, Any], *cells: Any, env: str | None = None, remedies: tuple[str, ...] = ()) -> Any:
+def near(
+    made: dict[str, Any],
+    *cells: Any,
+    env: str | None = None,
+    remedies: tuple[str, ...] = (),
+    issues: tuple[matching.Known, ...] = (),
+) -> Any:
     """The plain answer."""
-    found = nearest.found(made, measured(*cells), env, remedies)
-    return nearest.plain(made, found, "pip install") if found else None
+    found = nearest.found(made, measured(*cells), env, remedies, issues)
+    return nearest.plain(made, found, PIP) if found else None
 
 
 def test_the_fewest_changes_of_weight() -> None:
@@ -52,7 +60,7 @@ def test_the_fewest_changes_of_weight() -> None:
         cell("numpy", gym="0.26.2", numpy="1.26.4", cloudpickle="3.1"),
     )
 
-    assert (found["cell"], found["command"]) == ("m/numpy", "pip install numpy==1.26.4")
+    assert (found["cell"], found["command"]) == ("m/numpy", "python -m pip install numpy==1.26.4")
     assert [one["name"] for one in found["also"]] == ["cloudpickle"]
     assert found["remarks"] == ["with MUJOCO_GL=egl"]
 
@@ -70,6 +78,34 @@ def test_this_python_goes_before_its_neighbours() -> None:
     assert near(made, there, cell("more", gym="0.26.1", numpy="1.26.4"))["cell"] == "m/more"
     assert other["remarks"][0] == "it was measured on Python 3.10: nothing near was measured on 3.11"
     assert near(made, far) is None
+
+
+def test_versions_with_the_same_known_issue_are_no_answer() -> None:
+    """They passed where they were measured, and run into what the environment is warned of all the same."""
+    issue = {"id": "bites", "cause": "it bites", "silent": True, "packages": ["gym<0.26", "numpy>=2"]}
+    made = installed(gym="0.25.2", numpy="2.2.6")
+    same, other = cell("same", gym="0.25.2", numpy="2.2.6"), cell("other", gym="0.25.2", numpy="1.26.4")
+
+    assert near(made, same, other)["cell"] == "m/same"
+    assert near(made, same, other, issues=(matching.read(issue),))["cell"] == "m/other"
+    assert near(made, same, issues=(matching.read(issue),)) is None
+
+
+def test_a_package_that_a_remedy_brings_is_a_change() -> None:
+    """The nearest versions alone would fail again for want of it."""
+    made = installed(gym="0.25.2", numpy="2.2.6")
+
+    found = near(made, cell("old", gym="0.25.2", numpy="1.26.4", packaging="24.0"), remedies=("packaging",))
+
+    assert found["command"] == "python -m pip install numpy==1.26.4 packaging==24.0"
+
+
+def test_an_issue_of_any_version_leaves_measured_cells_as_they_are() -> None:
+    """A cause that names packages without bounds says nothing against versions that were measured to work."""
+    issue = {"id": "wide", "cause": "it happens", "pattern": "it happens", "packages": ["gym"]}
+    made = installed(gym="0.25.2", numpy="2.2.6")
+
+    assert near(made, cell("same", gym="0.25.2", numpy="2.2.6"), issues=(matching.read(issue),))["cell"] == "m/same"
 
 
 def test_only_what_works_counts() -> None:
@@ -156,3 +192,21 @@ def test_what_was_measured_to_fail() -> None:
     assert nearest.failed(made, measured(red, cell("green", gym="0.26.2", numpy="2.2.6"))) == []
     assert nearest.failed(made, measured(cell("red", "broken", gym="0.26.2", numpy="2.2.6", brax="0.9"))) == []
     assert nearest.failed(installed(gym="0.26.2", numpy="1.26.4"), measured(red)) == []
+
+
+def test_a_cell_that_is_not_plainly_good_is_never_the_nearest() -> None:
+    """Neither one that misleads nor one of which a silent issue is left open; one that misleads is told."""
+    made = installed(gym="0.26.2", numpy="2.2.6")
+    lock = {"gym": "0.26.2", "numpy": "2.2.6"}
+    doubtful = {**cell("doubtful", **lock), "unverified": ["silent:camera-elsewhere"]}
+    wrong = {**cell("wrong", **lock), "verdict": "misleads", "decisive": "looks elsewhere"}
+    wrong["cases"][0]["misleads"] = ["render.camera"]
+
+    assert nearest.found(made, measured(doubtful)) is None
+    assert nearest.found(made, measured(wrong)) is None
+    assert nearest.failed(made, measured(doubtful)) == []
+    (told,) = nearest.failed(made, measured(wrong))
+    assert (told.level, told.text) == (
+        "warning",
+        "measured with these versions (m/wrong), CartPole-v1 misleads: looks elsewhere",
+    )

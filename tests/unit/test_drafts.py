@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
 from harness import drafts, matrixfile, plan, present
-from harness.drafts import Case, Draft, Project
+from harness.drafts import Case, Draft, Project, Range, SuiteDraft
+from harness.drafts import candidates as trying
+from harness.drafts.candidates import Candidate
+from harness.drafts.values import Offer, narrowed
 from harness.errors import BadInput
 from harness.matrix import Expansion
-from harness.model import Plan
-from harness.vocabulary import GYMNASIUM, Instant
+from harness.model import Plan, Suite
+from harness.vocabulary import GYMNASIUM, Instant, Rule
 from harness.workflows import read
 
 TEMPLATE = (Path(present.__file__).parent / "templates" / "matrix.toml.j2").read_text(encoding="utf-8")
@@ -49,6 +53,28 @@ VERSION = read()
 setuptools.setup(name="old-sim", version=VERSION, python_requires=">=3.7,<3.9", install_requires=["gym>=0.21"])
 """
 
+POETRY = """
+[tool.poetry]
+name = "Gym_Pusht"
+classifiers = ["Programming Language :: Python :: 3.10"]
+[tool.poetry.dependencies]
+python = "^3.10"
+gymnasium = ">=0.29.1"
+numpy = "^1.26"
+pymunk = { version = "~6.6.0", extras = ["dev"] }
+tool = "^0.3"
+pytest = { version = "*", optional = true }
+own = { path = "../own" }
+[tool.poetry.extras]
+test = ["pytest"]
+"""
+POETRY_PROJECT = Project(
+    name="gym-pusht",
+    pythons=("3.10",),
+    dependencies=("gymnasium>=0.29.1", "numpy>=1.26,<2", "pymunk[dev]>=6.6.0,<6.7", "tool>=0.3,<0.4"),
+    extras={"test": ("pytest",)},
+)
+
 
 @pytest.mark.parametrize(
     ("pyproject", "setup", "expected"),
@@ -74,6 +100,27 @@ setuptools.setup(name="old-sim", version=VERSION, python_requires=">=3.7,<3.9", 
             id="a first patch that is too old",
         ),
         pytest.param("", SETUP, Project(name="old-sim", pythons=("3.7", "3.8"), dependencies=("gym>=0.21",)), id="old"),
+        pytest.param(POETRY, "", POETRY_PROJECT, id="poetry"),
+        pytest.param(
+            "",
+            'setup(name="s", extras_require={"tests": ["pytest"], "draw:os_name": ["pygame"], **more})\n'
+            'setup(extras_require={"a": ["b"]})',
+            Project(name="s", extras={"a": ("b",)}),
+            id="extras of a setup.py",
+        ),
+        pytest.param(
+            '[project]\nname = "g"\n[project.optional-dependencies]\nMore_Tests = ["pytest"]\n'
+            '[dependency-groups]\ntest = ["pytest", { include-group = "x" }]\n'
+            '[tool.pytest.ini_options]\ntestpaths = ["checks"]',
+            "",
+            Project(
+                name="g",
+                extras={"more-tests": ("pytest",)},
+                groups={"test": ("pytest", {"include-group": "x"})},
+                test_paths=True,
+            ),
+            id="extras and groups",
+        ),
         pytest.param("[tool.x]", "setup(**more)", Project(name="the-folder"), id="nothing said"),
         pytest.param("", "setup(", Project(name="the-folder"), id="no Python"),
     ],
@@ -81,6 +128,29 @@ setuptools.setup(name="old-sim", version=VERSION, python_requires=">=3.7,<3.9", 
 def test_a_project_is_read_without_running_it(pyproject: str, setup: str, expected: Project) -> None:
     """From pyproject.toml, else from the literals of setup.py, else from the folder's name."""
     assert drafts.read_project(pyproject, setup, "The_Folder") == expected
+
+
+SETUPTOOLS = '[build-system]\nrequires = ["setuptools"]\nbuild-backend = "setuptools.build_meta"\n'
+
+
+@pytest.mark.parametrize(
+    ("texts", "src", "expected"),
+    [
+        ((SETUPTOOLS, 'setup(name="a")', ""), False, ".simmatrix"),
+        (("[project]\nname = 'a'", "", ""), False, ".simmatrix"),
+        ((SETUPTOOLS + "[tool.setuptools.packages.find]\n", "", ""), False, ".simmatrix"),
+        ((SETUPTOOLS + '[tool.setuptools.packages.find]\ninclude = ["a"]', "", ""), False, "matrices"),
+        ((SETUPTOOLS + '[tool.setuptools]\npackages = ["a"]', "", ""), False, "matrices"),
+        ((SETUPTOOLS + '[tool.setuptools]\npy-modules = ["a"]', "", ""), False, "matrices"),
+        ((SETUPTOOLS, "setup(packages=find_packages())", ""), False, "matrices"),
+        ((SETUPTOOLS, "", "[options]\npackages = find:\n"), False, "matrices"),
+        ((SETUPTOOLS, "", ""), True, "matrices"),
+        (('[build-system]\nbuild-backend = "hatchling.build"', "", ""), False, "matrices"),
+    ],
+)
+def test_a_matrix_does_not_become_a_package(texts: tuple[str, str, str], src: bool, expected: str) -> None:
+    """Where setuptools looks for packages itself, the folder of a first matrix has a name that it passes by."""
+    assert drafts.matrix_folder(*texts, src=src) == expected
 
 
 def test_a_wrong_specifier_is_told() -> None:
@@ -108,7 +178,8 @@ def test_environments_are_found_by_the_literals_that_register_them() -> None:
 def test_a_project_is_measured_at_what_it_claims() -> None:
     """Each package that counts is an axis with the project's own bounds; one axis is varied at a time."""
     project = drafts.read_project(PYPROJECT, "", "x")
-    draft = drafts.of_project(project, Case(env="A-v0", api=GYMNASIUM, more=2))
+    case = Case(env="A-v0", api=GYMNASIUM, imports=("a.envs",), note="Tried, and\n[it] does not run.")
+    draft = replace(drafts.of_project(project), cases=(case,), suite=SuiteDraft(groups=("test",), arguments=("tests",)))
 
     found = planned(draft, gymnasium=("1.0.0", "1.2.3"), mujoco=("3.3.7",))
 
@@ -117,20 +188,201 @@ def test_a_project_is_measured_at_what_it_claims() -> None:
         ("mujoco", ">=0", "latest-minor"),
     ]
     assert labels(found) == [
-        "py3.11-gymnasium1.0.0-mujoco3.3.7",
-        "py3.11-gymnasium1.2.3-mujoco3.3.7",
-        "py3.12-gymnasium1.2.3-mujoco3.3.7",
+        "py3.11_gymnasium-1.0.0_mujoco-3.3.7",
+        "py3.11_gymnasium-1.2.3_mujoco-3.3.7",
+        "py3.12_gymnasium-1.2.3_mujoco-3.3.7",
     ]
-    assert [case.env for case in found.cells[0].cases] == ["A-v0"]
+    assert [(case.env, case.imports) for case in found.cells[0].cases] == [("A-v0", ("a.envs",))]
     assert found.cells[0].subject is not None
-    assert "# 2 more are registered" in drafts.text_of(draft, TEMPLATE)
+    assert found.cells[0].subject.suite == Suite(groups=("test",), arguments=("tests",))
+    assert "# Tried, and [it] does not run." in drafts.text_of(draft, TEMPLATE).splitlines()
 
 
 def test_a_project_that_says_nothing_is_imported_here() -> None:
     """Without Pythons, dependencies and environments there is one cell still."""
-    found = planned(drafts.of_project(Project(name="quiet"), None))
+    found = planned(drafts.of_project(Project(name="quiet")))
 
     assert (labels(found), [case.env for case in found.cells[0].cases]) == (["py3.11.7"], [None])
+
+
+# --- the tests of a project ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("extras", "groups", "folders", "in_workflow", "expected"),
+    [
+        ({"testing": (), "wfc": ()}, {}, ("tests",), (), SuiteDraft(extras=("testing",), arguments=("tests",))),
+        (
+            {"all": (), "docs": ()},
+            {},
+            ("test",),
+            ("docs", "all", "gone"),
+            SuiteDraft(extras=("all",), arguments=("test",)),
+        ),
+        ({}, {"test": (), "docs": ()}, ("tests",), (), SuiteDraft(groups=("test",), arguments=("tests",))),
+        ({"dev": ("black", "pytest-cov")}, {}, ("tests",), (), SuiteDraft(extras=("dev",), arguments=("tests",))),
+        ({"dev": ("black", "not a line")}, {}, ("tests",), (), SuiteDraft(arguments=("tests",))),
+        ({"test": ("pytest",)}, {}, ("docs",), (), None),
+    ],
+)
+def test_the_tests_of_a_project(
+    extras: dict[str, tuple[str, ...]],
+    groups: dict[str, tuple[object, ...]],
+    folders: tuple[str, ...],
+    in_workflow: tuple[str, ...],
+    expected: SuiteDraft | None,
+) -> None:
+    """By the names of extras and groups, by what names pytest, by what CI installs beside it; none without a folder."""
+    assert drafts.suite(extras, groups, folders, in_workflow=in_workflow) == expected
+
+
+def test_where_settings_name_the_tests_no_folder_is_given() -> None:
+    """pytest finds them itself, wherever they lie."""
+    assert drafts.suite({}, {}, ("checks",), configured=True) == SuiteDraft()
+
+
+def test_extras_that_users_install() -> None:
+    """Neither tests nor documentation nor tools are tried for the sake of an environment."""
+    assert drafts.runtime({"testing": (), "mujoco": (), "Dev": (), "docs": (), "all": ()}) == ("mujoco", "all")
+
+
+# --- values of an axis -----------------------------------------------------------------------------------------
+
+
+def offer(version: str, *wheels: str, python: str | None = None) -> Offer:
+    """A release with wheels for these tags."""
+    names = tuple(f"sim-{version}-{tags}.whl" for tags in wheels)
+    return Offer(version=version, yanked=False, requires_python=python, wheels=names)
+
+
+OLD, NEW, ANY = "cp36-cp36m-manylinux1_x86_64", "cp311-cp311-manylinux1_x86_64", "py3-none-any"
+
+
+@pytest.mark.parametrize(
+    ("range_", "rule", "offers", "expected", "note"),
+    [
+        pytest.param(
+            ">=0",
+            Rule.LATEST_MINOR,
+            (offer("0.1.7"), offer("1.2.9"), offer("2.8.6", OLD), offer("3.2.7", NEW)),
+            ">=3.2.7",
+            "Left out, not installable without a build on Python 3.11: 0.1.7, 1.2.9, 2.8.6.",
+            id="old releases",
+        ),
+        pytest.param(
+            ">=1,<4",
+            Rule.LATEST_PATCH,
+            (offer("1.0", NEW), offer("1.1", OLD), offer("2.0", ANY, python=">=3.12"), offer("3.0", ANY)),
+            ">=1,<4,!=1.1,!=2.0",
+            "Left out, not installable without a build on Python 3.11: 1.1, 2.0.",
+            id="gaps",
+        ),
+        pytest.param(
+            ">=1",
+            Rule.LATEST_PATCH,
+            (offer("1.0", ANY), offer("1.2.2", ANY, python=">=3.12"), offer("1.2.3", ANY, python=">=3.12")),
+            ">=1,<=1.0",
+            "Left out, not installable without a build on Python 3.11: 1.2.3.",
+            id="new releases",
+        ),
+        pytest.param(">=1", Rule.LATEST_PATCH, (offer("1.0"), offer("2.0")), ">=1", None, id="only sdists"),
+        pytest.param(
+            ">=1",
+            Rule.LATEST_PATCH,
+            (offer("1.0", OLD),),
+            ">=1",
+            "No release that the project allows installs without a build on Python 3.11.",
+            id="none",
+        ),
+        pytest.param(
+            ">=1", Rule.LATEST_PATCH, (offer("0.9"), offer("1.0", ANY)), ">=1", None, id="nothing to leave out"
+        ),
+    ],
+)
+def test_values_that_cannot_work_are_left_out(
+    range_: str, rule: Rule, offers: tuple[Offer, ...], expected: str, note: str | None
+) -> None:
+    """What has no wheel for the Python of the cells is no value, and the note names it."""
+    found = narrowed(Range(package="sim", range=range_, rule=rule), offers, "3.11")
+
+    assert (found.range, found.note) == (expected, note)
+
+
+# --- environments that a package told of -----------------------------------------------------------------------
+
+
+def candidate(env: str, entry: str = "", api: str = "gymnasium", place: str = "") -> Candidate:
+    """An environment as a cell tells of it."""
+    return Candidate(env=env, api=api, entry=entry, place=place or entry.partition(":")[0])
+
+
+def test_candidates_are_of_different_kinds_first() -> None:
+    """The newest version of each, one of each class, of different modules first; the variants come last."""
+    found = [
+        candidate("A-v1", "m.a:A"),
+        candidate("A-v2", "m.a:A"),
+        candidate("ADense-v2", "m.a:A"),
+        candidate("B-v0", "m.a:B"),
+        candidate("C-v0", "m.c:C"),
+        candidate("pettingzoo:classic/rps_v2", api="pettingzoo", place="pettingzoo.classic.rps_v2"),
+        candidate("pettingzoo:classic/rps/rps", api="pettingzoo", place="pettingzoo.classic.rps.rps"),
+    ]
+
+    assert [each.env for each in trying.chosen_order(found)] == [
+        "A-v2",
+        "C-v0",
+        "pettingzoo:classic/rps_v2",
+        "B-v0",
+        "ADense-v2",
+    ]
+
+
+def test_what_a_cell_tells_may_be_anything() -> None:
+    """Entries of another shape, or of an API that is not known, are left out."""
+    facts = {
+        "environments": [
+            {"env": "A-v0", "api": "gymnasium", "entry": "m.a:A", "module": "m.envs", "lacking": "ImportError: x"},
+            {"env": "pettingzoo:m:env", "api": "pettingzoo", "entry": "", "module": "m.loop"},
+            {"env": "B", "api": "nonsense"},
+            {"api": "gymnasium"},
+            "C",
+        ],
+        "failed": {"m.b": "ImportError: y"},
+    }
+
+    found, failed = trying.read(facts)
+
+    assert [(each.env, each.place, each.imports, each.lacking) for each in found] == [
+        ("A-v0", "m.a", ("m.envs",), "ImportError: x"),
+        ("pettingzoo:m:env", "m.loop", (), ""),
+    ]
+    assert failed == (("m.b", "ImportError: y"),)
+    assert trying.read({"environments": "no", "failed": []}) == ((), ())
+
+
+def test_extras_called_like_a_part_of_the_package_come_first() -> None:
+    """`butterfly` brings what pettingzoo.butterfly needs; `all` is the last resort."""
+    places = ["pettingzoo.butterfly.pistonball_v6", "pettingzoo.classic.rps_v2"]
+
+    assert trying.ordered_extras(["all", "other", "classic", "butterfly"], places) == [
+        "classic",
+        "butterfly",
+        "other",
+        "all",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("why", "expected"),
+    [
+        ("TypeError: make() missing 1 required positional argument: 'env_name'", True),
+        ("TypeError: <lambda>() missing 2 required keyword-only arguments: 'a' and 'b'", True),
+        ("AttributeError: 'Space' object has no attribute 'add_collision_handler'", False),
+    ],
+)
+def test_an_argument_that_nobody_gave_is_no_failure(why: str, expected: bool) -> None:
+    """It tells what a case has to give, and nothing against the package."""
+    assert trying.needs_arguments(why) is expected
 
 
 # --- workflows -------------------------------------------------------------------------------------------------
@@ -143,7 +395,7 @@ def drafted(matrix: str, run: str, python: str = "${{ matrix.python }}") -> Draf
         f'{{ uses: "actions/setup-python@v5", with: {{ python-version: "{python}" }} }}, {run} ] }} }}',
         "ci.yml",
     )
-    return drafts.of_legs(job.legs, "ci.yml", None)
+    return drafts.of_legs(job.legs, "ci.yml")
 
 
 def test_pins_of_every_leg_are_axes() -> None:
@@ -155,9 +407,9 @@ def test_pins_of_every_leg_are_axes() -> None:
     assert draft
     found = planned(draft)
 
-    assert labels(found) == ["py3.10-numpy1.26.4", "py3.10-numpy2.2.6", "py3.12-numpy2.2.6"]
+    assert labels(found) == ["py3.10_numpy-1.26.4", "py3.10_numpy-2.2.6", "py3.12_numpy-2.2.6"]
     assert [(gone.id, gone.reason) for gone in found.dropped] == [
-        ("drafted/py3.12-numpy1.26.4", "no leg of the workflow is so")
+        ("drafted/py3.12_numpy-1.26.4", "no leg of the workflow is so")
     ]
     assert (found.stale, draft.requirements, draft.extras) == ((), ("scipy",), ("tests",))
     assert draft.notes == ("Not taken over: more.txt.",)
@@ -173,7 +425,7 @@ def test_what_some_legs_install_is_a_bundle_named_by_it() -> None:
     assert draft
     found = planned(draft)
 
-    assert labels(found) == ["py3.10-gymnasium0.29.1-numpy-from1.21-below2", "py3.11-newest"]
+    assert labels(found) == ["py3.10_gymnasium-0.29.1-numpy-from1.21-below2", "py3.11_newest"]
     assert [cell.question.requirements for cell in found.cells] == [("gymnasium==0.29.1", "numpy<2,>=1.21"), ()]
 
 
@@ -187,7 +439,7 @@ def test_what_is_handed_on_is_taken_at_its_word_and_told() -> None:
     assert draft
     found = planned(draft)
 
-    assert labels(found) == ["py3.12-numpy-from2.1", "py3.12-numpy-below2"]
+    assert labels(found) == ["py3.12_numpy-from2.1", "py3.12_numpy-below2"]
     assert "numpy-version is handed to `docker build --build-arg ...`; it is taken at its word here." in draft.notes
 
 
@@ -202,7 +454,7 @@ def test_whatever_a_matrix_lists_makes_a_file_that_plans() -> None:
     assert labels(planned(odd)) == ["py3.11"]
     assert "# Left out: python x y = 1 , n 1, whose Python is not a version" in drafts.text_of(odd, TEMPLATE)
     assert unset is not None
-    assert labels(planned(unset)) == ["py3.11.7-numpy1.26.4", "py3.11.7-numpy2.2.6"]
+    assert labels(planned(unset)) == ["py3.11.7_numpy-1.26.4", "py3.11.7_numpy-2.2.6"]
 
 
 def test_legs_of_no_release_of_python_are_left_out() -> None:

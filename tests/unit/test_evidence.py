@@ -6,13 +6,14 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
-from specimens import GENERATED, MACHINES, RESET, XML, case, phase, record, step, warning
+from specimens import GENERATED, MACHINES, RESET, XML, case, cell, phase, record, step, warning
 
-from harness import document, explaining, knowledge, signatures, verdict
+from harness import document, explaining, knowledge, signature_files, signatures, suites, verdict
 from harness.errors import BadInput
 from harness.evidence import Knowledge, causes, diagnosed, failures
-from harness.model import CellRecord, CheckRecord, Expectation, Outcome, Phase, Plan, Verdict
+from harness.model import CellRecord, CheckRecord, Expectation, Outcome, Phase, Plan, Step, Subject, Suite, Verdict
 from harness.reporttypes import CellEntry, DiagnosisEntry
 
 KNOWN = signatures.read(
@@ -89,6 +90,18 @@ def test_a_step_of_the_host_and_a_signal() -> None:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(("locked", "found"), [(("gymnasium==1.2.3",), ["xml"]), (("gymnasium==2.0",), []), ((), [])])
+def test_what_a_lock_holds_takes_part(locked: tuple[str, ...], found: list[str]) -> None:
+    """Where an install failed, nothing is installed, and packages that nobody named are those of the lock."""
+    (one,) = (each for each in KNOWN if each.id == "xml")
+    generic = msgspec.structs.replace(one, generic=True, phases=(Phase.INSTALL,))
+    failed = step(Phase.INSTALL, Outcome.FAILED, "XML Error")
+    made = replace(record(install=failed, installed=None), lock="locks/one.txt")
+    made = replace(made, cell=replace(made.cell, question=replace(made.cell.question, requirements=("tool",))))
+    knowing = Knowledge(signatures=lambda: (generic,), locked={"locks/one.txt": locked}.__getitem__)
+    assert [each.signature.id for each in diagnosed(made, verdict.judge(made), knowing)] == found
+
+
 @pytest.mark.parametrize("letters", ["pppp", "ppip", "pppu", "ssss"])
 def test_only_red_cells_are_diagnosed(letters: str) -> None:
     """Of what works, or says nothing about packages, no cause is sought."""
@@ -163,18 +176,46 @@ def test_kept_texts_are_read_to_a_bound(tmp_path: Path) -> None:
 
 def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From another folder where the user says so, from none if that is empty; a wrong one is told."""
-    monkeypatch.setenv(knowledge.VARIABLE, "")
+    monkeypatch.setenv(signature_files.VARIABLE, "")
     assert knowledge.known() == ()
-    monkeypatch.setenv(knowledge.VARIABLE, str(tmp_path / "gone"))
+    monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
     with pytest.raises(BadInput, match="is no folder; HARNESS_SIGNATURES names the folder of the signatures"):
         knowledge.known()
 
 
 def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What the pytest items and `--only-failed` ask is free for other cells."""
-    monkeypatch.setenv(knowledge.VARIABLE, str(tmp_path / "gone"))
+    monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
     assert knowledge.fitting(MASKED, tmp_path) == ()
-    monkeypatch.delenv(knowledge.VARIABLE)
+    monkeypatch.delenv(signature_files.VARIABLE)
     reset = replace(VECTOR, decisive=RESET, checks=())
     made = replace(expecting("worker-connection-reset"), cases=(case("ppfp", vector=reset),))
     assert knowledge.fitting(made, tmp_path) == ("worker-connection-reset",)
+
+
+def test_the_cause_of_a_suite_without_an_environment() -> None:
+    """What the failed build of its packages wrote is compared with known failures; those of the cell stay its own."""
+    swig = """
+[[signature]]
+id = "no-swig"
+phases = ["install"]
+pattern = "command 'swig' failed"
+cause = "SWIG is missing"
+examples = ["command 'swig' failed", "error: command 'swig' failed", "again: command 'swig' failed"]
+remedy = { requirements = ["box2d"] }
+"""
+    refused = Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive="exit code 1", log="evidence/build")
+    made = record(
+        case("pppp"),
+        of=cell(cases=["ant"], subject=Subject(source=".", suite=Suite())),
+        suite=suites.not_run("the environment of the tests cannot be made: exit code 1", refused),
+    )
+    logs = {"build.txt": "running build_ext\nerror: command 'swig' failed: No such file or directory"}
+    knowing = Knowledge(signatures=lambda: signatures.read({"k.toml": swig}), logs=lambda _: logs)
+
+    found = entry(made, knowing)
+
+    assert (found.verdict, found.diagnoses) == (Verdict.WORKS, ())
+    assert found.suite
+    assert [one.signature for one in found.suite.diagnoses or ()] == ["no-swig"]
+    assert found.unverified == ("suite",)

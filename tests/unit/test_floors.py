@@ -11,29 +11,44 @@ import harness
 
 PACKAGE = Path(harness.__file__).parent
 FLOORS = {
-    0: {"model", "errors", "standalone"},
+    0: {"cellid", "model", "errors", "standalone"},
     1: {
-        "accepting", "advising", "cameras", "changes", "clues", "distilling", "document", "drafts", "evidence",
-        "expansion", "explaining", "failure", "grouping", "inferring", "inputfiles", "locks", "matrix", "matrixfile",
-        "mending", "merging", "moves", "nativesays", "normalise", "notices", "outcomes", "pages", "pasting",
-        "pipelines", "plan", "present", "proving", "pytestsays", "recommending", "redacting", "rediagnosing",
+        "accepting", "advising", "answering", "apart", "cameras", "changes", "clues", "distilling", "document",
+        "drafts", "evidence", "exercised", "expansion", "explaining", "failure", "grouping", "hostile_data",
+        "inferring", "inputfiles",
+        "interrupts", "known_issues", "locks", "markdown_texts",
+        "matrix", "matrixfile", "measured_cells", "mending", "merging",
+        "misleading", "moves", "nativesays",
+        "normalise", "notices", "outcomes", "pages", "pasting", "pipelines", "plan", "platforms", "present",
+        "proving", "pytestsays", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
         "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",
-        "strategy", "tables", "trust", "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows",
+        "requirement_texts", "squares", "strategy", "suite_tables", "tables", "tabletypes", "terminal", "traps",
+        "trust", "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows", "yaml_texts",
     },
     2: {
-        "alone", "bringing", "builds", "checkouts", "controls", "discovery", "display", "downloads", "drawing",
-        "environments", "fetched", "filelocks", "frames", "garbage", "glprobe", "index", "indexsettings", "inputs",
-        "interpreters", "knowledge", "launch", "machine", "measured", "memory", "overlays", "process", "sdists",
-        "sitepackages", "store", "subjects", "supervisor", "systempackages", "uv", "uvcli", "warming",
+        "alone", "answers", "bare_start", "bringing", "builds", "bytecode", "checkouts", "controls", "discovery",
+        "display", "downloads",
+        "drawing", "environment_damage", "environments", "fetched", "filelocks", "frames", "garbage",
+        "given_files", "glprobe",
+        "guarded_files", "index", "indexsettings",
+        "inputs", "interpreters", "issue_texts", "knowledge", "launch", "machine", "measured", "memory",
+        "overlays", "process", "scratch_folders",
+        "sdists", "shipped_reports", "signature_files", "sitepackages", "sources",
+        "store",
+        "subjects", "supervisor", "systempackages", "typos", "uv", "uvcli", "warming",
     },
-    3: {"catalog", "cellrun", "fetching", "resolving", "rootcause", "scheduler", "suites"},
+    3: {
+        "catalog", "cellrun", "fetching", "firstcases", "firstvalues", "lock_files", "resolving", "rootcause",
+        "scheduler", "suites",
+    },
     4: {"commands"},
     5: {"__main__", "smoke", "noxface"},
 }  # fmt: skip
 FLOOR = {module: floor for floor, modules in FLOORS.items() for module in modules}
 APART = {"incell"}
 STANDALONE = set(
-    "__main__ spawning looking importing seeing choosing running probing doctor explain packages".split()  # noqa: SIM905
+    "__main__ spawning looking importing seeing choosing running probing doctor explain packages"  # noqa: SIM905
+    " installing wrapping".split()
 )
 """Files of `standalone` that read files and start processes, as that is what the verbs do where no harness is: the
 command of `explain -- COMMAND` in a terminal of its own, which the supervisor's log file is not, and the interpreter

@@ -8,9 +8,10 @@ import msgspec
 import pytest
 from specimens import quick_document
 
-from harness import grouping
+from harness import grouping, present
 from harness.model import Verdict
-from harness.reporttypes import CellEntry, DiagnosisEntry, ExpectationEntry, Trouble
+from harness.reporttypes import CellEntry, DiagnosisEntry, ExpectationEntry
+from harness.tabletypes import Trouble
 
 AXES = ("python", "mujoco")
 PYTHONS, MUJOCOS = ("3.9", "3.10", "3.11"), ("2.3.7", "3.1.6", "3.3.7", "4.0.0")
@@ -22,7 +23,7 @@ def cell(python: str, mujoco: str, line: str | None = None, **more: object) -> C
     told = {"verdict": Verdict.PARTIAL, "decisive": line} if line else {"verdict": Verdict.WORKS, "decisive": None}
     return msgspec.structs.replace(
         basis,
-        id=f"quick/py{python}-mujoco{mujoco}",
+        id=f"quick/py{python}_mujoco-{mujoco}",
         axes={"python": python, "mujoco": mujoco},
         **{"as_expected": True, "expectation": None, **told, **more},
     )
@@ -73,7 +74,7 @@ def only(cells: list[CellEntry]) -> Trouble:
             [("3.9", "4.0.0"), ("3.10", "4.0.0"), ("3.10", "3.3.7")],
             "3 of 4 cells with python 3.9 or 3.10, mujoco 3.3.7 or 4.0.0",
         ),
-        ([("3.9", "4.0.0"), ("3.10", "4.0.0")], "`py3.9-mujoco4.0.0`, `py3.10-mujoco4.0.0`"),
+        ([("3.9", "4.0.0"), ("3.10", "4.0.0")], "`py3.9_mujoco-4.0.0`, `py3.10_mujoco-4.0.0`"),
     ],
 )
 def test_which_cells_in_words(found: list[tuple[str, str]], words: str) -> None:
@@ -96,7 +97,7 @@ def test_one_broken_release_is_one_line() -> None:
     """Cells of one known failure are one, whatever their lines and verdicts; its proof is that of any of them."""
     places = [(python, "4.0.0") for python in PYTHONS]
     red = {place: cell(*place, f"line {place[0]}", diagnoses=(known("gone"),)) for place in places}
-    proof = known("gone", proof="quick/py3.9-mujoco4.0.0-with-cure", proven=True)
+    proof = known("gone", proof="quick/py3.9_mujoco-4.0.0_with-cure", proven=True)
     red[places[0]] = cell(*places[0], "line", verdict=Verdict.BROKEN, diagnoses=(proof,))
 
     one = only(matrix(red))
@@ -104,7 +105,7 @@ def test_one_broken_release_is_one_line() -> None:
     assert (one.known, one.cells, one.where) == ("gone", 3, "all 3 cells with mujoco 4.0.0")
     assert one.verdicts == ((Verdict.BROKEN, 1), (Verdict.PARTIAL, 2))
     assert (one.cause, one.remedy, one.applicable) == ("cause of gone", "install `mujoco<4`", True)
-    assert [name for name, _ in one.proofs] == ["py3.9-mujoco4.0.0-with-cure"]
+    assert [name for name, _ in one.proofs] == ["py3.9_mujoco-4.0.0_with-cure"]
     assert (one.proven, one.references) == (1, ("https://e.org",))
     assert len(one.explanations) == 3
 
@@ -178,3 +179,24 @@ def test_those_of_most_cells_first() -> None:
     red |= {(python, "4.0.0"): cell(python, "4.0.0", "often") for python in PYTHONS}
 
     assert [one.line for one in grouping.troubles(matrix(red), AXES)] == ["often", "rare"]
+
+
+def test_a_fix_that_a_neighbour_proves() -> None:
+    """A cell that works and differs only in what the fix asks for shows that it helps; no other cell does."""
+    cells = broken([("3.9", "4.0.0")], diagnoses=(known("enums"),))
+    cells = [msgspec.structs.replace(one, installed={"mujoco": one.axes["mujoco"]}) for one in cells]
+
+    one = only(cells)
+    assert (one.proofs, one.neighbour) == ((), "py3.9_mujoco-3.3.7")  # the newest that the fix allows
+    assert present.proven(one) == "proven by a neighbour: `py3.9_mujoco-3.3.7` works and differs only in this"
+    others = [cell for cell in cells if cell.axes["python"] != "3.9" or cell.axes["mujoco"] == "4.0.0"]
+    assert present.proven(only(others)) == "not tried"
+
+
+def test_a_fix_that_works_together_with_more() -> None:
+    """A cell with the fix and other bounds besides is no proof of the fix alone."""
+    red, green = broken([("3.9", "4.0.0")], diagnoses=(known("enums"),))[3], cell("3.9", "3.3.7")
+    red = msgspec.structs.replace(red, axes={**red.axes, "bounds": "declared"}, installed={"mujoco": "4.0.0"})
+    green = msgspec.structs.replace(green, axes={**green.axes, "bounds": "known"}, installed={"mujoco": "3.3.7"})
+
+    assert present.proven(only([red, green])) == "not tried alone; `py3.9_mujoco-3.3.7` works with this and more"

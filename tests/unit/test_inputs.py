@@ -459,14 +459,14 @@ class TestFiles:
     @pytest.mark.parametrize(
         ("name", "content", "message"),
         [
-            ("gone.txt", None, "gone.txt: the file cannot be read: No such file or directory"),
+            ("gone.txt", None, "gone.txt: cannot be read: No such file or directory"),
             (
                 "setup.py",
                 b"",
                 "setup.py: this format is not read; "
                 "give requirements.txt, pyproject.toml, pylock.toml or environment.yml",
             ),
-            ("requirements.txt", b"\xff\xfe", "requirements.txt: this is no text file in UTF-8"),
+            ("requirements.txt", b"\xff\xfe", "requirements.txt: is not UTF-8 text"),
         ],
     )
     def test_files_that_cannot_be_read_are_refused(self, name: str, content: bytes | None, message: str) -> None:

@@ -145,15 +145,26 @@ def test_pylock_to_install_from() -> None:
     remote = Artifact(filename="a-1-py3-none-any.whl", sha256=A, source="https://files.invalid/a-1-py3-none-any.whl")
     built = Artifact(filename="b-1-py3-none-any.whl", sha256=B, source="/wheels/b-1-py3-none-any.whl")
 
-    assert locks.to_install([("a", "1", remote), ("b", "1", built)]) == (
-        'lock-version = "1.0"\ncreated-by = "simmatrix"\n'
-        f'[[packages]]\nname = "a"\nversion = "1"\nindex = "https://wheels.invalid/{A}"\n'
-        'wheels = [{name = "a-1-py3-none-any.whl", url = "https://files.invalid/a-1-py3-none-any.whl", '
-        f'hashes = {{sha256 = "{A}"}}}}]\n'
-        '[[packages]]\nname = "b"\nversion = "1"\n'
-        'wheels = [{name = "b-1-py3-none-any.whl", path = "/wheels/b-1-py3-none-any.whl", '
-        f'hashes = {{sha256 = "{B}"}}}}]\n'
-    )
+    one = {"name": "a-1-py3-none-any.whl", "url": remote.source, "hashes": {"sha256": A}}
+    other = {"name": "b-1-py3-none-any.whl", "path": "/wheels/b-1-py3-none-any.whl", "hashes": {"sha256": B}}
+    assert tomllib.loads(locks.to_install([("a", "1", remote), ("b", "1", built)])) == {
+        "lock-version": "1.0",
+        "created-by": "simmatrix",
+        "packages": [
+            {"name": "a", "version": "1", "index": f"https://wheels.invalid/{A}", "wheels": [one]},
+            {"name": "b", "version": "1", "wheels": [other]},
+        ],
+    }
+
+
+@pytest.mark.parametrize("folder", ["/\U0001f600", '/a"b\\c', "/é\x7f\t", "/{}[]='#"])
+def test_any_folder_can_be_told_to_uv(folder: str) -> None:
+    """A path with whatever characters is read again as it is."""
+    built = Artifact(filename="b-1-py3-none-any.whl", sha256=B, source=f"{folder}/b-1-py3-none-any.whl")
+
+    (package,) = tomllib.loads(locks.to_install([("b", "1", built)]))["packages"]
+
+    assert package["wheels"][0]["path"] == built.source
 
 
 def test_what_uv_keeps_for_good() -> None:

@@ -180,18 +180,18 @@ class TestBelongTogether:
         [
             (
                 lambda cell: msgspec.structs.replace(cell, axes={**cell.axes, "python": "3.10"}),
-                "1: made of another state of the matrix than 0: the axes of quick/py3.9-gymnasium0.29.1-mujoco2.3.7"
+                "1: made of another state of the matrix than 0: the axes of quick/py3.9_gymnasium-0.29.1_mujoco-2.3.7"
                 " differ; measure again what was measured before, with one state of it",
             ),
             (
                 lambda cell: msgspec.structs.replace(cell, requirements=("gymnasium==0.29",)),
                 "1: made of another state of the matrix than 0: the requirements of"
-                " quick/py3.9-gymnasium0.29.1-mujoco2.3.7 differ; measure again what was measured before, with one"
+                " quick/py3.9_gymnasium-0.29.1_mujoco-2.3.7 differ; measure again what was measured before, with one"
                 " state of it",
             ),
             (
                 lambda cell: msgspec.structs.replace(cell, cases=cell.cases[:1]),
-                "1: made of another state of the matrix than 0: the cases of quick/py3.9-gymnasium0.29.1-mujoco2.3.7"
+                "1: made of another state of the matrix than 0: the cases of quick/py3.9_gymnasium-0.29.1_mujoco-2.3.7"
                 " differ; measure again what was measured before, with one state of it",
             ),
         ],

@@ -145,3 +145,33 @@ def test_ways_of_drawing_that_nothing_reads() -> None:
     assert tried("pygame") == [{"SDL_VIDEODRIVER": "x11"}, {"DISPLAY": "virtual"}]
     assert tried("numpy") == [{"DISPLAY": "virtual"}]
     assert {"MUJOCO_GL": "egl"} in tried("mujoco")
+
+
+@pytest.mark.parametrize(
+    ("text", "bounds"),
+    [
+        ("`Pusher-v4` is only supported on `mujoco<3`, for more information", {"mujoco": "<3"}),
+        (
+            "Because stable-baselines3==2.3.2 depends on gymnasium>=0.28.1,<0.30 and you require gymnasium==1.0.0",
+            {"gymnasium": ">=0.28.1,<0.30"},
+        ),
+        ("dm-control==1.0.31 depends on mujoco>=3.3.3 and you require mujoco==3.3.2.", {"mujoco": ">=3.3.3"}),
+        ("take gymnasium[mujoco] >= 1.1 or <1.", {"gymnasium": ">=1.1"}),
+        ("line 3 < 4, mujoco is 3.1.6", {}),
+    ],
+)
+def test_bounds_that_a_text_names(text: str, bounds: dict[str, str]) -> None:
+    """Those on packages that matter here; a line that names one release bounds nothing."""
+    found = clues.bounds([text], {"mujoco", "gymnasium", "stable-baselines3", "dm-control"})
+    assert {name: clues.written(bound) for name, bound in found.items()} == bounds
+
+
+def test_bounds_that_are_not_met() -> None:
+    """Only those that what is there contradicts are hints."""
+    texts = ["needs numpy<2 and mujoco>=2.3"]
+    assert list(clues.refused(texts, {"numpy": "2.2.6", "mujoco": "3.1.6"})) == ["numpy"]
+
+
+def test_alternatives_of_one_package() -> None:
+    """`or` goes on with the package before it."""
+    assert [str(each) for each in clues.all_bounds("take gymnasium>=1.1 or <1.", "gymnasium")] == [">=1.1", "<1"]

@@ -34,13 +34,13 @@ def test_every_cell_that_fails_is_named() -> None:
     lines = notices.github(quick_document(), ("unexpected", "not_run")).splitlines()
 
     assert lines == [
-        "::error title=quick/py3.11-gymnasium0.29.1-mujoco1.50::unresolvable in resolve: Because there is no"
+        "::error title=quick/py3.11_gymnasium-0.29.1_mujoco-1.50::unresolvable in resolve: Because there is no"
         " mujoco==1.50",
-        "::error title=quick/py3.11-gymnasium0.29.1-mujoco3.3.7::partial in render: AttributeError:"
+        "::error title=quick/py3.11_gymnasium-0.29.1_mujoco-3.3.7::partial in render: AttributeError:"
         " 'mujoco._structs.MjData' object has no attribute 'solver_iter'",
-        "::error title=quick/py3.11-gymnasium1.2.3-mujoco2.3.7::partial in vector: ValueError: XML Error: bad | worse"
+        "::error title=quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7::partial in vector: ValueError: XML Error: bad | worse"
         " / Element 'default', line 0",
-        "::error title=quick/py3.13-gymnasium1.2.3-mujoco2.3.7::not run",
+        "::error title=quick/py3.13_gymnasium-1.2.3_mujoco-2.3.7::not run",
     ]
 
 
@@ -94,9 +94,9 @@ def test_what_was_expected_is_told() -> None:
     told = notices.github(made, ("unexpected", "stale")).splitlines()
 
     assert told == [
-        "::error title=quick/py3.11-gymnasium1.2.3-mujoco3.3.7::partial in vector, where the matrix expects broken in"
+        "::error title=quick/py3.11_gymnasium-1.2.3_mujoco-3.3.7::partial in vector, where the matrix expects broken in"
         " single: ant vector",
-        "::error title=expectation out of date::quick/py3.11-gymnasium1.2.3-mujoco3.3.7 does better than expected:"
+        "::error title=expectation out of date::quick/py3.11_gymnasium-1.2.3_mujoco-3.3.7 does better than expected:"
         " partial instead of broken",
     ]
 
@@ -157,7 +157,7 @@ class TestReport:
     def test_annotations(self, capsys: pytest.CaptureFixture[str]) -> None:
         """`report --format github` prints the annotations of what `--fail-on` names; the exit code is that of `run`."""
         assert main(["report", ".", "--format", "github", "--fail-on", "not_run"]) == 1
-        assert capsys.readouterr().out == "::error title=quick/py3.13-gymnasium1.2.3-mujoco2.3.7::not run\n"
+        assert capsys.readouterr().out == "::error title=quick/py3.13_gymnasium-1.2.3_mujoco-2.3.7::not run\n"
 
     def test_summary(self, capsys: pytest.CaptureFixture[str]) -> None:
         """`report --format github-summary` prints the page."""

@@ -28,8 +28,20 @@ def test_a_small_matrix_is_offered_cell_by_cell() -> None:
     found = offered(planned('python = ["3.9", "host"]\nnumpy = ["1.26.4"]'))
 
     assert [(each.id, each.glob, each.python, each.many, each.tags) for each in found] == [
-        ("wide/py3.9-numpy1.26.4", "wide/py3.9-numpy1.26.4", "3.9", False, ("wide", "py3.9")),
-        ("wide/py3.11.7-numpy1.26.4", "wide/py3.11.7-numpy1.26.4", "3.11.7", False, ("wide", "py3.11.7")),
+        ("wide/py3.9_numpy-1.26.4", "wide/py3.9_numpy-1.26.4", "3.9", False, ("wide", "py3.9")),
+        ("wide/py3.11.7_numpy-1.26.4", "wide/py3.11.7_numpy-1.26.4", "3.11.7", False, ("wide", "py3.11.7")),
+    ]
+
+
+def test_a_session_named_as_before_is_offered_when_it_is_typed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`nox -s "cell(ID)"` finds the cell by the id of earlier versions, which no list shows."""
+    found = planned('python = ["3.9", "host"]\nnumpy = ["1.26.4"]')
+    monkeypatch.setattr("sys.argv", ["nox", "-s", "cell(wide/py3.9-numpy1.26.4)"])
+
+    assert [(each.id, each.glob) for each in offered(found)] == [
+        ("wide/py3.9_numpy-1.26.4", "wide/py3.9_numpy-1.26.4"),
+        ("wide/py3.9-numpy1.26.4", "wide/py3.9_numpy-1.26.4"),
+        ("wide/py3.11.7_numpy-1.26.4", "wide/py3.11.7_numpy-1.26.4"),
     ]
 
 

@@ -10,11 +10,12 @@ import pytest
 
 import harness
 from harness import wire
-from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply, Raised
-from harness.outcomes import Ending, check_record, found_beside, reachable
+from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply, Raised, WorkerRecord
+from harness.outcomes import SHOT, Ending, check_record, found_beside, machine_trouble, reachable, shot
 
 PASSED = Outcome.PASSED
-DRAWN = {"render.rgb_array": PASSED, "render.unclosed": PASSED}
+NOT_REACHED = "not looked at: the process ended before"
+DRAWN = {"render.rgb_array": PASSED, "render.camera": PASSED, "render.unclosed": PASSED}
 NO_GL = {"": "no EGL here: install it"}
 NO_DISPLAY = {"pyglet": "no X display here: install it"}
 
@@ -74,6 +75,8 @@ def test_followers_are_those_of_the_cell() -> None:
             "Resource temporarily unavailable: exited with code 1 without a word",
         ),
         (Ending(signal=11, stacks="OSError: [Errno 24] Too many open files"), Outcome.CRASHED, "killed by SIGSEGV"),
+        (Ending(signal=9), Outcome.INFRA, SHOT),
+        (Ending(signal=9, stacks="Fatal Python error: x"), Outcome.INFRA, SHOT),
         (Ending(signal=9, trouble="interrupted"), Outcome.INFRA, "interrupted"),
         (Ending(signal=9, overran=2.0, trouble="interrupted"), Outcome.INFRA, "interrupted"),
     ],
@@ -122,9 +125,9 @@ def test_a_follower_that_ends_the_process_is_told() -> None:
     ended = reply({"single.loop": PASSED, "single.repeat.fresh": None})
     assert list(found_beside(ended, Ending(signal=11))) == [
         warning("single.repeat.fresh", "killed by SIGSEGV"),
-        warning("single.repeat.same", "not looked at: the process ended before"),
-        warning("single.state", "not looked at: the process ended before"),
-        warning("single.check_env", "not looked at: the process ended before"),
+        warning("single.repeat.same", NOT_REACHED),
+        warning("single.state", NOT_REACHED),
+        warning("single.check_env", NOT_REACHED),
     ]
 
 
@@ -171,3 +174,71 @@ def test_what_nobody_can_catch_at_the_end_is_told() -> None:
 
     assert told(f"{wire.LAST_WORDS}\n{trace}") == [warning("render.teardown", text)]
     assert told(f"{trace}{wire.LAST_WORDS}\nfreed 3 buffers\n") == []
+
+
+class TestKilledFromOutside:
+    def test_a_worker(self) -> None:
+        """A worker that somebody killed is nobody's failure, whatever its parent made of that."""
+        worker = WorkerRecord(pid=2, exit_code=-9)
+        lost = Raised(type="BrokenPipeError", message="[Errno 32] Broken pipe", traceback="", blame="library")
+        record = check_record(
+            CheckReply(check="vector.async", outcome=Outcome.FAILED, raised=lost, workers=(worker,)), Ending(), {}
+        )
+
+        assert (record.outcome, record.decisive) == (Outcome.INFRA, f"worker {SHOT}")
+        assert shot(record)
+
+    def test_a_worker_that_its_parent_killed(self) -> None:
+        """After an exception of its own a parent may kill what it started: that exception is the reason."""
+        worker = WorkerRecord(pid=2, exit_code=-9)
+        own = Raised(type="ValueError", message="no mass", traceback="", blame="library")
+        record = check_record(
+            CheckReply(check="vector.async", outcome=Outcome.FAILED, raised=own, workers=(worker,)), Ending(), {}
+        )
+
+        assert (record.outcome, record.decisive) == (Outcome.FAILED, "ValueError: no mass")
+
+
+class TestDisks:
+    @pytest.mark.parametrize(
+        ("type", "message", "room", "outcome"),
+        [
+            ("RuntimeError", "No space left on device in the buffer", 50_000, Outcome.FAILED),
+            ("RuntimeError", "No space left on device in the buffer", 3, Outcome.INFRA),
+            ("RuntimeError", "No space left on device in the buffer", None, Outcome.INFRA),
+            ("OSError", "[Errno 28] No space left on device", 50_000, Outcome.INFRA),
+            ("RuntimeError", "cannot write (errno 28): No space left on device", 50_000, Outcome.INFRA),
+            ("RuntimeError", "Read-only file system", 50_000, Outcome.INFRA),
+        ],
+    )
+    def test_a_package_that_says_that_one_is_full(
+        self, type: str, message: str, room: int | None, outcome: Outcome
+    ) -> None:
+        """Where every disk had room all the time, and no call of the system failed, its own words excuse nothing."""
+        told = raised(message, check="single.loop", type=type)
+
+        assert check_record(told, Ending(exit_code=0, least_room_mb=room), {}).outcome is outcome
+
+    @pytest.mark.parametrize(
+        ("text", "decisive", "room", "trouble"),
+        [
+            ("warning: Read-only file system, no cache", "error: no such header", None, False),
+            ("warning: No space left on device", "error: no such header", 50_000, False),
+            ("cc1: No space left on device\nerror: cc failed", "error: cc failed", 20, True),
+            ("", "OSError: [Errno 30] Read-only file system: 'build'", 50_000, True),
+            ("cc1: Cannot allocate memory", "error: cc failed", 50_000, True),
+        ],
+    )
+    def test_what_a_build_prints(self, text: str, decisive: str, room: int | None, trouble: bool) -> None:
+        """A full or read-only disk that is only mentioned is no reason for a failure."""
+        assert machine_trouble(text, decisive, room) is trouble
+
+
+@pytest.mark.parametrize(("shares", "outcome"), [(True, Outcome.FAILED), (False, Outcome.INFRA)])
+def test_no_shared_memory(shares: bool, outcome: Outcome) -> None:
+    """Where a machine has no /dev/shm, no package is blamed for that."""
+    told = raised("[Errno 2] No such file or directory: '/dev/shm'", check="vector.async", type="FileNotFoundError")
+
+    record = check_record(told, Ending(exit_code=0, shares_memory=shares), {})
+
+    assert record.outcome is outcome

@@ -226,7 +226,7 @@ def test_shard_outputs() -> None:
 
 def test_plan_page_counts_combinations() -> None:
     """What a strategy leaves out in one line is as many combinations as it stands for."""
-    dropped = (Dropped(id="quick/py3.9-*", reason="too old", count=4), Dropped(id="quick/*", reason="rest", count=301))
+    dropped = (Dropped(id="quick/py3.9_*", reason="too old", count=4), Dropped(id="quick/*", reason="rest", count=301))
 
     page = pipelines.plan_page(replace(quick()[0], dropped=dropped), 2)
 
@@ -304,6 +304,23 @@ def test_oldest_python() -> None:
 def test_words_are_quoted(text: str, quoted: str) -> None:
     """What pip is to install reaches it word for word."""
     assert pipelines.words(text, "--install") == quoted
+
+
+@pytest.mark.parametrize(
+    ("noted", "expected"),
+    [
+        (None, "simmatrix==1.2"),
+        ('{"url": "https://example.org/s.git", "vcs_info": {"vcs": "git", "commit_id": "abc"}}',
+         "git+https://example.org/s.git@abc"),
+        ('{"url": "https://example.org/s-1.2-py3-none-any.whl", "archive_info": {}}',
+         "https://example.org/s-1.2-py3-none-any.whl"),
+        ('{"url": "file:///home/me/s", "dir_info": {"editable": true}}', None),
+        ('{"url": "file:///home/me/s", "vcs_info": {"vcs": "git", "commit_id": "abc"}}', None),
+    ],
+)  # fmt: skip
+def test_how_a_workflow_installs_this_simmatrix(noted: str | None, expected: str | None) -> None:
+    """As it was installed here; a folder of this machine is nothing that a runner has."""
+    assert pipelines.install_words(noted, "1.2") == expected
 
 
 @pytest.mark.parametrize("text", ["", "a\nb", "a ${{ github.head_ref }}"])

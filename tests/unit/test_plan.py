@@ -47,10 +47,10 @@ class TestIds:
         )
 
         assert labels(text) == [
-            "py3.11-gymnasium1.2.3-old-egl",
-            "py3.11-gymnasium1.2.3-old-unset",
-            "py3.11-gymnasium-absent-old-egl",
-            "py3.11-gymnasium-absent-old-unset",
+            "py3.11_gymnasium-1.2.3_old_egl",
+            "py3.11_gymnasium-1.2.3_old_unset",
+            "py3.11_gymnasium-absent_old_egl",
+            "py3.11_gymnasium-absent_old_unset",
         ]
 
     def test_host_is_a_real_version(self) -> None:
@@ -72,28 +72,27 @@ class TestIds:
             == 'demo.toml: axes.python: "host" and "3.12.1" cannot be told apart: both are "py3.12.1"'
         )
 
-    def test_combinations_that_flatten_alike_are_refused(self) -> None:
-        """Dots and dashes are one where a runner makes folders of ids."""
-        text = 'axes = { python = ["3.11"], a = { x = {}, "x.y" = {} }, b = { "y-z" = {}, z = {} } }\n' + CASE
+    def test_values_that_are_written_alike_are_refused(self) -> None:
+        """`_` stands between parts only, and dots and dashes are one where a runner makes folders of ids."""
+        for one, other in (("a.b", "a-b"), ("a_b", "a-b"), ("A", "a")):
+            text = f'axes = {{ python = ["3.11"], a = {{ "{one}" = {{}}, "{other}" = {{}} }} }}\n{CASE}'
 
-        assert (
-            refused(text)
-            == 'demo.toml: axes: "demo/py3.11-x-y-z" and "demo/py3.11-x.y-z" cannot be told apart; rename a label'
-        )
+            told = f'demo.toml: axes.a: "{one}" and "{other}" cannot be told apart: both are'
+            assert refused(text).startswith(told)
 
     def test_labels_have_a_longest_length(self) -> None:
         """A label is part of paths."""
         text = f'axes = {{ python = ["3.11"], api = {{ {"a" * 144} = {{}} }} }}\n{CASE}'
 
         assert refused(text) == (
-            f'demo.toml: axes: "py3.11-{"a" * 144}" has 151 characters, at most 150 are allowed; shorten a label'
+            f'demo.toml: axes: "py3.11_{"a" * 144}" has 151 characters, at most 150 are allowed; shorten a label'
         )
 
     def test_versions_with_an_epoch_are_refused(self) -> None:
         """What cannot be in an id cannot be planned."""
         assert (
             refused('axes = { python = ["3.11"], x = ["1!2.0"] }\n' + CASE)
-            == 'demo.toml: axes.x: "x1!2.0" cannot be a label: use letters, digits and "._+-" only'
+            == 'demo.toml: axes.x: "1!2.0" cannot be a label: use letters, digits and "._+-" only'
         )
 
 
@@ -216,9 +215,6 @@ class TestSurroundings:
         text = 'files = { a = "text" }\naxes.python = [{ version = "3.11", files = { "a/b" = "" } }]\n' + CASE
 
         assert refused(text) == 'demo.toml: files: "a" cannot be a file, being the folder of a/b'
-        assert refused('files = { tmp = "" }\naxes.python = ["3.11"]\n' + CASE) == (
-            'demo.toml: files: "tmp" cannot be a file, being the folder of what is temporary'
-        )
 
 
 class TestCases:
@@ -270,11 +266,11 @@ class TestCases:
         found = planned(text)
 
         assert {cell.label: [case.id for case in cell.cases] for cell in found.cells} == {
-            "py3.10-old": ["Ant-v4"],
-            "py3.11-old": ["CartPole-v1", "Ant-v4"],
-            "py3.11-new": ["CartPole-v1", "Ant-v5"],
+            "py3.10_old": ["Ant-v4"],
+            "py3.11_old": ["CartPole-v1", "Ant-v4"],
+            "py3.11_new": ["CartPole-v1", "Ant-v5"],
         }
-        assert found.dropped == (Dropped(id="demo/py3.10-new", reason="no case exists for it"),)
+        assert found.dropped == (Dropped(id="demo/py3.10_new", reason="no case exists for it"),)
 
     def test_equal_ids_in_one_cell_are_refused(self) -> None:
         """The same environment with other arguments needs an id of its own."""
@@ -320,11 +316,11 @@ class TestExcludeAndInclude:
         )
         found = planned(text)
 
-        assert found.dropped == (Dropped(id="demo/py3.10-gymnasium1.2.3", reason="needs 3.11"),)
+        assert found.dropped == (Dropped(id="demo/py3.10_gymnasium-1.2.3", reason="needs 3.11"),)
         assert [cell.label for cell in found.cells] == [
-            "py3.10-gymnasium0.29.1",
-            "py3.11-gymnasium0.29.1",
-            "py3.11-gymnasium1.2.3",
+            "py3.10_gymnasium-0.29.1",
+            "py3.11_gymnasium-0.29.1",
+            "py3.11_gymnasium-1.2.3",
         ]
         assert found.stale == ('demo.toml: exclude[2] matches no combination (reason: "too old")',)
 
@@ -340,24 +336,24 @@ class TestExcludeAndInclude:
         found = planned(text)
 
         assert [cell.label for cell in found.cells] == [
-            "py3.11-gymnasium0.29.1",
-            "py3.11-gymnasium1.2.3",
-            "py3.8-gymnasium0.26.3",
-            "py3.10-gymnasium1.2.3",
+            "py3.11_gymnasium-0.29.1",
+            "py3.11_gymnasium-1.2.3",
+            "py3.8_gymnasium-0.26.3",
+            "py3.10_gymnasium-1.2.3",
         ]
-        assert [gone.id for gone in found.dropped] == ["demo/py3.10-gymnasium0.29.1"]
+        assert [gone.id for gone in found.dropped] == ["demo/py3.10_gymnasium-0.29.1"]
 
     @pytest.mark.parametrize(
         ("include", "sentence"),
         [
             pytest.param(
                 '{ python = "3.10", gymnasium = "1.2.3" }',
-                'demo.toml: include[0].axes: "demo/py3.10-gymnasium1.2.3" is planned already',
+                'demo.toml: include[0].axes: "demo/py3.10_gymnasium-1.2.3" is planned already',
                 id="in-the-product",
             ),
             pytest.param(
                 '{ python = "3.7", gymnasium = "1.2.3" }',
-                'demo.toml: include[0].axes: no case exists for "demo/py3.7-gymnasium1.2.3"',
+                'demo.toml: include[0].axes: no case exists for "demo/py3.7_gymnasium-1.2.3"',
                 id="without-a-case",
             ),
         ],
@@ -407,7 +403,7 @@ class TestRanges:
         made = expansion.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False), ("4.0.0", False)]}, "2026-11-20")
         cells = plan.expand(matrix(self.TEXT), made, host_python="3.12.1").cells
 
-        assert [cell.id for cell in cells] == ["demo/py3.11-mujoco3.3.7", "demo/py3.11-mujoco4.0.0"]
+        assert [cell.id for cell in cells] == ["demo/py3.11_mujoco-3.3.7", "demo/py3.11_mujoco-4.0.0"]
         assert cells[0].question == Question(requirements=("mujoco==3.3.7",), snapshot="2026-11-20T23:59:59Z")
 
     def test_without_an_expansion(self) -> None:

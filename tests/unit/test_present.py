@@ -11,9 +11,10 @@ from rich.console import Console
 from specimens import agrees, quick_document
 
 import harness
-from harness import document, present, tables
+from harness import document, markdown_texts, present, tables, terminal
 from harness.model import Verdict
-from harness.reporttypes import SYMBOLS, Pivot, Square, word
+from harness.reporttypes import SYMBOLS, word
+from harness.tabletypes import Pivot, Square
 
 TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
 
@@ -27,7 +28,7 @@ def screen(width: int, report: tables.Report | None = None) -> list[str]:
     """The lines on a terminal of this width."""
     output = io.StringIO()
     console = Console(file=output, width=width, highlight=False, markup=False, color_system=None)
-    present.print_terminal(report or tables.report(quick_document()), console)
+    terminal.show(report or tables.report(quick_document()), console)
     return output.getvalue().splitlines()
 
 
@@ -67,7 +68,8 @@ def test_page_without_anything_to_explain() -> None:
 
     assert [line for line in text.splitlines() if line.startswith("#")] == [
         "# quick: what works together",
-        "## Cells",
+        "## Environments tried",
+        "## Combinations",
         "## Measured on",
     ]
     assert "\n\n\n" not in text
@@ -105,14 +107,14 @@ def test_terminal_tells_all() -> None:
 
     for verdict in (Verdict.WORKS, Verdict.PARTIAL, Verdict.UNAVAILABLE, Verdict.NOT_RUN, Verdict.UNRESOLVABLE):
         assert f"{SYMBOLS[verdict]} {word(verdict)}" in text
-    assert "gymnasium \\ mujoco" in text
+    assert "mujoco \\ gymnasium" in text
     assert "hid behind ConnectionResetError: [Errno 104] Connection reset by peer (vector.sync)" in text
     assert "not known; the matrix says: gymnasium 0.29 reads a field that mujoco 3.0 renamed" in text
     assert "as expected: gymnasium 0.29 reads a field that mujoco 3.0 renamed" in text
     assert "not verified: render (no EGL)" in text
-    assert "the render mode 'depth_array' does not work (single.check_env, warning): 2 cells" in text
-    assert "gymnasium 1.2 needs Python 3.10: 2 cells" in text
-    assert "measured on linux-x86_64: capabilities egl, osmesa; gl vendor Mesa; os Debian 12" in text
+    assert "the render mode 'depth_array' does not work (single.check_env; warning): 2 cells" in text
+    assert "gymnasium 1.2 needs Python 3.10: 2 combinations" in text
+    assert "measured on linux-x86_64: architecture x86_64; egl llvmpipe, Mesa/X.org, 4.5 Mesa 22.3.6; gpu none" in text
 
 
 def test_terminal_names_the_machine_where_there_are_several() -> None:
@@ -125,10 +127,10 @@ def test_terminal_names_the_machine_where_there_are_several() -> None:
     lines = screen(120, tables.report(several, ("python", "gymnasium")))
 
     assert "8 cells, 10 results on 2 machines" in lines[0]
-    assert "  in each square, from left to right: linux-x86_64, z" in lines
-    assert any(line.split() == ["3.11", "∅", "1/2", "✘", "1/2", "◐", "1/2", "-"] for line in lines)
-    told = " ".join(" ".join(lines).split())
-    assert (told.count(" on every machine "), told.count(" on z ")) == (1, 2)  # the second among the causes
+    said = " ".join(" ".join(lines).split())
+    assert "Machines: 1 linux-x86_64, 2 z." in said
+    assert any("2: ✘ 1/2" in line for line in lines)
+    assert (said.count(" on every machine "), said.count(" on z ")) == (1, 2)  # the second among the causes
 
 
 def test_page_says_which_machine_found_what() -> None:
@@ -139,12 +141,12 @@ def test_page_says_which_machine_found_what() -> None:
 
     text = page(tables.report(msgspec.structs.replace(made, cells=(*made.cells, twin, broken))))
 
-    both = "`py3.9-gymnasium0.29.1-mujoco3.3.7`, `py3.11-gymnasium0.29.1-mujoco3.3.7` on `linux-x86_64`"
+    both = "`py3.9_gymnasium-0.29.1_mujoco-3.3.7`, `py3.11_gymnasium-0.29.1_mujoco-3.3.7` on `linux-x86_64`"
     assert f"\n{both}: no known failure fits.\n" in text
-    assert "\n`py3.9-gymnasium0.29.1-mujoco3.3.7`: ◐ partial in render\n" in text
-    assert "\n`py3.11-gymnasium0.29.1-mujoco3.3.7` on `linux-x86_64`: ◐ partial in render\n" in text
-    assert "\n`py3.11-gymnasium0.29.1-mujoco3.3.7` on `z`: no known failure fits.\n\nIt says:\n\n    no GL\n" in text
-    assert "one per machine; from left to right: `linux-x86_64`, `z`." in text
+    assert "\n`py3.9_gymnasium-0.29.1_mujoco-3.3.7`: ◐ partial in render\n" in text
+    assert "\n`py3.11_gymnasium-0.29.1_mujoco-3.3.7` on `linux-x86_64`: ◐ partial in render\n" in text
+    assert "\n`py3.11_gymnasium-0.29.1_mujoco-3.3.7` on `z`: no known failure fits.\n\nIt says:\n\n    no GL\n" in text
+    assert "Machines: 1 linux-x86_64, 2 z." in text
 
 
 def test_markup_is_text() -> None:
@@ -157,10 +159,127 @@ def test_markup_is_text() -> None:
     assert any("IndexError: [bold]x[/bold]" in line for line in lines)
 
 
+REPORTS = sorted((Path(__file__).parents[2] / "reports").glob("*/report.json"))
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+@pytest.mark.parametrize("path", REPORTS, ids=lambda path: path.parent.name)
+def test_committed_reports_can_be_read_at_every_width(path: Path, width: int) -> None:
+    """No line is too wide; every value of the table's axes is whole, and no sign is apart from its tasks."""
+    report = tables.report(document.read(path.read_bytes(), str(path)))
+    output = io.StringIO()
+    console = Console(file=output, width=width, highlight=False, markup=False, color_system=None)
+    terminal.show_summary(report, console)
+    lines = output.getvalue().splitlines()
+
+    assert max(map(cell_len, lines)) <= width
+    assert "…" not in output.getvalue()
+    for pivot in (sheet.pivot for sheet in report.sheets if sheet.pivot):
+        text = "".join(output.getvalue().split())
+        assert all(part in text for name in (*pivot.rows, *pivot.columns) for part in name.split("-"))
+        for one in (one for row in pivot.squares for square in row for one in square):
+            assert any(present.mark(pivot, one) in line for line in lines)
+
+
+def test_terminal_has_the_width_that_columns_says(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the output is no terminal COLUMNS is the width; without it, 100."""
+    widths = []
+    for columns in ("140", "80", "", "wide"):
+        monkeypatch.setenv("COLUMNS", columns)
+        terminal.show(tables.report(quick_document()))
+        widths.append(max(map(cell_len, capsys.readouterr().out.splitlines())))
+
+    assert [80 < widths[0] <= 140, widths[1] <= 80, 80 < widths[2] <= 100, widths[2] == widths[3]] == [True] * 4
+
+
+def test_terminal_has_a_sane_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever COLUMNS says, no line is filled up to it."""
+    monkeypatch.setenv("COLUMNS", "20000")
+    terminal.show(tables.report(quick_document()))
+    assert max(map(cell_len, capsys.readouterr().out.splitlines())) <= terminal.MOST_WIDTH
+    assert terminal._console().width == terminal.MOST_WIDTH
+
+
+@pytest.mark.parametrize(
+    ("text", "cell"),
+    [
+        ("install `mujoco<3`", "install `mujoco<3`"),
+        ("`a|b` or c|d", "`a\\|b` or c\\|d"),
+        ("take <option> out, *now*; 1 < 2", "take &lt;option> out, \\*now\\*; 1 < 2"),
+        ("<class 'x'> in ``<y>``", "&lt;class 'x'> in ``<y>``"),
+    ],
+)
+def test_code_is_shown_as_it_is_typed(text: str, cell: str) -> None:
+    """What people copy out of a code span has no HTML in it; prose begins no tag, and ends no cell of a table."""
+    assert present.table_cell(text) == cell
+
+
+def test_no_fix_of_a_committed_report_is_escaped() -> None:
+    """In the reports on GitHub, too: an entity inside a code span is shown as it stands."""
+    pages = [path.with_name("report.md").read_text(encoding="utf-8") for path in REPORTS]
+    codes = [found[0] for text in pages for found in markdown_texts.CODE.finditer(text)]
+
+    assert [code for code in codes if "&lt;" in code] == []
+    assert any("<" in code for code in codes)
+
+
+def test_page_begins_with_the_result() -> None:
+    """Then the table, where and when it was measured, what was tried, what fails, and the list of all."""
+    heads = [line for line in page().splitlines() if line.startswith(("#", "**", "| mujoco ", "Measured on"))]
+
+    assert heads[0] == "# quick: what works together"
+    assert heads[1].startswith("**2 of 8 combinations work. 3 results are not as expected.** 8 cells: ")
+    assert heads[2].startswith("| mujoco ╲ gymnasium |")
+    assert heads[3] == (
+        "Measured on 2026-11-21 on one machine: Linux x86-64, CPU only. Not covered: macOS, Windows, arm64, GPUs."
+    )
+    sections = [line for line in heads if line.startswith("## ")]
+    assert sections[:3] == ["## Environments tried", "## What does not work, and why", "## Combinations"]
+
+
+def test_title_of_a_matrix() -> None:
+    """A matrix whose cells fail on purpose says so; the number of its main cells stands in its title."""
+    made = quick_document()
+    matrices = {"quick": msgspec.structs.replace(made.matrices["quick"], title="{cells} deliberate crashes")}
+
+    assert page(tables.report(msgspec.structs.replace(made, matrices=matrices))).startswith(
+        "# quick: 8 deliberate crashes\n"
+    )
+
+
+def test_findings_on_reproducibility_come_first() -> None:
+    """However few cells have them; which cells is said by the values of their axes, not by a list."""
+    made = quick_document()
+    finding = made.cells[0].findings[0]
+    common = msgspec.structs.replace(finding, check="single.check_env", text="a complaint")
+    rare = msgspec.structs.replace(finding, check="single.repeat.same", text="another trajectory")
+    cells = tuple(
+        msgspec.structs.replace(cell, findings=(common, rare) if place == 2 else (common,))
+        for place, cell in enumerate(made.cells)
+    )
+    text = page(tables.report(msgspec.structs.replace(made, cells=cells)))
+
+    assert "<summary>Findings: 1 on reproducibility, 1 on API conformance</summary>" in text
+    assert text.index("- another trajectory (single.repeat.same; warning): `py3.11_") < text.index("- a complaint")
+    assert "- a complaint (single.check_env; warning): all 8 cells\n" in text
+
+
+def test_many_combinations_left_out_are_counted() -> None:
+    """A selection or a strategy leaves out hundreds."""
+    made = quick_document()
+    gone = tuple(msgspec.structs.replace(made.dropped[0], id=f"quick/{number}") for number in range(700))
+
+    assert "\n- gymnasium 1.2 needs Python 3.10: 700 combinations\n" in page(
+        tables.report(msgspec.structs.replace(made, dropped=gone))
+    )
+
+
 def test_green_rows_of_a_long_small_table_are_counted() -> None:
     """Of 70 rows a terminal shows the one in which something does not work; 60 are all shown."""
     told = tables.report(quick_document())
-    works = Square(machine="m", verdict=Verdict.WORKS, count=1, total=1)
+    works = Square(machine="m", verdict=Verdict.WORKS, passed=1, tried=1)
     squares = [((replace(works, verdict=Verdict.BROKEN) if number == 7 else works,),) for number in range(70)]
 
     def shown(rows: int) -> list[str]:
@@ -175,11 +294,11 @@ def test_green_rows_of_a_long_small_table_are_counted() -> None:
     assert more == "69 more rows in which all works"
 
 
-def test_what_was_repaired_is_told_on_a_terminal() -> None:
+def test_what_was_patched_is_told_on_a_terminal() -> None:
     """Beside the verdict, and what was changed below."""
     lines = screen(200)
 
-    assert [line.split()[1:3] for line in lines if line.startswith("  repaired ")] == [["python", "3.9.18,"]]
-    at = [line.rstrip() for line in lines].index("repaired: no resolver accepts them as the index has them")
-    told = "  gymnasium 0.29.1, `Requires-Dist: shimmy (>=1.)` to `shimmy (>=1)`: an extra requires what is no version"
-    assert lines[at + 1].startswith(told)
+    assert [line.split()[:3] for line in lines if ", patched " in line] == [["✔", "works,", "patched"]]
+    at = [line.rstrip() for line in lines].index("patched: these releases cannot be installed as published")
+    words = "  gymnasium 0.29.1, `Requires-Dist: shimmy (>=1.)` to `shimmy (>=1)`: an extra requires what is no version"
+    assert lines[at + 1].startswith(words)

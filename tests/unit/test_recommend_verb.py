@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,19 @@ import pytest
 from packaging.version import Version
 
 from harness.__main__ import main
-from harness.commands.recommend import Recommended
+from harness.recommended import Recommended
 from harness.schema import json_schema
 
 REPORTS = Path(__file__).parents[2] / "reports"
 
 
 @pytest.fixture(autouse=True)
-def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder, no store."""
+def fresh(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, no store; what is distilled once is kept for all tests of this process."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.delenv("HARNESS_RESULTS", raising=False)
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
     return tmp_path
@@ -61,49 +65,87 @@ def test_no_store_is_made(capsys: pytest.CaptureFixture[str], fresh: Path) -> No
 
 
 def test_the_lock_is_written(capsys: pytest.CaptureFixture[str], fresh: Path) -> None:
-    """`--lock-out` writes the newest combination that an index has, and says for which Python it is."""
+    """`--lock-out` writes the lock of the first combination; its header says which cell, Python and day it is of."""
     code = main(["recommend", "gym<0.22", "numpy", "--python", "3.9", "--limit", "1", "--lock-out", "lock.txt"])
 
     said = capsys.readouterr()
-    text = (fresh / "lock.txt").read_text()
+    header, _, text = (fresh / "lock.txt").read_text().partition("uv pip sync --require-hashes lock.txt\n")
+    first = said.out.splitlines()[0]
     assert code == 0
     assert (REPORTS / "gym-classic" / "locks" / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.txt").is_file()
-    assert "gym==0.21.0" not in text, "0.21.0 works as it was repaired, and no index has it so"
-    assert "repaired  gym 0.21.0: no index has it so" in said.out
-    assert said.err.startswith("lock: lock.txt: gym 0.1")
+    assert "gym==0.21.0" not in text + first, "0.21.0 works with a patched wheel, and no index has it so"
+    assert header.startswith("# simmatrix: gym-classic/py3.9_gym-0.1")
+    assert "\n# Python 3.9." in header
+    assert "measured 20" in header
+    assert said.err.endswith("install: uv venv --python 3.9 && uv pip sync --require-hashes lock.txt\n")
 
 
-def test_every_line_of_a_combination(capsys: pytest.CaptureFixture[str]) -> None:
-    """Where and when it was measured, what passed, what to set, what to type next."""
-    main(["recommend", "gym==0.26.2", "--python", "3.10", "--limit", "1"])
+def test_the_answer_comes_first(capsys: pytest.CaptureFixture[str]) -> None:
+    """A line to paste; then what passed, where, the cell; at most three traps with ids; what to type next."""
+    main(["recommend", "gym==0.26.2", "--python", "3.10"])
+
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("'gym[classic_control]==0.26.2' ")
+    assert "  # Python 3.10, SDL_VIDEODRIVER=dummy" in said[0]
+    assert said[1].startswith("  passed import, single, vector, render in ")
+    assert said[2].startswith("  measured 20")
+    assert any(line.startswith("  simmatrix show gym-classic/py3.10_gym-0.26.2") for line in said)
+    assert "    simmatrix known numpy2-bool8-gym-checker" in said
+    assert 0 < sum(line.startswith("    simmatrix show ") for line in said) <= 3
+    assert said[-2:] == ["next", "  simmatrix recommend gym==0.26.2 --python 3.10 --lock-out requirements.txt"]
+
+
+@pytest.mark.parametrize("width", [60, 80, 140])
+def test_lines_fit_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    """Sentences are wrapped at spaces; a line that somebody pastes stays whole."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    main(["recommend", "robosuite"])
+
+    said = capsys.readouterr().out.splitlines()
+    pasted = [line for line in said if "# Python" in line or line.lstrip().startswith("simmatrix")]
+    assert len(pasted) < len(said)
+    assert all(len(line) <= width for line in said if line not in pasted)
+
+
+@pytest.mark.parametrize("name", ["pettingzoo", "rsl-rl-lib", "pandas", "flax"])
+def test_what_was_never_run_is_never_good(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    """Packages that only lay in locks of the shipped results."""
+    assert main(["recommend", name]) == 1
+
+    assert capsys.readouterr().out.startswith(f"{name} was installed beside other packages, never run: ")
+
+
+def test_never_measured_together_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each half as it was measured, and a command with versions that exist."""
+    code, document = told(capsys, "robosuite", "torch")
+    main(["recommend", "robosuite", "torch"])
+
+    said = capsys.readouterr().out.splitlines()
+    assert (code, document["measured"], len(document["apart"]["halves"])) == (1, [], 2)
+    assert said[0] == "never measured together: robosuite, torch"
+    assert said[1].startswith("  robosuite alone works: robosuite==")
+    assert said[-1].startswith("  simmatrix try robosuite==")
+    assert " torch==" in said[-1]
+
+
+def test_meta_world_says_what_works(capsys: pytest.CaptureFixture[str]) -> None:
+    """One task of two runs: told as that, not as nothing."""
+    main(["recommend", "metaworld"])
 
     said = capsys.readouterr().out
-    for line in (
-        "measured and found good",
-        "gym 0.26.2",
-        "  Python    3.10.",
-        "  passed    import, single, vector, render",
-        "  tried     CartPole-v1",
-        "  set       SDL_VIDEODRIVER=dummy",
-        "  measured  20",
-        "  cell      gym-classic/",
-        "sha256",
-        "measured, and does not work",
-        "known as numpy2-bool8-gym-checker",
-        "next",
-        "--lock-out requirements.txt",
-    ):
-        assert line in said
+    assert "  works: reach-v3\n  fails: reach-v3-seeded: " in said
 
 
 def test_unknown_says_what_would_measure_it(capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing known: 1, the nearest name, and the command that finds out."""
-    code = main(["recommend", "gymnasiun", "--python", "3.11", "--env", "Ant-v5"])
+    """Nothing known, and no index asked: 1, the nearest name, and the command that finds out."""
+    code = main(["recommend", "gymnasiun", "--python", "3.11", "--env", "Ant-v5", "--offline"])
 
-    said = capsys.readouterr().out
-    assert code == 1
-    assert 'gymnasiun: nothing was measured with it; did you mean "gymnasium"?' in said
-    assert said.endswith("next\n  simmatrix try gymnasiun --python 3.11 --env Ant-v5\n")
+    said = capsys.readouterr()
+    assert (code, said.err) == (1, "note: the package index could not be asked whether this exists: gymnasiun\n")
+    assert 'gymnasiun: nothing was measured with it; did you mean "gymnasium"?' in said.out
+    assert said.out.endswith("next\n  simmatrix try gymnasiun --python 3.11 --env Ant-v5\n")
 
 
 def test_what_is_near_is_told(capsys: pytest.CaptureFixture[str]) -> None:
@@ -119,14 +161,14 @@ def test_inferred_is_no_answer(capsys: pytest.CaptureFixture[str]) -> None:
     """What only follows is marked as inferred with what it follows from, and the exit code is 1."""
     cells = {cell["id"]: cell for cell in json.loads((REPORTS / "gymnasium-mujoco/report.json").read_text())["cells"]}
 
-    code, document = told(capsys, "gymnasium==1.2.3", "mujoco==3.3.5", "--python", "3.11")
+    code, document = told(capsys, "gymnasium==1.2.3", "mujoco==3.3.5", "--python", "3.11", "--offline")
 
     assert (code, document["measured"]) == (1, [])
     (one,) = document["inferred"]
     low, high = (Version(cells[name]["installed"]["mujoco"]) for name in one["from_cells"])
     assert low < Version("3.3.5") < high
-    main(["recommend", "gymnasium==1.2.3", "mujoco==3.3.5", "--python", "3.11"])
-    assert "\ninferred, not measured: gymnasium 1.2.3, mujoco 3.3.5 on Python 3.11" in capsys.readouterr().out
+    main(["recommend", "gymnasium==1.2.3", "mujoco==3.3.5", "--python", "3.11", "--offline"])
+    assert "inferred, not measured: gymnasium 1.2.3, mujoco 3.3.5 on Python 3.11" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from harness import distilling, inferring, recommending
+from harness import distilling, inferring, measured_cells, recommended, recommending, traps
 from harness.distilling import Layer
+from harness.measured_cells import Query, Wanted
 from harness.model import Phase
-from harness.recommending import Query, Wanted
 
 HERE = "linux-x86_64"
 ALL = {"import": "passed", "single": "passed", "vector": "passed", "render": "passed"}
@@ -34,7 +34,7 @@ class World:
         self.locks[sha] = text
         label = "-".join(f"{name}{version}" for name, version in pins.items())
         cell = {
-            "id": f"m/py{python}-{label}{more.pop('suffix', '')}", "matrix": "m", "python": f"{python}.7",
+            "id": f"m/py{python}_{label}{more.pop('suffix', '')}", "matrix": "m", "python": f"{python}.7",
             "machine": HERE, "measured": "2026-11-21T12:00:00Z", "verdict": verdict, "unverified": [],
             "phase": None if verdict == "works" else "single", "phases": ALL, "axes": {"python": python, **pins},
             "environment": {}, "supplied": {}, "requirements": [], "decisive": None, "lock": sha, "causes": [],
@@ -51,15 +51,20 @@ class World:
 
     def found(self, *wanted: str, **asked: Any) -> list[recommending.Combination]:
         """The combinations that work."""
-        return recommending.combinations(self.document, recommending.known(self.document), query(*wanted, **asked))
+        return recommending.combinations(self.document, measured_cells.known(self.document), query(*wanted, **asked))
 
     def inferred(self, *wanted: str, **asked: Any) -> list[inferring.Inferred]:
         """What follows."""
-        return inferring.inferred(recommending.known(self.document), query(*wanted, **asked))
+        return inferring.inferred(measured_cells.known(self.document), query(*wanted, **asked))
 
-    def red(self, *wanted: str, **asked: Any) -> list[recommending.Red]:
+    def answer(self, *wanted: str, **asked: Any) -> recommended.Recommended:
+        """The whole answer."""
+        cells = measured_cells.known(self.document)
+        return recommended.recommended(self.document, cells, query(*wanted, **asked), 9, "next")
+
+    def red(self, *wanted: str, **asked: Any) -> list[traps.Red]:
         """What does not work."""
-        return recommending.red(recommending.known(self.document), query(*wanted, **asked))
+        return traps.red(measured_cells.known(self.document), query(*wanted, **asked))
 
 
 def query(*wanted: str, **asked: Any) -> Query:
@@ -275,34 +280,156 @@ def test_a_python_between_two_that_work(world: World) -> None:
     assert not world.inferred("aa", python="3.12")
 
 
-def test_packages_that_work_apart(world: World) -> None:
-    """Two that were never measured together: said as that, and only where their locks agree."""
-    world.add("3.11", {"aa": "1.0", "numpy": "2.0"})
-    world.add("3.11", {"bb": "1.0", "numpy": "1.0"})
-    assert not world.inferred("aa", "bb")
+# --- what a case ran -------------------------------------------------------------------------------------------
 
-    world.add("3.11", {"bb": "0.9", "numpy": "2.0"})
-    (one,) = world.inferred("aa", "bb")
 
-    assert (one.kind, one.versions) == ("apart", {"aa": "1.0", "bb": "0.9"})
-    assert one.why.endswith("never measured together; their locks agree in all that both hold (1 package)")
+def test_what_was_only_installed_is_never_good(world: World) -> None:
+    """A package of the lock that nobody asked for and no case imported was never run, whatever works beside it."""
+    pins = {"aa": "1.0", "numpy": "2.0", "pettingzoo": "1.0", "flax": "0.8"}
+    world.add("3.11", pins, axes={"python": "3.11", "aa": "1.0"}, imported=["numpy", "pettingzoo"])
+    answer = world.answer("pettingzoo")
+
+    assert [one.versions for one in world.found("aa", "numpy")] == [{"aa": "1.0", "numpy": "2.0"}]
+    assert not world.found("pettingzoo"), "it was imported by another package, and none of its environments was run"
+    assert not world.found("flax")
+    assert (answer.installed, answer.measured, answer.red) == ({"pettingzoo": ("1.0",)}, (), ())
+
+
+def test_what_the_cell_noted_counts(world: World) -> None:
+    """Where a cell noted what it ran, a package that is only named is none of it."""
+    case = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None, "exercised": ["aa"]}
+    world.add("3.11", {"aa": "1.0", "bb": "1.0"}, cases=[case])
+
+    assert world.found("aa")
+    assert not world.found("bb")
+
+
+@pytest.mark.parametrize(
+    "more", [{"verdict": "misleads"}, {"unverified": ["silent:lurking"]}], ids=["misleads", "silent issue"]
+)
+def test_only_plainly_good_cells_are_recommended(world: World, more: dict[str, Any]) -> None:
+    """A cell that misleads is a trap; one with an open silent issue works, and says so."""
+    world.add("3.11", {"aa": "2.0"}, **more)
+    world.add("3.11", {"aa": "1.0"})
+
+    assert [one.versions["aa"] for one in world.found("aa")] == ["1.0"]
+    assert [one.verdicts for one in world.red("aa==2.0")] == ([("misleads",)] if "verdict" in more else [])
+    for asked in ("aa==2.0", "aa"):
+        doubtful = world.answer(asked).doubtful
+        assert [one.unverified for one in doubtful] == ([] if "verdict" in more else [("silent:lurking",)])
+
+
+def test_of_a_partial_cell_the_tasks_that_work_are_told(world: World) -> None:
+    """Nothing works as a whole: what works, by task; and the task alone is good where it is asked for."""
+    fine = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None}
+    bad = {"case": "b", "env": "Swimmer-v4", "api": "gymnasium", "phases": {"single": "failed"}, "decisive": "no"}
+    world.add("3.11", {"aa": "1.0"}, "partial", cases=[fine, bad])
+
+    (part,) = world.answer("aa").partly
+
+    assert (part.works, part.fails) == (("a",), {"b": "no"})
+    assert world.found("aa", env="Ant-v5")
+    assert not world.found("aa", env="Swimmer-v4")
+    assert not world.red("aa", env="Ant-v5")
+
+
+def test_an_open_issue_of_the_recommended_release_is_named(world: World) -> None:
+    """Equal versions, other environments: what is in doubt about them is said beside what is good; older ones not."""
+    world.add("3.11", {"aa": "2.0"})
+    doubtful = world.add("3.11", {"aa": "2.0", "bb": "1.0"}, unverified=["silent:lurking"])
+    world.add("3.11", {"aa": "1.0"}, unverified=["silent:lurking"])
+
+    assert [one.cell for one in world.answer("aa").doubtful] == [doubtful]
+
+
+# --- together --------------------------------------------------------------------------------------------------
+
+
+def test_packages_that_were_never_measured_together(world: World) -> None:
+    """An answer of its own: what is measured of each, and what to try, at versions that exist."""
+    world.add("3.11", {"aa": "1.0"})
+    world.add("3.12", {"aa": "1.1"})
+    world.add("3.11", {"bb": "0.9"})
+
+    found = world.answer("aa", "bb").apart
+
+    assert found is not None
+    assert (found.requirements, found.python) == (("aa==1.0", "bb==0.9"), "3.11")
+    assert [one.combination and one.combination.versions for one in found.halves] == [{"aa": "1.0"}, {"bb": "0.9"}]
+
+    world.add("3.9", {"aa": "0.1", "bb": "0.1"}, "broken")
+    assert world.answer("aa", "bb").apart is None, "a red measurement is one"
+
+
+def test_the_most_that_was_measured_together(world: World) -> None:
+    """Of three packages two were: they stand together."""
+    for pins in ({"aa": "1.0", "bb": "1.0"}, {"cc": "1.0"}):
+        world.add("3.11", pins)
+
+    found = world.answer("aa", "bb", "cc").apart
+
+    assert found is not None
+    assert [one.packages for one in found.halves] == [("aa", "bb"), ("cc",)]
+
+
+def test_a_newer_one_on_another_python_is_named(world: World) -> None:
+    """The newest measured on a Python is not the newest that works: a newer one was never measured there."""
+    world.add("3.11", {"aa": "2.0"})
+    world.add("3.13", {"aa": "1.0"})
+    assert [one.versions for one in world.answer("aa", python="3.13").newer] == [{"aa": "2.0"}]
+
+    world.add("3.13", {"aa": "2.0"}, "broken")
+    assert not world.answer("aa", python="3.13").newer
+
+
+def test_what_to_install_keeps_extras_and_numpy(world: World) -> None:
+    """Requirements of the cell at their measured versions: extras of all its lines, numpy, no local version."""
+    asked = ["gymnasium[mujoco]", "gymnasium==1.4.0", "torch"]
+    pins = {"gymnasium": "1.4.0", "torch": "2.13.0+cpu", "numpy": "2.4.6", "rest": "1.0"}
+    world.add("3.11", pins, requirements=asked, axes={"python": "3.11"}, imported=["numpy"])
+
+    (one,) = world.found("torch")
+
+    assert one.requirements == ("torch==2.13.0", "gymnasium[mujoco]==1.4.0", "numpy==2.4.6")
 
 
 # --- red -------------------------------------------------------------------------------------------------------
 
 
 def test_red_ones_of_one_cause_are_one(world: World) -> None:
-    """Versions that fail for one known cause stand together, before those of which some work after all."""
+    """Versions that fail for one known cause stand together; traps of the newest release go first."""
     for version in ("1.1", "1.2"):
         world.add("3.11", {"aa": version}, "broken", causes=["gone"], decisive=f"no attribute {version}")
     world.add("3.11", {"aa": "1.3"})
     world.add("3.11", {"aa": "1.3", "bb": "1.0"}, "partial", decisive="another")
 
-    first, second = world.red("aa")
+    second, first = world.red("aa")
 
     assert [held["aa"] for held in first.versions] == ["1.2", "1.1"]
     assert (first.causes, first.verdicts, len(first.cells)) == (("gone",), ("broken",), 2)
-    assert (second.line, second.beside) == ("another", {"bb": ("1.0",)})
+    assert (second.line, second.deciding) == ("another", {"bb": ("1.0",)})
+
+
+def test_the_package_that_decides_is_named(world: World) -> None:
+    """The same versions work elsewhere: what differs there is the trap, never the versions by themselves."""
+    world.add("3.11", {"aa": "1.4", "bb": "3.1"})
+    world.add("3.11", {"aa": "1.4", "bb": "3.1", "cc": "1.3"}, "import_fails", decisive="No module named 'packaging'")
+    world.add("3.11", {"aa": "1.4", "bb": "3.3", "dd": "3.0"}, "import_fails", decisive="No module named 'packaging'")
+
+    first, second = world.red("aa", "bb")
+
+    assert {tuple(one.versions[0].values()): (one.deciding, one.beside) for one in (first, second)} == {
+        ("1.4", "3.1"): ({"cc": ("1.3",)}, {"cc": ("1.3",)}),
+        ("1.4", "3.3"): ({}, {"dd": ("3.0",)}),
+    }
+
+
+def test_the_python_that_decides_is_named(world: World) -> None:
+    """Equal versions that work on another Python."""
+    world.add("3.11", {"aa": "1.0"})
+    world.add("3.13", {"aa": "1.0", "zz": "1"}, "broken", axes={"python": "3.13", "aa": "1.0"})
+
+    assert [one.deciding for one in world.red("aa")] == [{"Python": ("3.13",)}]
 
 
 def test_unknown_red_ones_by_what_a_matrix_says_of_their_line() -> None:

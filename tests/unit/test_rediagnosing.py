@@ -6,10 +6,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 from specimens import GENERATED, MACHINES, case, cell, phase, record
 
-from harness import document, knowledge, rediagnosing
+from harness import document, rediagnosing, signature_files
 from harness.__main__ import main
 from harness.evidence import Knowledge
 from harness.model import Change, Expectation, Outcome, Phase, Plan, Step, Tried, Verdict
@@ -40,7 +41,7 @@ remedy = { text = "dig" }
 )
 BASE = cell()
 CURED = replace(
-    cell("py3.11-gymnasium1.2.3-with-cure"),
+    cell("py3.11_gymnasium-1.2.3_with-cure"),
     base=BASE.id,
     tried=Tried(name="cure", reason="why", change=Change(requirements=("mujoco<3",))),
 )
@@ -142,6 +143,16 @@ def test_what_is_expected_is_judged_again(signature: str, is_it: bool) -> None:
     assert first(rediagnosing.diagnosed(before, known(*SIGNATURES))).as_expected is is_it
 
 
+def test_what_a_matrix_expects_no_more_is_not_as_expected() -> None:
+    """A red cell whose expectation was taken away is judged as one without."""
+    expect = Expectation(verdict=Verdict.PARTIAL, reason="known")
+    before = made(replace(RED, cell=replace(BASE, expect=expect)))
+    cells = tuple(msgspec.structs.replace(cell, expectation=None) for cell in before.cells)
+
+    assert first(before).as_expected is True
+    assert first(rediagnosing.diagnosed(msgspec.structs.replace(before, cells=cells), known())).as_expected is False
+
+
 def test_on_the_command_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,7 +162,7 @@ def test_on_the_command_line(
         '[[signature]]\nid = "written"\nphases = ["vector"]\npattern = "deep in a log"\ncause = "deep"\n'
         'examples = ["deep in a log", "so deep in a log", "again: deep in a log"]\nremedy = { text = "dig" }\n'
     )
-    monkeypatch.setenv(knowledge.VARIABLE, str(tmp_path / "signatures"))
+    monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "signatures"))
     vector = phase(Phase.VECTOR, Outcome.FAILED, "silence", evidence="evidence/1")
     folder = tmp_path / "report"
     (folder / "evidence" / "1").mkdir(parents=True)
@@ -164,3 +175,23 @@ def test_on_the_command_line(
     assert "### `written`" in (folder / "report.md").read_text()
     assert (folder / "evidence" / "1" / "log.txt").read_text() == "so deep in a log"
     assert capsys.readouterr().err
+
+
+def test_titles_roles_and_pages_come_from_the_matrix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On the command line: a report of another time is brought to what its matrix says now, its page in words too."""
+    committed = Path(__file__).parents[2] / "reports" / "kitchen" / "report.json"
+    plain = json.loads(committed.read_text())
+    plain["matrices"]["kitchen"].pop("title")
+    for one in plain["cells"]:
+        one.pop("role")
+    (tmp_path / "report.json").write_text(json.dumps(plain))
+
+    assert main(["report", str(tmp_path), "--diagnose", "--out", str(tmp_path / "new")]) == 0
+    made = json.loads((tmp_path / "new" / "report.json").read_text())
+
+    assert made["matrices"] == json.loads(committed.read_text())["matrices"]
+    roles = {one["id"]: one["role"] for one in json.loads(committed.read_text())["cells"]}
+    assert {one["id"]: one["role"] for one in made["cells"]} == roles
+    assert {*roles.values()} == {"main", "variant", "what-if", "repair"}
+    assert (tmp_path / "new" / "README.md").read_text() == committed.with_name("README.md").read_text()
+    capsys.readouterr()

@@ -14,7 +14,7 @@ from harness.store import Store
 from harness.vocabulary import APIS
 
 IDS = [planned.id for planned in quick()[0].cells]
-RED = "quick/py3.11-gymnasium1.2.3-mujoco2.3.7"
+RED = "quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7"
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ class TestReport:
     def test_terminal(self, state: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """Without arguments: the table of every matrix that was run here, and exit code 1 for unexpected reds."""
         assert main(["report"]) == 1
-        assert "py3.11-gymnasium1.2.3-mujoco3.3.7" in capsys.readouterr().out
+        assert "py3.11_gymnasium-1.2.3_mujoco-3.3.7" in capsys.readouterr().out
 
     def test_same_bytes_wherever_it_is_made(self, state: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """By name, by folder, by file, on stdout or into a folder, and from that folder again: the same page."""
@@ -163,7 +163,7 @@ class TestShow:
             "  mujoco==2.3.7",
             "evidence   .harness/evidence/install/log.txt",
             "  | line 39",
-            "  simmatrix run quick.toml -k py3.11-gymnasium1.2.3-mujoco2.3.7 --fresh",
+            "  simmatrix run quick.toml -k py3.11_gymnasium-1.2.3_mujoco-2.3.7 --fresh",
         ):
             assert line in lines
         assert "  | line 24" not in lines
@@ -174,9 +174,9 @@ class TestShow:
     def test_by_glob(self, state: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """A glob that matches one cell names it, as does its label."""
         main(["show", "*mujoco1.50"])
-        main(["show", "py3.11-gymnasium0.29.1-mujoco1.50"])
+        main(["show", "py3.11_gymnasium-0.29.1_mujoco-1.50"])
 
-        first, second = capsys.readouterr().out.split("quick/py3.11-gymnasium0.29.1-mujoco1.50\n")[1:]
+        first, second = capsys.readouterr().out.split("quick/py3.11_gymnasium-0.29.1_mujoco-1.50\n")[1:]
         assert first == second
 
     def test_json(self, state: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -205,12 +205,12 @@ class TestShow:
             (
                 "*mujoco2.3.7",
                 "simmatrix: show *mujoco2.3.7: matches 2 cells; name one of"
-                " quick/py3.11-gymnasium1.2.3-mujoco2.3.7, quick/py3.9-gymnasium0.29.1-mujoco2.3.7\n",
+                " quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7, quick/py3.9_gymnasium-0.29.1_mujoco-2.3.7\n",
             ),
             (
-                "quick/py3.11-gymnasium1.2.3-mujoco2.3.8",
-                "simmatrix: show quick/py3.11-gymnasium1.2.3-mujoco2.3.8: no cell of this name was run here;"
-                ' did you mean "quick/py3.11-gymnasium1.2.3-mujoco2.3.7"?\n',
+                "quick/py3.11_gymnasium-1.2.3_mujoco-2.3.8",
+                "simmatrix: show quick/py3.11_gymnasium-1.2.3_mujoco-2.3.8: no cell of this name was measured;"
+                " did you mean quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7?\n",
             ),
         ],
     )
@@ -240,6 +240,7 @@ class TestSchema:
             "doctor",
             "explain",
             "recommend",
+            "known",
             "repair",
             "manifest",
         ]

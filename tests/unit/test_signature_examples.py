@@ -9,14 +9,14 @@ import pytest
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import document, knowledge, signatures
+from harness import document, knowledge, signature_files, signatures
 from harness.model import Verdict
 from harness.reporttypes import CellEntry
 from harness.signatures import Around, Evidence, Signature, diagnose
 from harness.vocabulary import parsed_requirement
 
 ROOT = Path(__file__).parents[2]
-FOLDER = ROOT / "matrices" / knowledge.FOLDER
+FOLDER = ROOT / "matrices" / signature_files.FOLDER
 KNOWN = signatures.read({path.name: path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.toml"))})
 ENOUGH = 30
 """Green cells whose texts no signature may know."""

@@ -236,10 +236,35 @@ class TestSilent:
 
         assert diagnose(known, [Evidence(phase=None, told=("anything",))], Around(installed={"physics": "2"})) == ()
 
-    def test_a_pattern_is_refused(self) -> None:
-        """Nothing is written that it could match."""
-        with pytest.raises(BadInput, match="is silent: nothing is written"):
-            signatures.read({"silent.toml": textwrap.dedent(self.TEXT).replace("silent", "pattern = 'x'\nsilent")})
+    def test_examples_without_a_pattern_are_refused(self) -> None:
+        """Nothing is written that they could be of."""
+        text = textwrap.dedent(self.TEXT).replace("silent", "examples = ['x']\nsilent")
+        with pytest.raises(BadInput, match='"quietly" is silent and has no "pattern": nothing is written'):
+            signatures.read({"silent.toml": text})
+
+    def test_a_finding_may_tell_of_it_too(self) -> None:
+        """With a pattern it explains evidence as well, and is the same known issue."""
+        text = textwrap.dedent(self.TEXT).replace("silent", "pattern = 'off by'\nexamples = [EXAMPLES]\nsilent")
+        text = text.replace("EXAMPLES", "'off by 1', 'off by 2', 'off by 3'")
+        known = signatures.read({"silent.toml": text})
+        around = Around(installed={"physics": "2"})
+
+        assert [one.id for one in signatures.lurking(known, around)] == ["quietly"]
+        seen = diagnose(known, [Evidence(phase=Phase.SINGLE, told=("off by 7",))], around)
+        assert [one.signature.id for one in seen] == ["quietly"]
+
+    def test_only_a_silent_one_is_scoped(self) -> None:
+        """Environments, APIs and a check that refutes it are of one that no evidence tells of."""
+        text = textwrap.dedent(self.TEXT).replace("silent = true", "envs = ['Ant-*']")
+        with pytest.raises(BadInput, match='"quietly" has "envs", which only a silent one has'):
+            signatures.read({"silent.toml": text})
+
+    def test_a_former_id_is_nobody_elses(self) -> None:
+        """It is still found by it, so that no other one may have it."""
+        text = textwrap.dedent(self.TEXT)
+        other = text.replace('"quietly"', '"loudly"').replace("silent", "formerly = ['quietly']\nsilent")
+        with pytest.raises(BadInput, match=r'"quietly" is listed twice, first in a\.toml'):
+            signatures.read({"a.toml": text, "b.toml": other})
 
 
 def test_a_mask_that_is_only_mentioned_is_none() -> None:

@@ -270,6 +270,18 @@ def test_the_suite_of_a_subject_needs_an_import(found: CellRecord, expected: tup
     assert (ended.kind, ended.text) == expected
 
 
+def test_a_suite_without_an_environment_says_why() -> None:
+    """Its item fails as one that could not be told, with the reason; the verdict's item is that of the cases."""
+    cell = replace(CELL, subject=Subject(source=".", suite=Suite()))
+    suite = PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED, decisive="no swig")
+    found = replace(record(cell), suite=suite)
+
+    ended = judging.ended(cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING, TODAY)
+
+    assert (ended.kind, ended.text) == (Kind.INCONCLUSIVE, "inconclusive: not run: no swig")
+    assert judging.judged(found, TODAY).kind is Kind.PASSED
+
+
 def test_time_is_that_of_this_session() -> None:
     """What was reused took none."""
     (case,) = record().cases
@@ -278,3 +290,26 @@ def test_time_is_that_of_this_session() -> None:
 
     assert (found[Phase.SINGLE].seconds, found[Phase.RENDER].seconds) == (2.0, 0.0)
     assert isinstance(found[Phase.RESOLVE], Seen)
+
+
+def misleading(cell: Cell = CELL) -> CellRecord:
+    """A cell whose picture was drawn by a camera that looks elsewhere."""
+    seen = record(cell)
+    camera = CheckRecord(check="render.camera", outcome=Outcome.FAILED, decisive="looks elsewhere")
+    (case,) = seen.cases
+    phases = tuple(replace(one, checks=(*one.checks, camera)) if one.phase == "render" else one for one in case.phases)
+    return replace(seen, cases=(replace(case, phases=phases),))
+
+
+def test_a_case_that_misleads_has_not_passed() -> None:
+    """Its item fails by the line of the check, though the phase passed; where expected, it is an xfail."""
+    expected = misleading(expecting("misleads", "render", "elsewhere"))
+
+    assert told(misleading(), "render") == (
+        Kind.FAILED,
+        "misleads: looks elsewhere\nrender.camera failed",
+    )
+    assert told(misleading(), "single")[0] is Kind.PASSED
+    assert judging.judged(misleading(), TODAY).kind is Kind.FAILED
+    assert told(expected, "render")[0] is Kind.XFAILED
+    assert judging.judged(expected, TODAY).kind is Kind.XFAILED

@@ -125,13 +125,13 @@ class TestBaseline:
         text = f'strategy = {{ baseline = {{ python = "3.11", mujoco = "3.0.0" }} }}\n{THREE}{CASE}'
 
         assert labels(text) == [
-            "py3.10-gymnasium1.2.3-mujoco3.0.0",
-            "py3.11-gymnasium0.29.1-mujoco3.0.0",
-            "py3.11-gymnasium1.0.0-mujoco3.0.0",
-            "py3.11-gymnasium1.2.3-mujoco2.3.7",
-            "py3.11-gymnasium1.2.3-mujoco3.0.0",
-            "py3.11-gymnasium1.2.3-mujoco3.3.7",
-            "py3.12-gymnasium1.2.3-mujoco3.0.0",
+            "py3.10_gymnasium-1.2.3_mujoco-3.0.0",
+            "py3.11_gymnasium-0.29.1_mujoco-3.0.0",
+            "py3.11_gymnasium-1.0.0_mujoco-3.0.0",
+            "py3.11_gymnasium-1.2.3_mujoco-2.3.7",
+            "py3.11_gymnasium-1.2.3_mujoco-3.0.0",
+            "py3.11_gymnasium-1.2.3_mujoco-3.3.7",
+            "py3.12_gymnasium-1.2.3_mujoco-3.0.0",
         ]
         assert planned(text).dropped == (Dropped(id="demo/*", reason="not chosen by baseline", count=20),)
 
@@ -143,12 +143,12 @@ class TestBaseline:
         )
 
         assert labels(text) == [
-            "py3.10-gymnasium1.10.0-old-egl",
-            "py3.10-gymnasium1.10.0-old-unset",
-            "py3.10-gymnasium1.10.0-new-egl",
-            "py3.10-gymnasium1.9.0-old-egl",
-            "py3.10-gymnasium-absent-old-egl",
-            "py3.9-gymnasium1.10.0-old-egl",
+            "py3.10_gymnasium-1.10.0_old_egl",
+            "py3.10_gymnasium-1.10.0_old_unset",
+            "py3.10_gymnasium-1.10.0_new_egl",
+            "py3.10_gymnasium-1.9.0_old_egl",
+            "py3.10_gymnasium-absent_old_egl",
+            "py3.9_gymnasium-1.10.0_old_egl",
         ]
 
     def test_two_baselines(self) -> None:
@@ -165,7 +165,7 @@ class TestBaseline:
         )
         dropped = planned(text).dropped
 
-        assert "py3.10-gymnasium1.2.3-mujoco3.3.7" not in labels(text)
+        assert "py3.10_gymnasium-1.2.3_mujoco-3.3.7" not in labels(text)
         assert [gone.reason for gone in dropped] == ["not supported"] * 3 + ["not chosen by baseline"]
         assert len(labels(text)) + sum(gone.count for gone in dropped) == 27
 
@@ -174,7 +174,7 @@ class TestBaseline:
         text = f'strategy = "baseline"\n{THREE}{CASE}[[exclude]]\nwhen = {{ python = "3.12" }}\nreason = "too new"'
 
         assert refused(text) == (
-            'demo.toml: strategy: the baseline "py3.12-gymnasium1.2.3-mujoco3.3.7" is left out (too new); '
+            'demo.toml: strategy: the baseline "py3.12_gymnasium-1.2.3_mujoco-3.3.7" is left out (too new); '
             "name another: { baseline = { ... } }"
         )
 
@@ -193,7 +193,7 @@ class TestBaseline:
         cells = {cell.label: [case.id for case in cell.cases] for cell in planned(text).cells}
 
         assert len(cells) == 27
-        assert cells["py3.12-gymnasium1.2.3-mujoco2.3.7"] == ["CartPole-v1", "Ant-v5"]
+        assert cells["py3.12_gymnasium-1.2.3_mujoco-2.3.7"] == ["CartPole-v1", "Ant-v5"]
         assert sum(len(cases) == 2 for cases in cells.values()) == 7
 
     def test_cases_of_a_baseline_that_there_is_not(self) -> None:
@@ -214,7 +214,7 @@ class TestBoundaries:
     def test_newest_patches_and_both_sides_of_each_break(self) -> None:
         """2.3.7 and 3.0.0 stand at a break, 3.1.6 and 3.2.0 at another; 3.0.1 and 3.2.7 are newest patches."""
         assert labels(self.TEXT) == [
-            f"py3.11-mujoco{version}" for version in ("2.3.7", "3.0.0", "3.0.1", "3.1.6", "3.2.0", "3.2.7")
+            f"py3.11_mujoco-{version}" for version in ("2.3.7", "3.0.0", "3.0.1", "3.1.6", "3.2.0", "3.2.7")
         ]
         assert planned(self.TEXT).dropped == (Dropped(id="demo/*", reason="not chosen by boundaries", count=4),)
 
@@ -349,7 +349,7 @@ class TestResolving:
         assert len(pairs(self.TEXT, made)) == 26
         first, rest = planned(self.TEXT, made).dropped
         assert first == Dropped(
-            id="demo/py3.12-*-mujoco2.3.7", reason="does not resolve: mujoco 2.3.7 has no wheel", count=3
+            id="demo/py3.12_*_mujoco-2.3.7", reason="does not resolve: mujoco 2.3.7 has no wheel", count=3
         )
         assert rest.reason == (
             "not chosen by pairwise; each pair of values is in some cell, but for these, excluded or without a "
@@ -374,7 +374,7 @@ class TestResolving:
         *gone, rest = planned(self.TEXT, made).dropped
 
         assert [(each.id, each.reason, each.count) for each in gone] == [
-            (f"demo/py{python}-gymnasium1.0.0-*", "does not resolve: yanked", 3) for python in ("3.10", "3.11", "3.12")
+            (f"demo/py{python}_gymnasium-1.0.0_*", "does not resolve: yanked", 3) for python in ("3.10", "3.11", "3.12")
         ]
         assert rest.reason == (
             "not chosen by pairwise; each pair of values is in some cell, but for these, excluded or without a "
@@ -432,7 +432,7 @@ class TestResolving:
 
         assert isinstance(made.chosen, Chosen)
         assert {entry.axes["api"] for entry in made.chosen.unresolvable} == {"plain"}
-        assert {label.rpartition("-")[2] for label in labels(text, made)} == {"mended"}
+        assert {label.rpartition("_")[2] for label in labels(text, made)} == {"mended"}
 
     def test_a_cell_of_the_baseline_that_does_not_resolve_is_left_out(self) -> None:
         """In a matrix whose combinations were asked for, what does not resolve is left out by every strategy."""
@@ -440,11 +440,11 @@ class TestResolving:
         made = chosen(text, Resolver(no_old_mujoco))
         names = labels(text, made)
 
-        assert {"py3.10-gymnasium1.2.3-mujoco2.3.7", "py3.11-gymnasium1.2.3-mujoco2.3.7"} <= set(names)
+        assert {"py3.10_gymnasium-1.2.3_mujoco-2.3.7", "py3.11_gymnasium-1.2.3_mujoco-2.3.7"} <= set(names)
         assert not [name for name in names if "py3.12" in name and "mujoco2.3.7" in name]
         assert len(pairs(text, made)) == 26
         assert planned(text, made).dropped[0] == Dropped(
-            id="demo/py3.12-*-mujoco2.3.7", reason="does not resolve: mujoco 2.3.7 has no wheel", count=3
+            id="demo/py3.12_*_mujoco-2.3.7", reason="does not resolve: mujoco 2.3.7 has no wheel", count=3
         )
 
     def test_what_cannot_be_told_ends_it(self) -> None:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from specimens import case, cell, plain, record
+from specimens import GENERATED, MACHINES, case, cell, plain, record
 
-from harness import matrixfile, model, plan, pytestsays, subjects, suites, verdict
+from harness import document, matrixfile, model, plan, pytestsays, subjects, suites, verdict
 from harness.errors import BadInput
 from harness.model import (
     Artifact,
@@ -22,6 +22,7 @@ from harness.model import (
     PhaseRecord,
     Pin,
     Question,
+    Step,
     Subject,
     Suite,
     Verdict,
@@ -57,14 +58,14 @@ def test_extras_and_groups_are_axes() -> None:
     )
 
     assert {label: (subject(one).extras, subject(one).groups) for label, one in found.items()} == {
-        "py3.11-no-extra-no-group": (("base",), ()),
-        "py3.11-no-extra-dev": (("base",), ("dev",)),
-        "py3.11-mujoco-no-group": (("base", "mujoco"), ()),
-        "py3.11-mujoco-dev": (("base", "mujoco"), ("dev",)),
-        "py3.11-mujoco+box-2d-no-group": (("base", "mujoco", "box-2d"), ()),
-        "py3.11-mujoco+box-2d-dev": (("base", "mujoco", "box-2d"), ("dev",)),
+        "py3.11_no-extra_no-group": (("base",), ()),
+        "py3.11_no-extra_dev": (("base",), ("dev",)),
+        "py3.11_mujoco_no-group": (("base", "mujoco"), ()),
+        "py3.11_mujoco_dev": (("base", "mujoco"), ("dev",)),
+        "py3.11_mujoco+box-2d_no-group": (("base", "mujoco", "box-2d"), ()),
+        "py3.11_mujoco+box-2d_dev": (("base", "mujoco", "box-2d"), ("dev",)),
     }
-    assert found["py3.11-no-extra-no-group"].axes == {"python": "3.11", "extra": "none", "tools": "none"}
+    assert found["py3.11_no-extra_no-group"].axes == {"python": "3.11", "extra": "none", "tools": "none"}
     assert {one.question.requirements for one in found.values()} == {()}
 
 
@@ -75,8 +76,8 @@ def test_a_bundle_brings_extras() -> None:
     )
 
     assert {label: (subject(one).extras, subject(one).groups) for label, one in found.items()} == {
-        "py3.11-new": (("new",), ("dev",)),
-        "py3.11-old": ((), ()),
+        "py3.11_new": (("new",), ("dev",)),
+        "py3.11_old": ((), ()),
     }
 
 
@@ -87,7 +88,7 @@ def test_conditions_name_extras() -> None:
         '[axes]\npython = ["3.11"]\nextra = { extra = ["", "mujoco"] }\n'
     )
 
-    assert list(found) == ["py3.11-mujoco"]
+    assert list(found) == ["py3.11_mujoco"]
 
 
 def test_without_cases_its_modules_are_imported() -> None:
@@ -410,6 +411,8 @@ def test_what_a_run_means(report: Report, ending: Ending, text: str, outcome: Ou
 def test_a_report_is_counted() -> None:
     """Tests are counted by how they ended; what is no plain XML counts as none."""
     assert Report.read(JUNIT).tests == {"failed": 2, "passed": 1, "skipped": 1}
+    assert Report.read(JUNIT).bad == ("tests.test_a.test_bad[1]", "tests.test_a.test_worse")
+    assert Report.read(COLLECTION).bad == ("tests.test_b",)
     assert Report.read("<testsuites") == Report(tests={})
     assert Report.read('<!DOCTYPE x [<!ENTITY y "z">]><testsuites/>') == Report(tests={})
 
@@ -469,6 +472,42 @@ def test_a_suite_counts_after_the_import(
 def test_a_suite_that_was_not_run_is_named(ended: Outcome | None, told: tuple[str, ...]) -> None:
     """A working cell says that its suite was not verified."""
     assert judged(case("pppp"), ended).unverified == told
+
+
+def test_a_suite_without_an_environment_leaves_the_verdict_to_the_cases() -> None:
+    """Tests that could not be run are named with the reason: exit code 3, and 1 where a case failed besides."""
+    refused = Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive="no swig", log="evidence/build")
+    suite = suites.not_run("the environment of the tests cannot be made: no swig", refused)
+    own = Subject(source=".", suite=Suite())
+    for letters, expected, code in (("pppp", Verdict.WORKS, 3), ("pfnn", Verdict.BROKEN, 1)):
+        tried = case(letters)
+        made = record(tried, of=cell(cases=[tried.case], subject=own), suite=suite)
+        whole = document.build([made], [model.Plan(matrix="quick", cells=(made.cell,))], MACHINES, GENERATED)
+        entry = whole.cells[0]
+
+        assert (entry.verdict, entry.phases[Phase.SUITE]) == (expected, Outcome.NOT_REACHED)
+        assert entry.suite
+        assert (entry.suite.not_run, entry.suite.decisive) == (True, suite.decisive)
+        assert document.exit_code(whole, ("unexpected", "stale")) == code
+    only = replace(case("psss"), phases=tuple(one for one in case("psss").phases if one.phase is Phase.IMPORT))
+    asked = replace(cell(subject=own), cases=(replace(cell().cases[0], checks=("import.modules",)),))
+    imported = verdict.judge(record(only, of=asked, suite=suite))
+    assert imported.decisive == f"only the import was tried; its tests were not run: {suite.decisive}"
+
+
+@pytest.mark.parametrize(
+    ("step", "expected"),
+    [
+        (Step(phase=Phase.INSTALL, outcome=Outcome.FAILED), Outcome.NOT_REACHED),
+        (Step(phase=Phase.INSTALL, outcome=Outcome.TIMED_OUT), Outcome.NOT_REACHED),
+        (Step(phase=Phase.RESOLVE, outcome=Outcome.TIMED_OUT), Outcome.INFRA),
+        (Step(phase=Phase.INSTALL, outcome=Outcome.INFRA), Outcome.INFRA),
+        (Step(phase=Phase.RESOLVE, outcome=Outcome.UNAVAILABLE), Outcome.UNAVAILABLE),
+    ],
+)
+def test_how_a_suite_that_cannot_be_run_ends(step: Step, expected: Outcome) -> None:
+    """Packages at fault leave it out of reach; the network and this machine stay what they are."""
+    assert suites.not_run("why", step).outcome is expected
 
 
 def test_no_suite_no_phase() -> None:

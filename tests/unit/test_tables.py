@@ -11,7 +11,8 @@ from specimens import GENERATED, HERE, MACHINES, agrees, case, quick, quick_docu
 from harness import document, tables
 from harness.errors import BadInput
 from harness.model import Plan, Verdict
-from harness.reporttypes import SEVERITY, SYMBOLS, Document, Square
+from harness.reporttypes import SEVERITY, SYMBOLS, Document
+from harness.tabletypes import Square
 
 
 def test_everything_regrouped(tmp_path: Path) -> None:
@@ -22,11 +23,21 @@ def test_everything_regrouped(tmp_path: Path) -> None:
 
 
 def test_every_cell_has_a_row() -> None:
-    """The list has a row for every cell of the document, in its order."""
+    """The list has a row for every cell: unexpected ones, red ones, those that say nothing, then green ones."""
     made = quick_document()
     (sheet,) = tables.report(made).sheets
 
-    assert [row.id for row in sheet.rows] == [cell.id for cell in made.cells]
+    assert sorted(row.id for row in sheet.rows) == sorted(cell.id for cell in made.cells)
+    assert [(row.as_expected, str(row.verdict)) for row in sheet.rows] == [
+        (False, "partial"),
+        (False, "partial"),
+        (False, "unresolvable"),
+        (True, "partial"),
+        (None, "unavailable"),
+        (None, "not_run"),
+        (True, "works"),
+        (True, "works"),
+    ]
 
 
 def test_tables_of_a_document_that_was_stored() -> None:
@@ -46,16 +57,16 @@ def test_symbols() -> None:
 
 class TestPivot:
     def test_named_axes(self) -> None:
-        """The axes asked for, versions by age, with the worst verdict of each square and how many have it."""
+        """The axes asked for, versions by age, with the verdict of each square, the tasks and the Pythons tried."""
         pivot = tables.report(quick_document(), ("gymnasium", "mujoco")).sheets[0].pivot
 
         assert pivot is not None
         assert (pivot.down, pivot.rows) == ("gymnasium", ("0.29.1", "1.2.3"))
         assert (pivot.across, pivot.columns) == ("mujoco", ("1.50", "2.3.7", "3.3.7"))
         assert pivot.squares[0] == (
-            (Square(machine=HERE, verdict=Verdict.UNRESOLVABLE, count=1, total=1),),
-            (Square(machine=HERE, verdict=Verdict.WORKS, count=1, total=1),),
-            (Square(machine=HERE, verdict=Verdict.PARTIAL, count=2, total=2),),
+            (Square(machine=HERE, verdict=Verdict.UNRESOLVABLE, pythons=("3.11",)),),
+            (Square(machine=HERE, verdict=Verdict.WORKS, passed=2, tried=2, pythons=("3.9",), patched=True),),
+            (Square(machine=HERE, verdict=Verdict.PARTIAL, passed=1, tried=2, pythons=("3.9", "3.11")),),
         )
         assert pivot.squares[1][0] == ()
 
@@ -68,18 +79,26 @@ class TestPivot:
 
         assert [(one.down, one.across) for one in pivots if one] == [("mujoco", "python"), ("gymnasium", "mujoco")]
 
-    def test_worst_of_a_square(self) -> None:
-        """Of the cells in a square the worst is shown: what speaks against packages before what says nothing."""
+    def test_verdicts_of_a_square(self) -> None:
+        """A square has an entry for each verdict: what speaks against packages first, then what says nothing."""
         pivot = tables.report(quick_document(), ("python", "gymnasium")).sheets[0].pivot
 
         assert pivot is not None
-        assert pivot.squares[1][1] == (Square(machine=HERE, verdict=Verdict.PARTIAL, count=1, total=2),)
-        assert pivot.squares[2][1] == (Square(machine=HERE, verdict=Verdict.UNAVAILABLE, count=1, total=2),)
+        assert [(one.verdict, one.where) for one in pivot.squares[1][1]] == [
+            (Verdict.PARTIAL, ("mujoco 2.3.7",)),
+            (Verdict.WORKS, ("mujoco 3.3.7",)),
+        ]
+        assert [one.verdict for one in pivot.squares[2][1]] == [Verdict.UNAVAILABLE]
 
-    def test_what_was_not_run_hides_nothing(self) -> None:
-        """Beside a cell that was run, one that was not only counts; alone it is shown."""
-        assert tables._worst(HERE, [Verdict.NOT_RUN, Verdict.WORKS]).verdict is Verdict.WORKS
-        assert tables._worst(HERE, [Verdict.NOT_RUN, Verdict.NOT_RUN]).verdict is Verdict.NOT_RUN
+    def test_what_was_not_run_leaves_its_square_empty(self) -> None:
+        """A cell without a measurement stands in no square, and takes no verdict from its neighbours."""
+        made = quick_document()
+        unrun = [cell for cell in made.cells if cell.verdict is Verdict.NOT_RUN]
+        pivot = tables.report(made, ("python", "mujoco")).sheets[0].pivot
+
+        assert [(cell.axes["python"], cell.axes["mujoco"]) for cell in unrun] == [("3.13", "2.3.7")]
+        assert pivot is not None
+        assert pivot.squares[pivot.rows.index("3.13")][pivot.columns.index("2.3.7")] == ()
 
     def test_machines_side_by_side(self) -> None:
         """Two machines share a square without one hiding the other."""
@@ -92,25 +111,19 @@ class TestPivot:
 
         assert sheet.pivot is not None
         assert [square.verdict for square in sheet.pivot.squares[0][0]] == [Verdict.WORKS, Verdict.BROKEN]
-        assert [row.machine for row in sheet.rows] == [HERE, "z"]
+        assert [row.machine for row in sheet.rows] == ["z", HERE]  # red first
 
     def test_not_run_on_one_machine(self) -> None:
-        """A machine without a result keeps its place in the square."""
+        """A machine without a result has no entry in the square."""
         made = record(case("pppp"))
-        elsewhere = replace(made, cell=replace(made.cell, id="quick/other"), machine="z")
+        elsewhere = replace(made, cell=replace(made.cell, id="quick/other", axes={"python": "3.12"}), machine="z")
         plan = Plan(matrix="quick", cells=(made.cell, elsewhere.cell), axes=("python", "gymnasium"))
         whole = document.build([made, elsewhere], [plan], {**MACHINES, "z": {}}, GENERATED)
 
         (sheet,) = tables.report(whole, ("python", "gymnasium")).sheets
 
         assert sheet.pivot is not None
-        assert [(square.machine, square.verdict, square.count) for square in sheet.pivot.squares[0][0]] == [
-            (HERE, Verdict.WORKS, 1),
-            ("z", Verdict.WORKS, 1),
-        ]
-        (square,) = tables._square([cell for cell in whole.cells if cell.machine == "z"], ["z"])
-        absent, _ = tables._square([cell for cell in whole.cells if cell.machine == "z"], [HERE, "z"])
-        assert (square.verdict, absent.verdict) == (Verdict.WORKS, Verdict.NOT_RUN)
+        assert [[one.machine for square in row for one in square] for row in sheet.pivot.squares] == [[HERE], ["z"]]
 
     def test_unknown_axis(self) -> None:
         """An axis that no matrix has is refused with those that there are."""
@@ -168,13 +181,13 @@ class TestDrawing:
         }
         told = self.drawing(installed=installed, supplied=supplied)
 
-        assert told == [("to be set", setting) for setting in settings]
+        assert told == [("set", setting) for setting in settings]
 
     def test_what_drew(self) -> None:
         """The context that drew is told in words, once for cases that had the same."""
         drawn = {"version": "4.5 Mesa", "vendor": "Mesa", "renderer": "llvmpipe", "device": "software", "api": "egl"}
 
-        assert self.drawing(drawn=drawn) == [("what drew", "egl, llvmpipe, Mesa, 4.5 Mesa, software")]
+        assert self.drawing(drawn=drawn) == [("renderer", "egl, llvmpipe, Mesa, 4.5 Mesa, software")]
 
     def test_without_frames(self) -> None:
         """Of a cell in which nothing was drawn there is nothing to say."""
@@ -193,10 +206,10 @@ class TestDrawing:
 class TestRow:
     def test_versions_as_installed(self) -> None:
         """What is installed is shown rather than what was asked for; what is not there is a dash."""
-        rows = tables.report(changed(installed={"gymnasium": "0.29.2"})).sheets[0].rows
+        rows = {row.label: row for row in tables.report(changed(installed={"gymnasium": "0.29.2"})).sheets[0].rows}
 
-        assert rows[0].versions == ("3.9.18", "0.29.2", "2.3.7", "-")
-        assert rows[5].versions == ("3.13", "1.2.3", "3.3.7", "-")
+        assert rows["py3.9_gymnasium-0.29.1_mujoco-2.3.7"].versions == ("3.9.18", "0.29.2", "2.3.7", "-")
+        assert rows["py3.13_gymnasium-1.2.3_mujoco-3.3.7"].versions == ("3.13", "1.2.3", "3.3.7", "-")
 
     def test_variable_axis(self) -> None:
         """A variable that no axis names is taken from the cell's environment."""
@@ -205,7 +218,7 @@ class TestRow:
 
         (sheet,) = tables.report(msgspec.structs.replace(made, matrices=matrices)).sheets
 
-        assert sheet.rows[0].versions[-1] == "egl"
+        assert [row.versions[-1] for row in sheet.rows if row.id == made.cells[0].id] == ["egl"]
 
     def test_works_though_red_was_expected(self) -> None:
         """A green cell that was expected to be red is explained like a red one."""

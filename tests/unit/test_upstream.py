@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from specimens import HERE, MACHINES, case, cell, phase, record, step
+from specimens import GPU, HERE, MACHINES, case, cell, phase, record, step
 
 from harness import document, reproducing, upstream
 from harness.__main__ import main
@@ -83,7 +83,8 @@ def test_the_report_is_whole(state: Store, capsys: pytest.CaptureFixture[str]) -
     assert re.findall(r'File "(.*)"', text) == [
         "…/site-packages/gymnasium/core.py", "…/site-packages/numpy/__init__.py",
     ]  # fmt: skip
-    assert "| Python | 3.11.7 |\n| OS | Debian 12 |" in text
+    assert "| Python | 3.11.7 |\n| OS | Debian 12, x86_64, glibc 2.36 |" in text
+    assert "| GPU | none |" in text
     assert "| gymnasium | 1.2.3 |\n| numpy | 2.2.6 |" in text
     assert "uv venv --python 3.11 repro\nuv pip install --python repro --require-hashes -r requirements.txt\n" in text
     assert text.count(LOCK.rstrip()) == 1
@@ -97,7 +98,7 @@ def test_nothing_private_is_in_it(state: Store, capsys: pytest.CaptureFixture[st
     text = shown(capsys)
 
     assert not re.search(r"/home|jane|\$INCELL|\$HOME|contextlib|letmein|0123|robots|of a finding", text)
-    assert "| WANDB_API_KEY | <redacted> |" in text
+    assert "| WANDB_API_KEY | &lt;redacted> |" in text
     assert "\nMUJOCO_GL=egl WANDB_API_KEY='<redacted>' repro/bin/python repro.py\n" in text
 
 
@@ -304,3 +305,11 @@ def test_arguments_and_imports_are_those_of_the_case() -> None:
 def test_what_has_no_script(made: Case) -> None:
     """No calls that everybody could make, no script."""
     assert reproducing.script(made, Phase.SINGLE, "single.loop", {}) is None
+
+
+def test_a_gpu_is_named_with_its_driver() -> None:
+    """Under the names by which `harness.machine` found them."""
+    told = dict(upstream._machine({**MACHINES[HERE], "gpu": GPU}))
+
+    assert told["GPU"] == "NVIDIA H200, 570.86.15"
+    assert told["OpenGL"] == "Mesa/X.org, llvmpipe, 4.5 Mesa 22.3.6"

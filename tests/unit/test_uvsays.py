@@ -5,7 +5,7 @@ import pytest
 
 from harness import uvsays
 from harness.errors import BadInput
-from harness.model import Outcome, Phase
+from harness.model import Outcome, Phase, Step
 
 NO_SOLUTION = """\
 error: No solution found when resolving dependencies
@@ -212,7 +212,8 @@ OLDER = """\
             Phase.INSTALL,
             Phase.INSTALL,
             Outcome.INFRA,
-            "Failed to download `cloudpickle==3.1.2`: Hash mismatch for `cloudpickle==3.1.2`",
+            "Failed to download `cloudpickle==3.1.2`: Hash mismatch for `cloudpickle==3.1.2`; it is not the file that was "
+            "locked: if the index was wrong then and is mended, lock anew (`simmatrix lock MATRIX --upgrade`)",
             id="hash",
         ),
         pytest.param(
@@ -257,6 +258,146 @@ def test_whose_failure(text: str, asked: Phase, phase: Phase, outcome: Outcome, 
     step = uvsays.failure(text, asked)
 
     assert (step.phase, step.outcome, step.decisive) == (phase, outcome, decisive)
+
+
+WHOLE = [
+    (
+        "Failed to download `odd==1.0`",
+        ("The wheel is invalid: Multiple .dist-info directories found: more-1.0, odd-1.0",),
+    ),
+    ("Failed to download `odd==1.0`", ("The wheel is invalid: Missing .dist-info directory",)),
+    (
+        "Failed to download `odd==1.0`",
+        (
+            "`RECORD` file is invalid",
+            "CSV deserialize error: record 0 (line: 1, byte: 0): invalid length 1, expected struct RecordEntry with 3 elements",
+        ),
+    ),
+    (
+        "Failed to download `odd==1.0`",
+        ("Failed to extract archive: odd-1.0-py3-none-any.whl", "Archive contains unacceptable filename: od?d?.py"),
+    ),
+    (
+        "Failed to download and build `odd==1.0`",
+        (
+            "Failed to extract archive: odd==1.0",
+            "Invalid tar file",
+            'at byte 2560: unsafe symbolic-link target "../../../etc/passwd": escapes the destination root',
+        ),
+    ),
+    (
+        "Failed to download and build `odd==1.0`",
+        (
+            "Failed to extract archive: odd==1.0",
+            "Invalid tar file",
+            'at byte 2560: unsafe member path "/tmp/evil": is absolute',
+        ),
+    ),
+    (
+        "Failed to download and build `odd==1.0`",
+        (
+            "Failed to extract archive: odd==1.0",
+            "Invalid tar file",
+            "at byte 2560: cannot extract unsupported member type Fifo at odd-1.0/dev",
+        ),
+    ),
+]
+"""Headlines and causes of archives that came whole, and that uv refuses."""
+
+
+@pytest.mark.parametrize(("headline", "causes"), WHOLE, ids=[causes[-1][:40] for _, causes in WHOLE])
+@pytest.mark.parametrize("asked", [Phase.RESOLVE, Phase.INSTALL])
+def test_what_is_wrong_in_a_whole_archive_is_its_package_s(
+    headline: str, causes: tuple[str, ...], asked: Phase
+) -> None:
+    """Uv refuses to unpack what no index and no disk can have made: the package is uninstallable, in uv's words."""
+    text = f"error: {headline}\n" + "".join(f"  cause: {cause}\n" for cause in causes)
+    step = uvsays.failure(text, asked)
+
+    assert (step.phase, step.outcome) == (Phase.INSTALL, Outcome.FAILED)
+    assert step.decisive == ": ".join((headline, *causes))
+
+
+@pytest.mark.parametrize(
+    ("cause", "told"),
+    [
+        (
+            "failed to open file `$CACHE/uv/.tmpnDxtnR/odd-1.0.dist-info/RECORD`: No such file or directory (os error 2)",
+            "failed to open file `odd-1.0.dist-info/RECORD`: No such file or directory (os error 2)",
+        ),
+        (
+            "`$CACHE/uv/sdists-v11/index/9ac8/odd/1.0/h9MO/src` does not appear to be a Python project, as neither "
+            "`pyproject.toml` nor `setup.py` are present in the directory",
+            "`its source` does not appear to be a Python project, as neither `pyproject.toml` nor `setup.py` are present "
+            "in the directory",
+        ),
+    ],
+    ids=["no RECORD", "no project"],
+)
+def test_random_names_of_folders_are_not_told(cause: str, told: str) -> None:
+    """What lies in uv's cache for a moment has no name of its own in a decisive line."""
+    step = uvsays.failure(f"error: Failed to download and build `odd==1.0`\n  cause: {cause}\n", Phase.RESOLVE)
+
+    assert step.outcome is Outcome.FAILED
+    assert step.decisive == f"Failed to download and build `odd==1.0`: {told}"
+
+
+BROKEN = [
+    "Bad CRC (got 1a62d7c5, expected 08d7782b) for file: odd.py",
+    "Invalid zip file structure\n  cause: unexpected end of file",
+    "Bad uncompressed size (got 00000067, expected 000000f6) for file: odd-1.0.dist-info/RECORD",
+    "Invalid tar file\n  cause: at byte 0: failed to read tar data\n  cause: Invalid gzip header",
+]
+
+
+@pytest.mark.parametrize("cause", BROKEN)
+def test_an_archive_that_is_not_whole_is_nobody_s(cause: str) -> None:
+    """What a cut download, a broken mirror or a login page leaves behind says nothing of a package."""
+    text = f"error: Failed to download `odd==1.0`\n  cause: Failed to extract archive: odd.whl\n  cause: {cause}\n"
+
+    assert uvsays.failure(text, Phase.INSTALL).outcome is Outcome.INFRA
+
+
+def test_another_package_s_file_is_nobody_s() -> None:
+    """An index that serves another wheel under a name makes the package neither unresolvable nor uninstallable."""
+    text = (
+        "error: No solution found when resolving dependencies\n"
+        "  cause: Because odd==1.0 has an invalid package format and only odd==1.0 is available, we can conclude ...\n\n"
+        "hint: The structure of `odd` (v1.0) was invalid:\n"
+        "  The .dist-info directory `other-1.0` does not start with the normalized package name: odd\n"
+    )
+    step = uvsays.failure(text, Phase.RESOLVE)
+
+    assert (step.phase, step.outcome) == (Phase.RESOLVE, Outcome.INFRA)
+    assert step.decisive == ("the index hands out another package's file as odd (it holds other-1.0); try again later")
+
+
+def test_an_address_within_a_package_is_its_own_fault() -> None:
+    """A wheel of an index may not require an address."""
+    cause = (
+        "Package `other` was included as a URL dependency. URL dependencies must be expressed as direct requirements"
+    )
+    step = uvsays.failure(
+        f"error: Failed to resolve dependencies for package `odd==1.0`\n  cause: {cause}\n", Phase.RESOLVE
+    )
+
+    assert (step.phase, step.outcome) == (Phase.RESOLVE, Outcome.FAILED)
+    assert step.decisive == f"Failed to resolve dependencies for package `odd==1.0`: {cause}"
+
+
+@pytest.mark.parametrize(
+    ("decisive", "mended"),
+    [
+        ("Because dep was not found in the package registry and odd depends on dep, we can conclude", True),
+        ("Because odd==1.0 has an invalid package format and only odd==1.0 is available", True),
+        ("Because there is no version of mujoco==99 and you require mujoco==99", False),
+    ],
+)
+def test_what_an_index_may_have_mended_is_asked_again(decisive: str, mended: bool) -> None:
+    """A page that was missing and a broken file may be there today; a version that was never released is not."""
+    step = Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=decisive)
+
+    assert uvsays.may_be_mended(step) is mended
 
 
 @pytest.mark.parametrize(

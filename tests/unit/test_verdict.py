@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from specimens import CHECKS, LETTERS, case, cell, phase, plain, record, step, warning
 
-from harness import verdict
+from harness import misleading, verdict
 from harness.model import (
     CASE_PHASES,
     CELL_PHASES,
@@ -14,6 +14,8 @@ from harness.model import (
     Case,
     CaseRecord,
     CellRecord,
+    CheckRecord,
+    ControlRecord,
     Expectation,
     Finding,
     Level,
@@ -400,14 +402,14 @@ def expecting(what: Verdict, **more: str) -> Expectation:
             expecting(Verdict.BROKEN),
             PARTIAL,
             False,
-            "quick/py3.11-gymnasium1.2.3 does better than expected: partial instead of broken",
+            "quick/py3.11_gymnasium-1.2.3 does better than expected: partial instead of broken",
             id="better than expected",
         ),
         pytest.param(
             expecting(Verdict.BROKEN, until="2026-11-20"),
             BROKEN,
             True,
-            "quick/py3.11-gymnasium1.2.3 was expected to be broken until 2026-11-20, which has passed",
+            "quick/py3.11_gymnasium-1.2.3 was expected to be broken until 2026-11-20, which has passed",
             id="its date has passed",
         ),
         pytest.param(expecting(Verdict.BROKEN, until="2026-11-21"), BROKEN, True, None, id="on its last day"),
@@ -440,3 +442,86 @@ BOTH = {"unexpected", "stale"}
 def test_exit_code(judged: list[tuple[Verdict, bool | None]], stale: bool, fail_on: set[str], code: int) -> None:
     """1 for what is not as expected, before 3 for what could not be told, before 0."""
     assert verdict.exit_code(judged, stale=stale, fail_on=fail_on) == code
+
+
+# --- what misleads ----------------------------------------------------------------------------------------------
+
+CAMERA = Case(id="Ant-v5", env="Ant-v5", api="gymnasium", checks=(*CHECKS.values(), "render.camera"))
+
+
+def drawn(camera: Outcome, others: Outcome = Outcome.PASSED, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
+    """A case whose camera check ended so, and all else of `render` otherwise."""
+    checks = (
+        CheckRecord(check="render.rgb_array", outcome=others, decisive=None if others is Outcome.PASSED else "black"),
+        CheckRecord(check="render.camera", outcome=camera, decisive="lookat is (0.55, 0.55, 0.55)"),
+    )
+    counting = misleading.settled(checks)
+    phases = (
+        phase(Phase.IMPORT, Outcome.PASSED),
+        phase(Phase.SINGLE, single, None if single is Outcome.PASSED else "no reset"),
+        phase(Phase.VECTOR, Outcome.PASSED),
+        PhaseRecord(phase=Phase.RENDER, outcome=verdict.worst(one.outcome for one in counting), checks=checks),
+    )
+    return CaseRecord(case="Ant-v5", env="Ant-v5", api="gymnasium", required=(), phases=phases)
+
+
+def test_a_misleading_check_that_fails_leaves_its_phase_and_makes_the_verdict() -> None:
+    """The picture was drawn, so `render` passed; the cell misleads, by the line of the check."""
+    seen = record(drawn(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
+
+    judged = verdict.judge(seen)
+
+    assert (judged.verdict, judged.phase) == (Verdict.MISLEADS, Phase.RENDER)
+    assert judged.decisive == "lookat is (0.55, 0.55, 0.55)"
+    assert judged.phases[Phase.RENDER] is Outcome.PASSED
+    assert verdict.expected(seen.cell, judged, "2026-11-23")[0] is False
+    assert not verdict.fulfilled(judged.verdict, judged.phases)
+
+
+def test_misleads_comes_before_the_failures_of_other_phases() -> None:
+    """A failure stays in `phases`, and a trouble of this machine elsewhere does not hide what was shown."""
+    whole = replace(cell(), cases=(CAMERA,))
+    failed = verdict.judge(record(drawn(Outcome.FAILED, single=Outcome.FAILED), of=whole))
+    infra = verdict.judge(record(drawn(Outcome.FAILED, single=Outcome.INFRA), of=whole))
+
+    assert failed.verdict is infra.verdict is Verdict.MISLEADS
+    assert failed.phases[Phase.SINGLE] is Outcome.FAILED
+
+
+@pytest.mark.parametrize("camera", [Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE])
+def test_a_misleading_check_that_shows_nothing_harms_nobody(camera: Outcome) -> None:
+    """It passed, has no meaning here, or could not be measured: the cell works."""
+    judged = verdict.judge(record(drawn(camera), of=replace(cell(), cases=(CAMERA,))))
+
+    assert judged.verdict is Verdict.WORKS
+    assert judged.unverified == ()
+
+
+def test_a_process_that_dies_in_a_misleading_check_is_a_failure() -> None:
+    """A crash is loud: it fails the phase, and misleads nobody."""
+    judged = verdict.judge(record(drawn(Outcome.CRASHED), of=replace(cell(), cases=(CAMERA,))))
+
+    assert (judged.verdict, judged.phases[Phase.RENDER]) == (Verdict.PARTIAL, Outcome.CRASHED)
+
+
+def test_a_control_that_fails_the_same_misleading_check_makes_it_inconclusive() -> None:
+    """Where the known-good lock shows the same, the check or this machine is at fault."""
+    seen = record(drawn(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
+    same = ControlRecord(control="control gymnasium-1", failed={"render.camera": "lookat"})
+    other = ControlRecord(control="control gymnasium-1", failed={"single.contact": "passed through"})
+
+    assert verdict.judge(replace(seen, controls={"gymnasium": same})).verdict is Verdict.INCONCLUSIVE
+    assert verdict.judge(replace(seen, controls={"gymnasium": other})).verdict is Verdict.MISLEADS
+
+
+def test_misleads_may_be_expected() -> None:
+    """An expectation may name it; a cell that works then does better, and one that fails to import worse."""
+    expect = Expectation(verdict=Verdict.MISLEADS, reason="numpy 2", phase=Phase.RENDER, match="lookat")
+    whole = replace(cell(), cases=(CAMERA,), expect=expect)
+
+    assert verdict.expected(whole, verdict.judge(record(drawn(Outcome.FAILED), of=whole)), "2026")[0] is True
+    works = verdict.judge(record(drawn(Outcome.PASSED), of=whole))
+    assert verdict.expected(whole, works, "2026") == (
+        False,
+        f"{whole.id} does better than expected: works instead of misleads",
+    )

@@ -8,9 +8,11 @@ import pytest
 from specimens import case, record, step
 
 from harness import verdict
-from harness.model import CaseRecord, CellRecord, Outcome, Phase
+from harness.model import CaseRecord, CellRecord, CheckRecord, Outcome, Phase, PhaseRecord, Verdict
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import ended, further, passes, weaker
+from harness.rootcause.predicate import Predicate, failing
+from harness.search import Answer
 
 
 def trial(*cases: CaseRecord, **more: object) -> Trial:
@@ -68,3 +70,49 @@ def test_passing_up_to_a_phase() -> None:
         "passes import",
         "broken in single",
     )
+
+
+# --- what misleads ----------------------------------------------------------------------------------------------
+
+
+def drawn(camera: Outcome) -> Trial:
+    """A cell that drew a picture, with a check of its camera that ended so."""
+    ends = (("render.rgb_array", Outcome.PASSED), ("render.camera", camera))
+    checks = tuple(CheckRecord(check=name, outcome=how, decisive="looks elsewhere") for name, how in ends)
+    return trial(case("pppp", render=PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=checks)))
+
+
+def doubtful() -> Trial:
+    """A cell that works but for a silent issue that no check has refuted."""
+    one = trial(case("pppp"))
+    return replace(one, judged=replace(one.judged, unverified=("silent:camera-elsewhere",)))
+
+
+def test_what_misleads_is_no_cure_and_has_to_be_shown_right() -> None:
+    """A search takes it for red; what cures it passes the same check, in which a skip is no answer."""
+    before = drawn(Outcome.FAILED)
+
+    assert before.judged.verdict is Verdict.MISLEADS
+    assert not before.works
+    assert failing(before)
+    assert weaker(before, drawn(Outcome.PASSED)) is None
+    assert weaker(before, drawn(Outcome.SKIPPED)) == "render.camera of ant was failed before and is skipped now"
+    assert weaker(drawn(Outcome.PASSED), drawn(Outcome.SKIPPED)) is None
+
+
+def test_what_is_only_not_refuted_is_no_cure() -> None:
+    """It works, and is never handed out; nor is it a bad end."""
+    assert doubtful().judged.verdict is Verdict.WORKS
+    assert not doubtful().works
+    assert doubtful().doubtful
+    assert not failing(doubtful())
+
+
+def test_a_bisection_asks_for_the_same_misleading() -> None:
+    """What misleads alike is bad, what passes the check is good, and of what was not refuted nothing is known."""
+    asked = Predicate(failure=drawn(Outcome.FAILED).failure)
+
+    assert asked.of(drawn(Outcome.FAILED)).answer is Answer.BAD
+    assert asked.of(drawn(Outcome.PASSED)).answer is Answer.GOOD
+    assert asked.of(doubtful()).answer is Answer.UNTESTABLE
+    assert Predicate(failure=trial(case("pppf")).failure).of(drawn(Outcome.FAILED)).answer is Answer.UNTESTABLE

@@ -216,6 +216,7 @@ def test_request() -> None:
             "imports": [],
             "packages": [],
             "providers": [],
+            "beside": [],
             "timeouts": {"single": 3.0},
             "picture": None,
             "steps": 100,
@@ -259,10 +260,11 @@ def test_closure(api: str, checks: tuple[str, ...], more: tuple[str, ...]) -> No
 
 
 def test_names_of_ours_are_known() -> None:
-    """The closure of every adapter over all phases, and the door of suites, are all of the in-cell side."""
+    """Every adapter over all phases, the list of `init` and the door of suites are all of the in-cell side."""
     folder = Path(sys.modules["harness"].__file__ or "").parent / "incell"
     phases = CASE_PHASES
     loaded = {name for api in APIS for name in wire.closure(api, phases, lambda name: (folder / name).read_text())}
+    loaded |= {*wire.closure("", ("list",), lambda name: (folder / name).read_text())}
     assert loaded | {"bootstrap_suite.py"} == {path.name for path in folder.glob("*.py")}
 
 

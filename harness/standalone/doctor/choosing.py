@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 NAMES = (("bin", "python"), ("bin", "python3"), ("python",))
@@ -26,10 +27,15 @@ class Choice(NamedTuple):
         return self._asdict()
 
 
-def chosen(asked: Optional[str], variables: Mapping[str, str], folder: str) -> Choice:
-    """The environment. Raises NoEnvironment."""
+def chosen(asked: Optional[str], variables: Mapping[str, str], folder: str, running: Optional[str] = None) -> Choice:
+    """Return the environment that is meant: the one named, that of the Python `running` us, the active one, ./.venv.
+
+    Raises NoEnvironment.
+    """
     if asked is not None:
         return Choice(_asked(asked, variables, folder), "named by --python", [])
+    if running is not None:
+        return Choice(running, "it runs this file", [])
     remarks: List[str] = []
     for text, place in _places(variables, folder):
         python = _inside(place)
@@ -43,6 +49,12 @@ def chosen(asked: Optional[str], variables: Mapping[str, str], folder: str) -> C
             return Choice(found, "`{}` on PATH; no environment is active".format(name), remarks)
     message = "there is no Python here: no environment is active, ./.venv is none, and PATH has none; " + HOW
     raise NoEnvironment(message)
+
+
+def environment_running() -> Optional[str]:
+    """Return the Python that runs us where it belongs to a virtual or conda environment, else None."""
+    virtual = sys.prefix != sys.base_prefix or os.path.isdir(os.path.join(sys.prefix, "conda-meta"))
+    return sys.executable or None if virtual else None
 
 
 def _places(variables: Mapping[str, str], folder: str) -> Iterator[Tuple[str, str]]:

@@ -258,9 +258,7 @@ def mixed(facts: Told) -> List[Finding]:
         "{} {} is asked for by {}".format(api, there[api]["version"], ", ".join(names[:SHOWN]) or "no package")
         for api, names in askers.items()
     )
-    text = "gym and gymnasium are both here ({}): environments and spaces of the one are none of the other".format(
-        listed
-    )
+    text = "gym and gymnasium are both installed ({}); their environments are not interchangeable".format(listed)
     if split and "shimmy" not in there:
         return [Finding("gym.mixed", WARNING, text + "; shimmy, which translates, is not installed")]
     return [Finding("gym.mixed", NOTE, text)]

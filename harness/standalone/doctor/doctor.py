@@ -9,6 +9,7 @@ import tempfile
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .. import matching
+from ..installing import Installer, installer
 from ..matching import Seen
 from ..running import Run
 from . import choosing, declared, differences, drawing, nearest, reading
@@ -43,13 +44,17 @@ class Knowledge(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What the command line asks for, from where. `rendering` is a look at libraries, all that can be done alone."""
+    """What the command line asks for, from where. `rendering` is a look at libraries, all that can be done alone.
+
+    `running` is the Python that runs us, where that is the one that is meant.
+    """
 
     python: Optional[str]
     env: Optional[str]
     variables: Mapping[str, str]
     folder: str
     rendering: bool = False
+    running: Optional[str] = None
 
 
 More = Callable[[Choice, Told], Tuple[List[Finding], List[Seen]]]
@@ -58,7 +63,7 @@ More = Callable[[Choice, Told], Tuple[List[Finding], List[Seen]]]
 
 def document(asked: Asked, run: Run, known: Knowledge, more: Optional[More] = None) -> Dict[str, Any]:
     """All that is found. Raises NoEnvironment where there is none to look at."""
-    choice = choosing.chosen(asked.python, asked.variables, asked.folder)
+    choice = choosing.chosen(asked.python, asked.variables, asked.folder, asked.running)
     scratch = tempfile.mkdtemp(prefix="simmatrix-doctor-")
     try:
         here = Here(run, choice.python, asked.variables, asked.folder, scratch)
@@ -76,16 +81,17 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
     found = _found(here, probes, looked, apart)
     told, seen = more(choice, looked) if more else ([], [])
     causes = reading.known_causes(known.signatures, probes, looked, seen)
-    lurks = [*reading.foreseen(known.signatures, looked), *reading.quiet(known.signatures, looked)]
+    lurks = [*reading.foreseen(known.signatures, looked), *reading.quiet(known.signatures, looked, asked.env)]
     shown = {hit.known.id for hit in causes}
     lurks = [one for one in lurks if one.id not in shown]
     measured = known.measured()
     told += drawing.findings(seen_here(here), here.variables) if asked.rendering else []
     found += [*told, *map(_lurking, lurks), *nearest.failed(looked, measured)]
     found.sort(key=_rank)
-    remedies = reading.versions_asked([*(hit.known for hit in causes), *lurks])
-    near = nearest.found(looked, measured, asked.env, remedies)
-    other = None if near or asked.env is None else nearest.found(looked, measured, None, remedies)
+    issues = [*(hit.known for hit in causes), *lurks]
+    remedies = reading.versions_asked(issues)
+    near = nearest.found(looked, measured, asked.env, remedies, issues)
+    other = None if near or asked.env is None else nearest.found(looked, measured, None, remedies, issues)
     return {
         "schema": 1,
         "decisive": next((one.text for one in found if one.level == WARNING), None),
@@ -95,11 +101,13 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
         "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},
         "differences": [one.plain() for one in apart],
         "lurking": [matching.diagnosis(one) for one in lurks],
-        "nearest": _near(looked, near or other, installer(choice, looked), (asked.env, near is not None)),
+        "nearest": _near(looked, near or other, _installer(here, choice, looked), (asked.env, near is not None)),
     }
 
 
-def _near(looked: Told, near: Optional[Near], how: str, env: Tuple[Optional[str], bool]) -> Optional[Dict[str, Any]]:
+def _near(
+    looked: Told, near: Optional[Near], how: Installer, env: Tuple[Optional[str], bool]
+) -> Optional[Dict[str, Any]]:
     """The nearest as the document holds it; `env` is what was asked for, and whether that was made there."""
     if near is None:
         return None
@@ -107,6 +115,10 @@ def _near(looked: Told, near: Optional[Near], how: str, env: Tuple[Optional[str]
     made = nearest.plain(looked, near, how, name if there else None)
     said = ["{} was made in nothing that was measured".format(name)] if name and not there else []
     return dict(made, remarks=[*said, *made["remarks"]])
+
+
+def _installer(here: Here, choice: Choice, looked: Told) -> Installer:
+    return installer(choice.python, differences.versions(looked), here.variables)
 
 
 def _found(here: Here, probes: Told, looked: Told, apart: Sequence[Any]) -> List[Finding]:
@@ -187,13 +199,6 @@ def _nothing(here: Here, choice: Choice, looked: Told) -> Dict[str, Any]:
     }
 
 
-def installer(choice: Choice, looked: Told) -> str:
-    """How packages are put into this environment."""
-    if "pip" in differences.versions(looked):
-        return "{} -m pip install".format(choice.python)
-    return "uv pip install --python {}".format(choice.python)
-
-
 def code(made: Told) -> int:
     """The exit code: notes alone are no finding; a Python that is too old cannot be looked at."""
     checks = {one["check"] for one in made["findings"] if one["level"] == WARNING}
@@ -228,7 +233,7 @@ def _head(told: Told) -> Iterable[str]:
     yield from ("  {}".format(one) for one in told.get("remarks", ()))
     removed = told.get("scrubbed")
     if removed is not None:
-        looked = "looked at twice: as it is, and without your variables, your folder and the user site"
+        looked = "checked with and without your shell's variables, this folder and the user site"
         yield "  {} packages, {}".format(len(told["packages"]), looked)
     yield ""
 

@@ -5,11 +5,14 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from .. import matching
+from ..installing import Installer
 from ..keys import SIMULATORS, weight
+from ..matching import Around
 from ..requirements import Requirement, requirement
+from ..silent import plainly_good
 from ..versions import is_version, version
 from .declared import NOTE, WARNING, Finding, unmet
 from .differences import versions
@@ -65,19 +68,27 @@ def subjects(facts: Told) -> List[str]:
     return sorted(set(versions(facts)) & SIMULATORS)
 
 
-def found(facts: Told, measured: Told, env: Optional[str] = None, remedies: Sequence[str] = ()) -> Optional[Near]:
-    """The nearest, one that hurts nothing which stays before others. None where nothing known is installed.
+def found(
+    facts: Told,
+    measured: Told,
+    env: Optional[str] = None,
+    remedies: Sequence[str] = (),
+    issues: Sequence[Any] = (),
+) -> Optional[Near]:
+    """Return the nearest cell, one that hurts nothing which stays before others; None where nothing known is installed.
 
-    One that does what remedies ask for is nearer.
+    One that does what `remedies` ask for is nearer. One whose own versions run into one of the `issues` (known failures
+    of what is installed here) is no answer, whatever passed there.
     """
     wanted = subjects(facts)
-    near = [_near(facts, cell, lock, wanted, env) for cell, lock in _green(measured, env)]
+    green = _green(measured, env)
+    near = [_near(facts, cell, lock, wanted, env) for cell, lock in green if not _shares(issues, cell, lock)]
     python = facts["python"]["version"]
     near = [one for one in near if _away(one.cell["python"], python) <= FARTHEST]
     fitting = [one for one in near if len(one.uncovered) < max(len(wanted), 1)] if wanted or env else []
     asked = [requirement(text) for text in remedies]
     ordered = sorted(fitting, key=lambda one: (_against(one, asked), _order(one, facts)))[:MOST]
-    made = [_with_needs(facts, one) for one in ordered]
+    made = [_with_needs(facts, _with_missing(facts, one, asked)) for one in ordered]
     return next((one for one in made if not hurt(facts, one)), made[0] if made else None)
 
 
@@ -85,8 +96,23 @@ def _green(measured: Told, env: Optional[str]) -> Iterator[Tuple[Told, Dict[str,
     """The cells that work, with what is installed in them."""
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
-        if lock and cell["verdict"] == "works" and not cell.get("repairs") and (env is None or _has(cell, env)):
+        if lock and good(cell) and not cell.get("repairs") and (env is None or _has(cell, env)):
             yield cell, dict(lock)
+
+
+def _shares(issues: Sequence[Any], cell: Told, lock: Mapping[str, str]) -> bool:
+    """Whether the versions of a cell run into one of these known failures, as those that are installed here do."""
+    bounded = [one._replace(silent=True) for one in issues if any(map(_bounded, one.packages))]
+    return bool(matching.lurking(bounded, Around(installed=lock, python=cell["python"])))
+
+
+def _bounded(part: Any) -> bool:
+    return all(requirement(text).specifiers for text in part.requirements)
+
+
+def good(cell: Told) -> bool:
+    """Return whether a cell works, and no silent issue is left open in it."""
+    return plainly_good(cell["verdict"], cell["unverified"])
 
 
 def _has(cell: Told, env: str) -> bool:
@@ -169,6 +195,13 @@ def _gap(one: Change) -> int:
     return 1 if now[:2] == then[:2] else 2
 
 
+def _with_missing(facts: Told, one: Near, asked: Sequence[Requirement]) -> Near:
+    """Add the packages that a remedy installs, where they are in the cell and not here."""
+    there, named = versions(facts), {each.name for each in one.changes}
+    missing = dict.fromkeys(each.name for each in asked if each.name not in {*there, *named} and each.name in one.lock)
+    return one._replace(changes=(*one.changes, *(Change(name, None, one.lock[name]) for name in missing)))
+
+
 def _with_needs(facts: Told, one: Near) -> Near:
     """With the further changes that packages need which stay as they are."""
     there = versions(facts)
@@ -212,7 +245,7 @@ def failed(facts: Told, measured: Told) -> List[Finding]:
             continue
         one = _near(facts, cell, dict(lock), wanted, None)
         if not (one.changes or one.uncovered or one.foreign):
-            (green if cell["verdict"] == "works" else red).append(cell)
+            (green if good(cell) else red).append(cell)
     telling = [(cell, envs) for cell in red for envs in [_failing(cell, wanted)] if envs and cell["decisive"]]
     return [] if green else [_red(cell, envs) for cell, envs in telling[:1]]
 
@@ -222,26 +255,30 @@ def _failing(cell: Told, wanted: Sequence[str]) -> List[str]:
     return [
         case["env"]
         for case in cell["cases"]
-        if case["env"] and BRINGS.get(case["api"], case["api"]) in wanted and FAILED & set(case["phases"].values())
+        if case["env"] and BRINGS.get(case["api"], case["api"]) in wanted and _bad(case)
     ]
+
+
+def _bad(case: Told) -> bool:
+    """Return whether a case failed, or misleads."""
+    return bool(FAILED & set(case["phases"].values()) or case.get("misleads"))
 
 
 def _red(cell: Told, envs: Sequence[str]) -> Finding:
     phases = ", ".join(name for name, how in cell["phases"].items() if how in FAILED)
-    text = "measured with these versions ({}), {} fails in {}: {}".format(
-        cell["id"], ", ".join(envs), phases, cell["decisive"]
-    )
+    what = "fails in {}".format(phases) if phases else "misleads"
+    text = "measured with these versions ({}), {} {}: {}".format(cell["id"], ", ".join(envs), what, cell["decisive"])
     return Finding("measured", NOTE if cell["verdict"] == "partial" else WARNING, text)
 
 
 # --- in words --------------------------------------------------------------------------------------------------
 
 
-def command(one: Near, installer: str) -> Optional[str]:
-    """What to type."""
+def command(one: Near, installer: Installer) -> Optional[str]:
+    """Return the line that installs the changes; None where nothing has to change."""
     if not one.changes:
         return None
-    return installer + " " + " ".join(shlex.quote("{}=={}".format(each.name, each.then)) for each in one.changes)
+    return " && ".join(installer.installing(["{}=={}".format(each.name, each.then) for each in one.changes]))
 
 
 def remarks(facts: Told, one: Near) -> List[str]:
@@ -251,7 +288,7 @@ def remarks(facts: Told, one: Near) -> List[str]:
     if python != there:
         told.append("it was measured on Python {}: nothing near was measured on {}".format(there, python))
     if one.uncovered:
-        told.append("it says nothing of {}".format(", ".join(one.uncovered)))
+        told.append("{} was not part of that test".format(" and ".join(one.uncovered)))
     if one.cell.get("unverified"):
         told.append("not verified there: {}".format(", ".join(one.cell["unverified"])))
     settings = {**one.cell.get("environment", {}), **one.cell.get("supplied", {})}
@@ -260,7 +297,7 @@ def remarks(facts: Told, one: Near) -> List[str]:
     return told + ["afterwards " + text for text in hurt(facts, one)]
 
 
-def plain(facts: Told, one: Near, installer: str, env: Optional[str] = None) -> Dict[str, Any]:
+def plain(facts: Told, one: Near, installer: Installer, env: Optional[str] = None) -> Dict[str, Any]:
     """As documents hold it; `env` is the environment that was made and stepped there, as far as one was asked for."""
     cell = one.cell
     return {

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ..keys import MODULES
 from ..matching import Around, Hit, Seen, diagnose, lurking
 from ..requirements import requirement
+from ..silent import concerns
 from ..versions import canonical
 from .declared import NOTE, WARNING, Finding
 from .differences import FIRST, Difference, versions
@@ -81,9 +82,9 @@ def known_causes(known: Iterable[Any], probes: Told, facts: Told, more: Sequence
     return tuple(hit for hit in hits if hit.told)
 
 
-def quiet(known: Iterable[Any], facts: Told) -> List[Any]:
-    """The known failures without a message that what is installed runs into."""
-    return list(lurking(known, around(facts)))
+def quiet(known: Iterable[Any], facts: Told, env: Optional[str] = None) -> List[Any]:
+    """Return the silent known issues that what is installed runs into, and that speak of the environment asked for."""
+    return [one for one in lurking(known, around(facts)) if concerns(one, env, None)]
 
 
 def foreseen(known: Iterable[Any], facts: Told) -> List[Any]:

@@ -11,8 +11,10 @@ import sys
 import tempfile
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
-from .. import packages
+from .. import packages, wrapping
+from ..installing import installer
 from ..matching import Known
+from ..opening import opened
 from ..packages import Packages
 from ..requirements import requirement
 from . import explaining, keeping, wording
@@ -125,7 +127,10 @@ def _placed(place: Place, around: Optional[Packages], asked: Tuple[str, ...]) ->
     if around is None:
         return place._replace(asked=asked)
     return place._replace(
-        python=around.python, version=around.version, asked=asked or tuple(wording.subjects(around.installed))
+        python=around.python,
+        version=around.version,
+        asked=asked or tuple(wording.subjects(around.installed)),
+        installer=installer(around.python, around.installed or None),
     )
 
 
@@ -148,7 +153,7 @@ def _end(ended: Any) -> str:
 
 
 def _print(made: Explained, place: Place, stream: TextIO, *before: str) -> None:
-    text = "\n".join([*before, *wording.lines(made, place)])
+    text = "\n".join([*before, *wrapping.wrapped(wording.lines(made, place), wrapping.width(stream))])
     encoding = getattr(stream, "encoding", None) or "utf-8"
     print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
 
@@ -184,7 +189,7 @@ def _read(file: Optional[str]) -> Kept:
     if file in {None, "-"}:
         return keeping.kept(sys.stdin.buffer.read if sys.stdin else io.BytesIO().read)
     try:
-        with open(str(file), "rb") as stream:
+        with opened(str(file)) as stream:
             return keeping.kept(stream.read)
     except OSError as error:
         message = "explain: {}: cannot be read: {}".format(file, error.strerror)

@@ -152,7 +152,7 @@ def _candidates(
     """Those that nothing speaks against, and for broad ones all; and the broad ones for which it cannot be told."""
     sure: List[matching.Known] = []
     could: List[matching.Known] = []
-    loud = [one for one in known if not one.silent and _of_python(one, python)]
+    loud = [one for one in known if one.loud and _of_python(one, python)]
     for one, fits in zip(loud, matching.standing(loud, around)):
         broad = one.generic or one.pattern is None
         if fits or (fits is None and not broad):

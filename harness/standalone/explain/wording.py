@@ -6,6 +6,7 @@ import re
 import shlex
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
+from ..installing import Installer, installer
 from ..matching import Hit
 from ..remedies import in_words
 from .explaining import Explained
@@ -18,7 +19,7 @@ LIKE_IT = 2
 class Place(NamedTuple):
     """Where a failure is explained: how we are called, the interpreter that failed, the command, and what was kept.
 
-    `asked` are requirements that lead to the same combination.
+    `asked` are requirements that lead to the same combination, `installer` serves the environment that failed.
     """
 
     program: str = "simmatrix"
@@ -28,6 +29,7 @@ class Place(NamedTuple):
     kept: Optional[str] = None
     asked: Sequence[str] = ()
     version: Optional[str] = None
+    installer: Optional[Installer] = None
 
 
 # --- an explanation --------------------------------------------------------------------------------------------
@@ -107,11 +109,9 @@ def following(made: Explained, place: Place) -> Iterator[str]:
         command = " ".join(map(shlex.quote, place.command)) or "COMMAND"
         yield "{} explain -- env {}=1 {}".format(place.program, FAULTS, command)
         yield "  so that a worker that crashes says where, and all that the workers write is kept"
-    yield "{} doctor --python {}{}".format(
-        place.program,
-        shlex.quote(place.python or "PATH"),
-        " --prove" if made.cause is not None and not place.alone else "",
-    )
+    named = ["--python", shlex.quote(place.python)] if place.python else []
+    proving = ["--prove"] if made.cause is not None and not place.alone else []
+    yield " ".join([place.program, "doctor", *named, *proving])
     yield from _tried(made, place)
     if made.cause is None:
         terms = search_terms(made)
@@ -122,12 +122,12 @@ def following(made: Explained, place: Place) -> Iterator[str]:
 def _applied(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
     """The remedy as it is typed."""
     asked = [*remedy.get("requirements", ()), *remedy.get("constraints", ())]
-    python = shlex.quote(place.python) if place.python else "python"
-    if asked:
-        yield "{} -m pip install {}".format(python, " ".join(map(shlex.quote, asked)))
     gone = remedy.get("uninstall", ())
+    by = place.installer or installer(place.python)
+    if asked:
+        yield from by.installing(asked)
     if gone:
-        yield "{} -m pip uninstall {}".format(python, " ".join(map(shlex.quote, gone)))
+        yield from by.uninstalling(gone)
     for name, value in (remedy.get("environment") or {}).items():
         yield "export {}={}".format(name, shlex.quote(value)) if value else "unset {}".format(name)
     for name, value in (remedy.get("build_variables") or {}).items():
@@ -166,6 +166,7 @@ SUBJECTS = frozenset(
 def search_terms(made: Explained) -> str:
     """The decisive line without what differs between machines, and the packages that the text names."""
     first = (made.told.decisive or "").partition(" / ")[0]
-    line = re.sub(r"^(?:ERROR|error): |(?:[A-Za-z]:)?(?:[/\\][\w.+-]+){2,}|\b0x[0-9a-f]+\b|\bline \d+", " ", first)
-    named = [name for name in made.hints.packages if name in SUBJECTS and name not in line][:3]
-    return " ".join([" ".join(re.sub(r"[\"`…]", " ", line).split())[:160], *named]).strip()
+    named = re.sub(r"(?:[A-Za-z]:)?(?:[/\\][\w.+-]+)*[/\\]([\w.+-]+)", r"\1", first)  # a file's name is worth a search
+    line = re.sub(r"^(?:ERROR|error): |\b0x[0-9a-f]+\b|\bline \d+", " ", named)
+    packages = [name for name in made.hints.packages if name in SUBJECTS and name not in line][:3]
+    return " ".join([" ".join(re.sub(r"[\"`…]", " ", line).split())[:160], *packages]).strip()

@@ -156,6 +156,15 @@ def wait_for(happened: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
+def below(pid: int) -> list[int]:
+    """Processes that another has started, and those that these have."""
+    found = []
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, file.read_text().split()):
+            found += [child, *below(child)]
+    return found
+
+
 def processes_of(mark: str) -> list[int]:
     """Processes that have a text in their variables or in their command line."""
     found = []

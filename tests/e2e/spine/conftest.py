@@ -10,16 +10,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+import shelf
 import wheelhouse as fakes
 from commandline import SMALL, Desk, Measured, Ran
 from filelock import FileLock
-
-from harness import index, interpreters, uv
-from harness.errors import CouldNotTell
-from harness.model import Lock, Question
-
-REAL, AS_OF = ("gymnasium==1.2.3", "pytest==9.0.2"), "2026-01-01T00:00:00Z"
-"""What the fakes and their suites need of the real index, with all that it needs itself."""
 
 
 @pytest.fixture(scope="session")
@@ -34,36 +28,21 @@ def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def wheels(together: Path, pytestconfig: pytest.Config) -> Path:
     """The fakes, and the few real wheels that they need: downloaded once, then kept in pytest's own cache."""
-    shelf = together / "wheels"
+    folder = together / "wheels"
     with FileLock(together / "wheels.lock"):
-        if not shelf.exists():
+        if not folder.exists():
             making = fakes.make(together / "making")
             for wheel in _downloaded(pytestconfig.cache.mkdir("wheels"), together):  # type: ignore[union-attr]
                 shutil.copy(wheel, making)
-            making.rename(shelf)
-    return shelf
+            making.rename(folder)
+    return folder
 
 
 def _downloaded(kept: Path, together: Path) -> Iterable[Path]:
-    host = interpreters.find("host")
-    assert host
-    folder = kept / f"{'-'.join(REAL)}-{AS_OF[:10]}-{host.minor}"
-    if not folder.exists():
-        making = kept / "making"
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("HARNESS_CACHE", str(together / "downloads"))
-            lock = uv.resolve(
-                Question(requirements=REAL, only_binary=(":all:",), snapshot=AS_OF), host, together / "log"
-            )
-            try:
-                for pin in lock.pins if isinstance(lock, Lock) else ():
-                    index.fetch(pin.artifact, making)
-            except CouldNotTell:
-                pytest.skip("unavailable: package index")
-        if not isinstance(lock, Lock):
-            pytest.skip("unavailable: package index")
-        making.rename(folder)
-    return folder.glob("*/*.whl")
+    try:
+        return shelf.downloaded(kept, together / "downloads")
+    except shelf.NoIndex:
+        pytest.skip("unavailable: package index")
 
 
 @pytest.fixture

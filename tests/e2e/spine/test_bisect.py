@@ -22,6 +22,8 @@ import os
 VERSION = (1, int("@VERSION@".split(".")[1]))
 if VERSION < (1, 6):
     grip = True
+if VERSION < (1, 3):
+    early = True
 
 
 def chained():
@@ -37,6 +39,12 @@ def sometimes():
             file.write(os.environ["HOME"])
     lucky = VERSION == (1, 6) and open(first).read() == os.environ["HOME"]
     assert lucky or VERSION < (1, 6), "out of luck"
+
+
+def window():
+    assert VERSION >= (1, 8), "too old for it"
+    if VERSION > (1, 8):
+        raise AttributeError(f"tool 1.{VERSION[1]} has no window")
 """
 DAYS = {f"1.{number}": f"2026-03-{number + 1:02}" for number in range(14)}
 NEW = "import sys\n\nif sys.version_info >= (3, @MINOR@):\n    raise ImportError('this is too new')\n"
@@ -55,6 +63,11 @@ RELEASES = [
     robot("fine", "import tool", ["tool"]),
     robot("hopeless", "import tool; tool.none", ["tool>=1.12"]),
     robot("sometimes", "import tool; tool.sometimes()", ["tool"]),
+    robot("declares", "import tool; tool.early", ["tool>=1.2"]),
+    robot("picky", "import tool", ["tool<1.8"]),
+    *line("late", {"1.0": LONG_AGO, "2.0": "2026-03-20"}, "VERSION = '@VERSION@'\n"),
+    robot("slow", "import late; assert late.VERSION < '2'", ["late"]),
+    robot("window", "import tool; tool.window()", ["tool"]),
 ]  # fmt: skip
 MATRIX = """
 snapshot = "2026-10-01"
@@ -67,7 +80,7 @@ python = ["host"]
 {cells}
 """
 CELL = """{name} = {{ requirements = [{requirements}], cases = [{{ {case} }}]{more} }}"""
-ROBOTS = ("arm", "chain", "fine", "hopeless", "sometimes")
+ROBOTS = ("arm", "chain", "fine", "hopeless", "sometimes", "window", "declares", "slow")
 
 
 @pytest.fixture(scope="session")
@@ -103,6 +116,13 @@ def written(desk: Desk, index: str) -> Path:
         for name in ROBOTS
     ]
     lines.append(CELL.format(name="new", requirements='"new==1.0"', case='imports = ["new"]', more=""))
+    picky = CELL.format(
+        name="picky",
+        requirements='"picky==1.0", "tool==1.13"',
+        case='env = "picky:picky-v0", api = "gymnasium"',
+        more="",
+    )
+    lines.append(picky)
     lines.append(CELL.format(name="loads", requirements='"tool<1.13"', case='imports = ["tool"]', more=""))
     return desk.matrix("market", MATRIX.format(index=index, cells="\n".join(lines)))
 
@@ -146,6 +166,33 @@ def test_release_that_nobody_pinned(desk: Desk, index: str) -> None:
     assert neighbours(msgspec.json.decode(again.out, type=BisectDocument)) == ("1.5", "1.6")
 
 
+def test_range_between_two_failures(desk: Desk, index: str) -> None:
+    """One release that works between older and newer ones that fail is found; the headline has its neighbour's line."""
+    ran, made = bisected(desk, index, "window", "--axis", "tool")
+
+    assert (ran.code, neighbours(made)) == (0, ("1.8", "1.9"))
+    assert made.claim == (
+        "tool 1.8 is the last that works and tool 1.9 the first that fails with AttributeError: tool 1.9 has no window"
+    )
+    assert any(one.startswith("only a range works: tool 1.") for one in made.told)
+
+
+def test_first_guess_is_what_packages_declare(desk: Desk, index: str) -> None:
+    """The release that a package asks for at least is tried before any other."""
+    _, made = bisected(desk, index, "declares", "--axis", "tool")
+
+    assert neighbours(made) == ("1.2", "1.3")
+    assert [run.candidate for run in made.runs][:2] == ["1.13", "1.2"]
+
+
+def test_end_without_a_lock(desk: Desk, index: str) -> None:
+    """Two locks are not compared where one of them does not exist."""
+    _, made = bisected(desk, index, "picky", "--axis", "tool")
+
+    assert neighbours(made) == ("1.6", "1.8")
+    assert made.moved == ()
+
+
 def test_what_cannot_be_installed_lies_between(desk: Desk, index: str) -> None:
     """A boundary beside a release that nobody can install is told as a range where it has to be."""
     _, made = bisected(desk, index, "arm", "--axis", "tool", "--good", "1.3", "--bad", "1.8")
@@ -160,6 +207,15 @@ def test_day(desk: Desk, index: str) -> None:
 
     assert (ran.code, neighbours(made)) == (0, ("2026-03-06", "2026-03-07"))
     assert [(one.name, one.good, one.bad) for one in made.moved] == [("tool", "1.5", "1.6")]
+
+
+def test_last_good_day(desk: Desk, index: str) -> None:
+    """Is the day before the upload that broke it, however long before that the index was the same."""
+    _, made = bisected(desk, index, "slow", "--date")
+
+    assert made.claim.startswith(
+        "the index of 2026-03-19 is the last that works and the index of 2026-03-20 the first that fails with "
+    )
 
 
 def test_python(desk: Desk, index: str, host: interpreters.Interpreter) -> None:
@@ -198,7 +254,7 @@ def test_two_causes_in_a_row(desk: Desk, index: str) -> None:
         ("arm", ("--good", "1.4"), "refused", "the good end cannot be tested: 1.4"),
         ("fine", (), "refused", "is not bad: it works"),
         ("loads", (), "refused", "is not bad: it passes import, all that was asked for"),
-        ("hopeless", (), "no good end", "no candidate was found that works"),
+        ("hopeless", (), "no good end", "no candidate was found that works: 14 of 14 candidates were tried"),
     ],
 )
 def test_ends_that_do_not_hold(

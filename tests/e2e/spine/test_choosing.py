@@ -46,7 +46,7 @@ def test_chosen_by_lock_and_read_by_every_verb(desk: Desk) -> None:
     assert {(each["fake-plain"], each["second"]) for each in axes} == set(product(VERSIONS, "abc"))
     assert {(each["first"], each["second"]) for each in axes} == set(product(("good", "better"), "abc"))
     bad, rest = after.document["dropped"]
-    assert (bad["id"].partition("-")[2], bad["count"]) == ("*-bad-*", 9)
+    assert (bad["id"].partition("_")[2], bad["count"]) == ("*_bad_*", 9)
     assert bad["reason"].startswith("does not resolve: Because only fake-plain>=1.0 is available")
     assert rest["reason"].endswith("but for these, excluded or without a resolution: first bad")
     assert rest["count"] + 9 + len(axes) == 27

@@ -10,6 +10,7 @@ import pytest
 from commandline import Measured, processes_of
 
 SEGFAULT = r"killed by SIGSEGV \(Fatal Python error: Segmentation fault\) in string_at, ctypes/__init__\.py line \d+"
+OTHERS = ("import.modules", "single.loop", "vector.sync", "render.rgb_array")
 VIOLATION = "ContractViolation: "
 XML_ERROR = "ValueError: XML Error: Schema violation: unrecognized attribute: 'springinertia' / Element 'body', line 3"
 
@@ -28,6 +29,8 @@ WORKING = (
     "late-raise",
     "late-ignored",
     "late-crash",
+    "placed",
+    "settling",
 )
 """Nothing of what is wrong with these stops a user's loop."""
 
@@ -67,7 +70,7 @@ RED = {
         "broken",
         "single",
         "failed",
-        VIOLATION + r"reset\(\) returned an observation that has dtype float64, its space float32",
+        VIOLATION + r"reset\(\) returned an observation that has dtype complex(64|128), its space float32",
     ),
     "non-finite": (
         "broken",
@@ -103,6 +106,16 @@ RED = {
     "undeclared": ("import_fails", "import", "failed", "ModuleNotFoundError: No module named 'packaging'"),
 }
 """Defect to verdict, the phase that decided it, how that phase ended, and the decisive line."""
+
+MISLEADING = {
+    "misplaced": (
+        "single",
+        "single.start_pose",
+        VIOLATION
+        + r"after reset\(\) 2 of 2 joints are not where initial_qpos has them: 'base:1' is at 0, not at 0\.48",
+    )
+}
+"""Defect to the phase and the check that showed what contradicts its own specification, and the decisive line."""
 
 IN_WORKERS = r"the same seed and actions give other values in vector\.async\.fork than in vector\.sync, from step "
 A_TUPLE = r"(reset|step)\(\) returned an observation that is a tuple of 3 where an array was promised"
@@ -158,7 +171,7 @@ FOUND = {
 
 def test_every_defect_is_looked_at(defects: Measured) -> None:
     """The tables above and the matrix name the same defects, so that none is measured and not looked at."""
-    assert sorted(defects.ran.cells("defect")) == sorted({*WORKING, *RED})
+    assert sorted(defects.ran.cells("defect")) == sorted({*WORKING, *RED, *MISLEADING})
 
 
 @pytest.mark.parametrize("defect", WORKING)
@@ -175,6 +188,34 @@ def test_what_stops_a_loop_is_red(defects: Measured, defect: str) -> None:
     verdict, phase, outcome, decisive = RED[defect]
     assert (cell["verdict"], cell["phase"], cell["phases"][phase]) == (verdict, phase, outcome)
     assert re.fullmatch(decisive, cell["decisive"]), cell["decisive"]
+
+
+@pytest.mark.parametrize("defect", MISLEADING)
+def test_what_contradicts_itself_misleads(defects: Measured, defect: str) -> None:
+    """A defect that raises nothing and contradicts what the environment says leaves its phase passed, and misleads."""
+    cell = defects.ran.cells("defect")[defect]
+    phase, check, decisive = MISLEADING[defect]
+    assert (cell["verdict"], cell["phase"], cell["phases"][phase]) == ("misleads", phase, "passed")
+    assert [(case["misleads"], case["checks"][check]) for case in cell["cases"]] == [([check], "failed")]
+    assert re.fullmatch(decisive, cell["decisive"]), cell["decisive"]
+    assert check not in {finding["check"] for finding in cell["findings"]}
+
+
+@pytest.mark.parametrize(
+    ("defect", "outcomes"),
+    [
+        ("placed", ("passed", "not_reached", "passed", "passed")),
+        ("settling", ("skipped", "not_reached", "passed", "passed")),
+        ("healthy", ("skipped", "skipped", "skipped", "passed")),
+        ("tuple", ("skipped", "skipped", "skipped", "not_reached")),
+    ],
+)
+def test_what_cannot_be_compared_is_skipped(defects: Measured, defect: str, outcomes: tuple[str, ...]) -> None:
+    """A check without a specification, or of something else than MuJoCo, or with a fault of ours, says nothing."""
+    (case,) = defects.ran.cells("defect")[defect]["cases"]
+    names = ("single.start_pose", "single.contact", "single.solver", "single.arrays")
+    assert tuple(case["checks"][name] for name in names) == outcomes
+    assert case["misleads"] == []
 
 
 @pytest.mark.parametrize("defect", FOUND)
@@ -200,8 +241,8 @@ def test_a_failed_single_leaves_the_rest_unreached(defects: Measured) -> None:
 def test_other_checks_still_report(defects: Measured, defect: str) -> None:
     """Workers that die take neither the checks before them nor those after them along."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
-    outcomes = {check: outcome for check, outcome in case["checks"].items() if check != "vector.async.fork"}
-    assert outcomes == dict.fromkeys(("import.modules", "single.loop", "vector.sync", "render.rgb_array"), "passed")
+    outcomes = {check: case["checks"][check] for check in case["checks"] if check in OTHERS}
+    assert outcomes == dict.fromkeys(OTHERS, "passed")
 
 
 @pytest.mark.parametrize("defect", ["worker-raises", "worker-exits", "worker-crashes"])

@@ -167,7 +167,7 @@ def test_a_folder_tells_what_it_is_not(
 
     assert early.code == 2
     assert early.err == (
-        f"simmatrix: {folder}/manifest.json: No such file or directory; "
+        f"simmatrix: {folder}/manifest.json: cannot be read: No such file or directory; "
         f"`simmatrix fetch MATRIX --to {folder}` makes it, and goes on where it was\n"
     )
 
@@ -217,7 +217,7 @@ def test_a_folder_tells_what_it_is_not(
     cells = json.loads((folder / "manifest.json").read_text())["cells"]
 
     assert "was changed since it was fetched; its cells are fetched anew" in grown.err
-    assert [cell["id"].rpartition("-")[2] for cell in cells] == ["more"]
+    assert [cell["id"].rpartition("_")[2] for cell in cells] == ["more"]
 
 
 def test_a_python_of_uvs_is_packed_and_runs_elsewhere(tmp_path: Path) -> None:
@@ -247,7 +247,7 @@ def assert_manifest(folder: Path, found: dict[str, tuple[int, bytes]]) -> None:
         for name, (_, content) in found.items()
         if name != "manifest.json" and not name.startswith(".")
     }
-    cells = {cell["id"].rpartition("-")[2]: cell for cell in manifest["cells"]}
+    cells = {cell["id"].rpartition("_")[2]: cell for cell in manifest["cells"]}
     everything = b"".join(content for name, (_, content) in found.items() if name.endswith((".json", ".txt")))
 
     assert manifest["files"] == files

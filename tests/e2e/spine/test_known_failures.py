@@ -97,7 +97,7 @@ def tried(desk: Desk, changed: Measured) -> Desk:
 def cells(desk: Desk, folder: str = ".harness/reports/layers") -> dict[str, dict[str, Any]]:
     """The cells of a report by what stands behind the base's label."""
     made = json.loads((desk.folder / folder / "report.json").read_text(encoding="utf-8"))
-    return {cell["id"].partition("-red")[2] or "red": cell for cell in made["cells"]}
+    return {cell["id"].partition("_red")[2] or "red": cell for cell in made["cells"]}
 
 
 def test_cause_changes_and_proof(changed: Measured) -> None:
@@ -108,18 +108,18 @@ def test_cause_changes_and_proof(changed: Measured) -> None:
     assert changed.ran.code == 0
     assert ends == {
         "red": ("partial", "vector", XML),
-        "-with-cure": ("works", None, None),
-        "-with-half": ("partial", "render", BLANK),
-        "-with-advice": ("partial", "vector", XML),
+        "_with-cure": ("works", None, None),
+        "_with-half": ("partial", "render", BLANK),
+        "_with-advice": ("partial", "vector", XML),
     }
     deepest, mask = red["diagnoses"]
     assert (deepest["signature"], deepest["proven"], deepest["seen"]) == ("default-renamed", True, XML)
-    assert (deepest["proof"], deepest["remedy"]) == (found["-with-cure"]["id"], {"requirements": ["fake-layers>=3"]})
+    assert (deepest["proof"], deepest["remedy"]) == (found["_with-cure"]["id"], {"requirements": ["fake-layers>=3"]})
     assert (mask["signature"], mask["masks"], mask["proven"]) == ("reset", True, False)
-    assert found["-with-cure"]["change"]["remedy_of"] == ["default-renamed"]
-    assert found["-with-cure"]["installed"]["fake-layers"] == "3.0"
-    assert (found["-with-half"]["diagnoses"], found["-with-half"]["change"]["remedy_of"]) == ([], [])
-    assert not found["-with-advice"]["diagnoses"][0]["proven"]
+    assert found["_with-cure"]["change"]["remedy_of"] == ["default-renamed"]
+    assert found["_with-cure"]["installed"]["fake-layers"] == "3.0"
+    assert (found["_with-half"]["diagnoses"], found["_with-half"]["change"]["remedy_of"]) == ([], [])
+    assert not found["_with-advice"]["diagnoses"][0]["proven"]
 
 
 def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
@@ -135,10 +135,10 @@ def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
     ):
         assert row in page
     assert "the model gives its outermost default class a name <https://example.org/issues/1>" in page
-    assert f"- Proven: {base[:-1]}-with-cure` works, with the lock [locks/" in page
+    assert f"- Proven: {base[:-1]}_with-cure` works, with the lock [locks/" in page
     out = changed.ran.out
     assert "default-renamed: the model gives its outermost default class a name" in out
-    assert f"remedy: install fake-layers>=3 (proven by {base[1:-1]}-with-cure)" in out
+    assert f"fix: install fake-layers>=3 (proven by {base[1:-1]}_with-cure)" in out
     assert "cures: cure: install `fake-layers>=3` " in out
 
 
@@ -148,7 +148,7 @@ def test_show_says_whether_the_remedy_is_proven(tried: Desk) -> None:
     told = "known as default-renamed\n  cause      the model gives its outermost default class a name\n"
     assert told in shown.out
     assert "  remedy     install `fake-layers>=3`\n  proven     by layers/" in shown.out
-    other = tried.run("show", "*-with-half", **known(tried)).out
+    other = tried.run("show", "*_with-half", **known(tried)).out
     assert " with half: install `fake-layers==2.0`\n  tried because: the next release\n" in other
 
 
@@ -194,7 +194,7 @@ def test_accept_speaks_of_a_changed_cell_by_its_label(tried: Desk) -> None:
     path.write_text("".join(line for line in lines if "blank frame" not in line), encoding="utf-8")
     assert tried.run("run", "layers.toml", **variables).code == 1
     made = tried.run("accept", "layers.toml", "-k", "*", "--reason", "black", **variables)
-    label = cells(tried)["-with-half"]["id"].partition("/")[2]
+    label = cells(tried)["_with-half"]["id"].partition("/")[2]
     assert (made.code, made.out.splitlines()[:2]) == (0, ["[[expect]]", f'cells = "{label}"'])
     assert tried.run("run", "layers.toml", **variables).code == 0
 
@@ -207,9 +207,9 @@ def test_remedies_are_proven_on_demand(tried: Desk) -> None:
     assert (plain.code, list(cells(tried)), cells(tried)["red"]["diagnoses"][0]["proven"]) == (0, ["red"], False)
     ran = tried.run("run", "layers.toml", "--prove", **variables)
     found = cells(tried)
-    assert (ran.code, list(found)) == (0, ["red", "-with-default-renamed"])
+    assert (ran.code, list(found)) == (0, ["red", "_with-default-renamed"])
     assert "1 red cell to be run again, each with the remedy of a known failure\n" in ran.err
-    proof = found["-with-default-renamed"]
+    proof = found["_with-default-renamed"]
     assert (proof["verdict"], proof["as_expected"], proof["base"]) == ("works", None, found["red"]["id"])
     assert found["red"]["diagnoses"][0]["proof"] == proof["id"]
     (tried.folder / "signatures" / "layers.toml").write_text(SIGNATURES.replace(">=3", "==1.0"), encoding="utf-8")
@@ -219,7 +219,7 @@ def test_remedies_are_proven_on_demand(tried: Desk) -> None:
     (tried.folder / "signatures" / "layers.toml").write_text(wrong, encoding="utf-8")
     again = tried.run("run", "layers.toml", "--prove", "-j", "1", HARNESS_SIGNATURES=variables["HARNESS_SIGNATURES"])
     found = cells(tried)
-    assert (again.code, found["-with-default-renamed"]["verdict"]) == (0, "partial")
+    assert (again.code, found["_with-default-renamed"]["verdict"]) == (0, "partial")
     assert not found["red"]["diagnoses"][0]["proven"]
     assert "another failure behind it: default-renamed" in again.out
 
@@ -229,8 +229,8 @@ def test_why_a_change_is_tried_changes_no_result(tried: Desk) -> None:
     path = tried.folder / "layers.toml"
     path.write_text(path.read_text(encoding="utf-8").replace("the next release", "one more"), encoding="utf-8")
     ran = tried.run("run", "layers.toml", "-k", "*-red", **known(tried))
-    assert (ran.code, cells(tried)["-with-half"]["change"]["reason"]) == (0, "one more")
-    assert cells(tried)["-with-half"]["verdict"] == "partial"
+    assert (ran.code, cells(tried)["_with-half"]["change"]["reason"]) == (0, "one more")
+    assert cells(tried)["_with-half"]["verdict"] == "partial"
 
 
 def test_shards_are_merged_with_their_proof(tried: Desk) -> None:
@@ -240,7 +240,7 @@ def test_shards_are_merged_with_their_proof(tried: Desk) -> None:
     for number, part in enumerate(parts, start=1):
         tried.run("run", "layers.toml", "--shard", f"{number}/2", "--out", part, **variables)
     where = {name: part for part in parts for name in cells(tried, part) if cells(tried, part)[name]["measured"]}
-    assert where["red"] != where["-with-cure"]
+    assert where["red"] != where["_with-cure"]
     assert not cells(tried, where["red"])["red"]["diagnoses"][0]["proven"]
     assert tried.run("merge", *parts, "--out", "whole", **variables).code == 0
     assert cells(tried, "whole")["red"]["diagnoses"][0]["proven"]

@@ -32,7 +32,7 @@ def results(path: Path) -> dict[str, tuple[str, str | None]]:
 def minor(desk: Desk) -> str:
     """The Python of the tests, as cells name it."""
     label = desk.run("plan", "small.toml", "--json").document["cells"][0]["id"]
-    return label.partition("/py")[2].partition("-")[0]
+    return label.partition("/py")[2].partition("_")[0]
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:
 
     ran = nox_desk.run("-l", module="nox", HARNESS_MATRICES=asked)
 
-    small = [f"cell(small/py{python}-good)", f"cell(small/py{python}-blank)"]
+    small = [f"cell(small/py{python}_good)", f"cell(small/py{python}_blank)"]
     unplanned = [f"cell({name})" for name in ("range.toml", "smal.toml", "quickstrat")]
     assert (ran.code, listed(ran.out)) == (0, [*small, *unplanned, "matrix(big/py3.9)", "matrix(big/py3.10)"])
     assert f"- {small[0]} [small,py{python}] -> Measure one cell, or reuse what is known of it." in ran.out
@@ -83,8 +83,8 @@ def test_a_session_ends_as_its_cell(nox_desk: Desk) -> None:
 
     ended = results(nox_desk.folder / "report.json")
     assert ran.code == 1
-    assert ended[f"cell(small/py{python}-good)"] == ("success", None)
-    blank = ended[f"cell(small/py{python}-blank)"]
+    assert ended[f"cell(small/py{python}_good)"] == ("success", None)
+    blank = ended[f"cell(small/py{python}_blank)"]
     assert blank[0] == "aborted"
     assert str(blank[1]).startswith("not as expected: partial in render: ")
     unsure = ended[f"cell(away/py{python})"]

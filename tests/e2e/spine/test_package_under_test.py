@@ -91,7 +91,7 @@ def measured(desk: Desk, text: str, *more: str) -> tuple[Ran, dict[str, dict[str
     """Run a matrix of the project: how that ended, and the cells by label."""
     ran = desk.run("run", desk.matrix("matrices/own", text), "--json", *more)
     assert ran.out, ran.err
-    return ran, {cell["id"].partition("/")[2].partition("-")[2] or "one": cell for cell in ran.document["cells"]}
+    return ran, {cell["id"].partition("/")[2].partition("_")[2] or "one": cell for cell in ran.document["cells"]}
 
 
 def made(desk: Desk, cells: dict[str, dict[str, Any]]) -> dict[str, int]:
@@ -156,7 +156,7 @@ def test_a_new_commit_reuses_locks_and_environments(desk: Desk, project: Path, g
 
 
 def test_a_suite_that_would_move_a_pin(desk: Desk, project: Path) -> None:
-    """Tests that ask for another version of the cell's package leave it alone: that cell cannot be told."""
+    """Tests that ask for another version of the cell's package are not run: the cell keeps the verdict of its cases."""
     text = (
         f'subject = "."\n{INDEX}[suite]\ngroups = ["test"]\n[axes]\npython = ["host"]\nfake-plain = ["1.0", "3.0"]\n'
         '[[expect]]\ncells = "*1.0"\nverdict = "works"\nreason = "never so"\n'
@@ -164,12 +164,13 @@ def test_a_suite_that_would_move_a_pin(desk: Desk, project: Path) -> None:
     ran, cells = measured(desk, text)
 
     assert ran.code == 3
-    assert cells["fake-plain3.0"]["verdict"] == "works"
-    told = cells["fake-plain1.0"]
-    assert (told["verdict"], told["phase"], told["phases"]["import"]) == ("inconclusive", "suite", "passed")
+    assert cells["fake-plain-3.0"]["verdict"] == "works"
+    told = cells["fake-plain-1.0"]
+    assert (told["verdict"], told["as_expected"], told["phases"]["import"]) == ("not_run", None, "passed")
+    assert (told["suite"]["outcome"], told["phases"]["suite"]) == ("not_reached", "not_reached")
     assert told["installed"] == {"fake-plain": "1.0", "own-envs": "1.0"}
-    assert told["decisive"].startswith("the tests cannot have their packages beside the cell's: Because ")
-    assert "fake-plain==1.0" in told["decisive"]
+    assert told["suite"]["decisive"].startswith("the tests cannot have their packages beside the cell's: Because ")
+    assert "fake-plain==1.0" in told["suite"]["decisive"]
 
 
 def test_a_repository_and_what_requires_it(desk: Desk, project: Path, git: Callable[..., str]) -> None:

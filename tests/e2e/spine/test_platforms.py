@@ -57,7 +57,7 @@ def test_github(desk: Desk) -> None:
     told = [line for line in jobs["merge"][0].log.splitlines() if line.startswith("::error")]
     assert platform.results() == {"plan": "success", "shard": "success", "merge": "failure", "simmatrix": "failure"}
     assert jobs["merge"][0].failed == ["Judge"]
-    assert [line.endswith(f"-{lost}::not run") for line in told] == [True], told
+    assert [line.endswith(f"_{lost}::not run") for line in told] == [True], told
     assert jobs["merge"][0].summary.startswith("# small")
 
 

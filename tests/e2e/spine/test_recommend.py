@@ -16,14 +16,17 @@ def test_what_was_run_here_is_known(desk: Desk) -> None:
     plain = desk.run("recommend", "fake-healthy", "--lock-out", "lock.txt")
 
     assert (before.code, before.document["measured"], before.document["unknown"]) == (1, [], ["fake-healthy"])
+    assert before.err == "note: the package index could not be asked whether this exists: fake-healthy\n"
     (one,) = after.document["measured"]
     assert (after.code, len(one["cells"])) == (0, 1)
-    assert one["cell"].endswith("-good")
+    assert one["cell"].endswith("_good")
     assert one["phases"]["render"] == "passed"
     (lock,) = (desk.state / "reports/small/locks").glob("*.txt")
-    assert (desk.folder / "lock.txt").read_bytes() == lock.read_bytes() == one["lock"].encode()
+    header, _, text = (desk.folder / "lock.txt").read_text().partition("lock.txt\n")
+    assert text == lock.read_text() == one["lock"]
+    assert header.startswith("# simmatrix: small/")
     assert hashlib.sha256(lock.read_bytes()).hexdigest() == one["lock_sha256"]
-    assert "measured and found good" in plain.out
+    assert "fake-healthy==1.0" in plain.out.splitlines()[0]
 
 
 def test_results_of_others_are_layered(desk: Desk) -> None:
@@ -36,5 +39,5 @@ def test_results_of_others_are_layered(desk: Desk) -> None:
     wrong = desk.run("recommend", "fake-healthy", HARNESS_RESULTS="nowhere", **elsewhere)
 
     assert (without.code, layered.code, wrong.code) == (1, 0, 2)
-    assert [one["cell"].endswith("-good") for one in layered.document["measured"]] == [True]
+    assert [one["cell"].endswith("_good") for one in layered.document["measured"]] == [True]
     assert wrong.err.startswith("simmatrix: nowhere: has no report.json")

@@ -20,6 +20,18 @@ TOOL = "VERSION = '@VERSION@'\nif int(VERSION[0]) < 2:\n    old_grip = 1\n"
 MANY = {"1.1": LONG_AGO, "1.2": ROBOT, "2.0": LATER, "2.1": LATER, "3.0": LAST}
 TWO = {"1.5": ROBOT, "2.0": LATER}
 FICKLE = "mark = os.environ['FICKLE']; first = not os.path.exists(mark); open(mark, 'w').close(); assert not first"
+REFUSAL = """import toolbox; assert toolbox.VERSION < '2', 'this is only supported on `toolbox<2`'; 1 / 0"""
+PARTS = [f"part-{letter}" for letter in "abcdefgh"]
+SIGNATURE = """
+[[signature]]
+id = "grip"
+phases = ["single"]
+pattern = "has no attribute 'old_grip'"
+packages = ["toolbox>=2"]
+cause = "The grip of toolbox 1 is gone."
+remedy = {{ constraints = [{lines}] }}
+examples = ["has no attribute 'old_grip'", "x has no attribute 'old_grip'", "y has no attribute 'old_grip'"]
+"""
 RELEASES = [
     *line("toolbox", MANY, TOOL),
     *line("paint", TWO),
@@ -37,6 +49,12 @@ RELEASES = [
     *(market.Release(name=name, version="1.0", day=ROBOT, code="import toolbox\ntoolbox.old_grip\n", requires=needs)
       for name, needs in (("gripper", ["toolbox"]), ("aged", ["toolbox", "frame"]))),
     robot("pinned", "import toolbox; toolbox.old_grip", ["toolbox"]),
+    robot("strict", "pass", ["toolbox<2,>=1.1"]),
+    *(market.Release(name="refuser", version=version, day=LONG_AGO if version == "1.0" else ROBOT,
+                     code=robot("refuser", code).code, requires=["fake-healthy", "toolbox"])
+      for version, code in (("1.0", "pass"), ("2.0", REFUSAL))),
+    robot("many", "import toolbox; toolbox.old_grip", ["toolbox", *PARTS]),
+    *(release for name in PARTS for release in line(name, TWO)),
     market.Release(
         name="carved", version="1.0", day=ROBOT, code=robot("carved", "pass").code, requires=["fake-healthy"],
         hooks="import setuptools\n\n\ndef files(found):\n    if setuptools.VERSION >= '66':\n"
@@ -66,6 +84,9 @@ CELLS = {
     "carved": (["carved==1.0"], ""),
     "pinned": (["pinned==1.0", "toolbox==2.1"], ""),
     "fine": (["fine==1.0"], ""),
+    "strict": (["strict==1.0", "toolbox==2.1"], ""),
+    "refuser": (["refuser==2.0"], ""),
+    "many": (["many==1.0"], ""),
     "fickle": (["fickle==1.0"], ', environment = { FICKLE = "@FOLDER@/fickle" }'),
 }
 
@@ -112,7 +133,7 @@ def repaired(once: Callable[[str, Callable[[Desk], Ran]], Measured], index: str)
 
 def proof(measured: Measured, which: str) -> dict[str, Any]:
     """What was written of the repair of a cell."""
-    (folder,) = (measured.desk.state / "repairs").glob(f"*-{which}")
+    (folder,) = (measured.desk.state / "repairs").glob(f"*/*_{which}")
     made: dict[str, Any] = json.loads((folder / "repair.json").read_text(encoding="utf-8"))
     return made
 
@@ -144,6 +165,39 @@ def test_smallest_change(desk: Desk, index: str, which: str, change: dict[str, A
     assert made["remedy"]["moved"] == (["toolbox"] if which == "pinned" else [])
 
 
+def test_bound_that_the_error_names(desk: Desk, index: str) -> None:
+    """Is tried before anything else, though the user asks for another release; the resolver names one, too."""
+    ran = desk.run("repair", f"{written(desk, index, ('strict',))}/*-strict", "--json", HARNESS_SIGNATURES="")
+    made = ran.document
+    assert (ran.code, made["remedy"]["change"]) == (0, {"requirements": ["toolbox>=1.1,<2"]})
+    assert made["remedy"]["moved"] == ["toolbox"]
+    assert len(made["runs"]) == 2
+    assert shown(made)
+
+
+def test_older_release_that_does_not_refuse_yet(desk: Desk, index: str) -> None:
+    """Is no remedy by itself: what the newer one refuses has to go, too."""
+    ran = desk.run("repair", f"{written(desk, index, ('refuser',))}/*-refuser", "--json", HARNESS_SIGNATURES="")
+    made = ran.document
+    assert made["runs"][1]["why"] == "the error names toolbox<2"
+    assert ran.code == 0
+    assert made["remedy"]["change"] == {"requirements": ["refuser==1.0"], "constraints": ["toolbox<2"]}
+
+
+def test_parts_are_left_out_by_halves_and_bounds_are_widened(desk: Desk, index: str, tmp_path: Path) -> None:
+    """Of a known remedy of nine bounds the one that cures stays, as wide as it can be."""
+    lines = ", ".join(f'"{name}<2"' for name in PARTS)
+    known = tmp_path / "known"
+    known.mkdir()
+    (known / "known.toml").write_text(SIGNATURE.format(lines=f'{lines}, "toolbox<1.2"'), encoding="utf-8")
+    ran = desk.run("repair", f"{written(desk, index, ('many',))}/*-many", "--json", HARNESS_SIGNATURES=str(known))
+    made = ran.document
+    assert (ran.code, made["remedy"]["change"]) == (0, {"constraints": ["toolbox<2"]})
+    assert shown(made)
+    leaving_out = [run for run in made["runs"] if run["why"].endswith(" of the remedy")]
+    assert len(leaving_out) <= 5
+
+
 def test_package_that_nobody_named(repaired: Measured) -> None:
     """Is bounded from where the failure begins, and no other with it."""
     made = proof(repaired, "single")
@@ -166,21 +220,21 @@ def test_nothing_cures(repaired: Measured) -> None:
 
 def test_report_shows_repaired_cells(repaired: Measured) -> None:
     """Each beside the red one, nothing being expected of it; the exit code is that of the red ones."""
-    cells = {cell["id"].partition("-")[2]: cell for cell in repaired.ran.document["cells"]}
+    cells = {cell["id"].partition("_")[2]: cell for cell in repaired.ran.document["cells"]}
     assert repaired.ran.code == 1
-    assert (cells["single-with-repair"]["verdict"], cells["single"]["verdict"]) == ("works", "broken")
-    assert cells["single-with-repair"]["change"]["does"] == ["keep to `toolbox<2`"]
-    assert cells["single-with-repair"]["base"] == cells["single"]["id"]
+    assert (cells["single_with-repair"]["verdict"], cells["single"]["verdict"]) == ("works", "broken")
+    assert cells["single_with-repair"]["change"]["does"] == ["keep to `toolbox<2`"]
+    assert cells["single_with-repair"]["base"] == cells["single"]["id"]
     page = (repaired.desk.state / "reports" / "market" / "report.md").read_text(encoding="utf-8")
-    assert "| keep to `toolbox&lt;2` | by `" in page
-    assert "hopeless-with-repair" not in cells
-    assert "fine-with-repair" not in cells
+    assert "- Fix: keep to `toolbox<2` (proven by `" in page
+    assert "hopeless_with-repair" not in cells
+    assert "fine_with-repair" not in cells
 
 
 def test_proof_repeats_with_one_command(repaired: Measured, desk: Desk) -> None:
     """Its lock and a page lie beside it; what was measured before is at hand, and the whole is run once more."""
     shutil.copytree(repaired.desk.state, desk.state)
-    (folder,) = (desk.state / "repairs").glob("*-single")
+    (folder,) = (desk.state / "repairs").glob("*/*_single")
     assert "toolbox==1.2" in (folder / "lock.txt").read_text(encoding="utf-8")
     assert "keep to `toolbox<2`" in (folder / "repair.md").read_text(encoding="utf-8")
     matrix = repaired.desk.folder / "market.toml"
@@ -246,5 +300,5 @@ def test_without_anything_to_repair(desk: Desk) -> None:
     ran = desk.run("repair")
     assert (ran.code, ran.err) == (
         2,
-        "simmatrix: repair: name a cell, such as 'quickstart/py3.11-*', or requirements, such as 'gym==0.26.2'\n",
+        "simmatrix: repair: name a cell, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'\n",
     )

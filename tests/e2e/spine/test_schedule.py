@@ -165,7 +165,7 @@ def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch
 
 def test_the_peak_of_a_probe_is_recorded(kept: Desk) -> None:
     """What a probe held at most is kept with its result, for the next time."""
-    (record,) = (json.loads(path.read_text()) for path in kept.state.glob("cells/*/small/*-good.json"))
+    (record,) = (json.loads(path.read_text()) for path in kept.state.glob("cells/*/small/*_good.json"))
     peaks = [phase["peak_mb"] for case in record["cases"] for phase in case["phases"] if phase["checks"]]
     assert len(peaks) == 4
     assert all(10 < peak < 2000 for peak in peaks)
@@ -177,10 +177,10 @@ def test_the_peak_of_a_probe_is_recorded(kept: Desk) -> None:
 def test_the_longest_goes_first(kept: Desk) -> None:
     """By what was recorded of each cell, whatever the order of the plan."""
     for path in kept.state.glob("cells/*/small/*.json"):
-        seconds = 99.0 if path.stem.endswith("-blank") else 0.5
+        seconds = 99.0 if path.stem.endswith("_blank") else 0.5
         path.write_text(json.dumps({**json.loads(path.read_text()), "seconds": seconds}))
     ran = kept.run("run", "small.toml", "--fresh", "--until", "import", "-j", "1", "--offline")
-    assert [line.partition(":")[0].rpartition("-")[2] for line in ran.err.splitlines()] == ["blank", "good"]
+    assert [line.partition(":")[0].rpartition("_")[2] for line in ran.err.splitlines()] == ["blank", "good"]
 
 
 def test_a_shard_tells_of_its_own_cells_only(kept: Desk) -> None:
@@ -263,7 +263,7 @@ def test_what_stands_is_left_alone(kept: Desk) -> None:
     assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
     (folder / "report.md").write_text("somebody else's\n")
     kept.run("run", "small.toml")
-    assert "## Cells" in (folder / "report.md").read_text()
+    assert "## Combinations" in (folder / "report.md").read_text()
     expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
     kept.matrix("small", SMALL.read_text() + expect)
     assert "it paints black" in kept.run("run", "small.toml").out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 
 import pytest
 from commandline import Desk
@@ -16,21 +17,26 @@ HERE = platform.python_version()
 def test_what_works_is_one_line(desk: Desk) -> None:
     """The answer names the phases that passed, the environment and the Python."""
     ran = _try(desk, "fake-healthy==1.0", "--env", "fake_healthy:Healthy-v0")
-    assert ran == (0, f"works: import, single, vector, render of fake_healthy:Healthy-v0 on Python {HERE}\n")
+    works = f"works: fake-healthy 1.0: import, single, vector, render of fake_healthy:Healthy-v0 on Python {HERE}\n"
+    assert ran == (0, works)
 
 
 def test_what_does_not_says_why_and_what_next(desk: Desk) -> None:
     """A red answer ends with the decisive line and the next command, and that command works."""
     code, out = _try(desk, "fake-blank-frame==1.0", "--env", "fake_blank_frame:BlankFrame-v0")
-    cell = f"try/py{HERE}-fake-blank-frame1.0"
+    cell = out.rpartition(" ")[2].strip()
     assert code == 1
+    assert re.fullmatch(
+        rf"try/py{HERE}_fake-blank-frame-1.0_\+env-fake-blank-frame-BlankFrame-v0_\+[0-9a-f]{{8}}", cell
+    )
     assert out.splitlines() == [
-        "partial: import, single, vector of fake_blank_frame:BlankFrame-v0; "
+        "partial: fake-blank-frame 1.0: import, single, vector of fake_blank_frame:BlankFrame-v0; "
         f"render failed of fake_blank_frame:BlankFrame-v0 on Python {HERE}",
         "ContractViolation: blank frame: every pixel is [0, 0, 0]",
         f"next: simmatrix show {cell}",
     ]
     assert desk.run("show", cell).code == 0
+    assert desk.run("show", f"try/py{HERE}-fake-blank-frame1.0").out == desk.run("show", cell).out
 
 
 def test_what_could_not_be_shown_is_named(desk: Desk) -> None:
@@ -39,7 +45,8 @@ def test_what_could_not_be_shown_is_named(desk: Desk) -> None:
     asked = ("fake-needs-gl==1.0", "--env", "fake_needs_gl:NeedsGl-v0", "--set", "MUJOCO_GL=egl")
     code, out = _try(desk, *asked, **hidden)
     works = (
-        f"works: import, single, vector of fake_needs_gl:NeedsGl-v0 on Python {HERE}; render not verified: no EGL here"
+        "works: fake-needs-gl 1.0: import, single, vector of fake_needs_gl:NeedsGl-v0 on Python "
+        f"{HERE}; render not verified: no EGL here"
     )
     assert (code, out[: len(works)]) == (0, works)
     assert "install Debian's libegl1 and libgl1-mesa-dri" in out
@@ -117,11 +124,82 @@ def test_the_document_is_that_of_a_run(desk: Desk) -> None:
     assert (first.code, one["verdict"], one["id"], one["reused"]) == (
         0,
         "works",
-        f"try/py{HERE}-fake-healthy1.0",
+        one["id"],
         False,
     )
+    assert one["id"].startswith(f"try/py{HERE}_fake-healthy-1.0_+env-fake-healthy-Healthy-v0_+")
     assert (second.code, two["verdict"], two["reused"]) == (0, "works", True)
     assert (desk.folder / one["lock"]).is_file()
+
+
+def test_a_submodule_that_registers_is_found(desk: Desk) -> None:
+    """An id that importing the package does not register is looked for in its submodules, and only in those."""
+    code, out = _try(desk, "fake-submodule", "--env", "Below-v2")
+    assert (code, out) == (
+        0,
+        f"works: fake-submodule 1.0: import, single, vector, render of Below-v2 on Python {HERE}; "
+        "registered by `import fake_submodule.envs`\n",
+    )
+
+
+def test_an_id_that_nothing_registers_is_2(desk: Desk) -> None:
+    """A mistyped id is bad input with the nearest names, never a fact about packages: nothing is kept of it."""
+    asked = ("try", "fake-submodule", "--python", "host", "--env")
+    ran = desk.run(*asked, "Below-v1", **_index(desk))
+    assert (ran.code, ran.out) == (2, "")
+    assert "nor does what was imported to look for it (fake_submodule, fake_submodule.envs)" in ran.err
+    assert ran.err.endswith("; did you mean Below-v2?\n")
+    ran = desk.run(*asked, "Belov-v2", **_index(desk))
+    assert (ran.code, ran.err.rpartition("; ")[2]) == (2, "did you mean Below-v2?\n")
+    assert not list(desk.state.glob("cells/*/try/*.json"))
+
+
+def test_what_was_not_run_is_no_part_of_works(desk: Desk) -> None:
+    """A package that lies there while another one's environment runs makes it 3, and is named first."""
+    code, out = _try(desk, "fake-plain", "fake-healthy", "--env", "fake_healthy:Healthy-v0")
+    first, last = out.splitlines()
+    assert code == 3
+    assert first.startswith(
+        "not run: nothing of fake-plain was run: fake_healthy:Healthy-v0 is an environment of fake-healthy; "
+        "fake-healthy 1.0: import, single, vector, render of"
+    )
+    assert last == "next: simmatrix try fake-plain --python host"
+
+
+def test_without_an_environment_it_says_what_there_is(desk: Desk) -> None:
+    """A package is imported, and the answer names what its submodules register, and how to run it."""
+    code, out = _try(desk, "fake-submodule")
+    assert code == 3
+    assert out.splitlines() == [
+        f"not run: fake-submodule 1.0 was only imported on Python {HERE}; no environment was run",
+        "it registers with gymnasium: Below-v2",
+        "next: simmatrix try fake-submodule --python host --env Below-v2",
+    ]
+
+
+def test_rewards_are_as_the_environment_declares_them(desk: Desk) -> None:
+    """Vectors by its own `reward_space` are no failure, and undeclared ones are."""
+    code, out = _try(desk, "fake-vector-reward", "--env", "fake_vector_reward:VectorReward-v0")
+    assert (code, out.partition("; ")[2]) == (
+        0,
+        "vector does not apply: its rewards are 2 numbers, and environments in batches hold one of each\n",
+    )
+    code, out = _try(desk, "fake-vector-reward", "--env", "fake_vector_reward:Undeclared-v0")
+    assert (code, out.splitlines()[1]) == (
+        1,
+        "ContractViolation: step() returned a reward of shape (2,), not ()",
+    )
+
+
+def test_a_failure_under_our_own_setting_is_none(desk: Desk) -> None:
+    """A picture that is black under SDL's driver that we supplied is drawn in another way; a user's own stays."""
+    asked = ("fake-dummy-black", "--env", "fake_dummy_black:DummyBlack-v0")
+    ran = desk.run("try", *asked, "--python", "host", "--json", **_index(desk))
+    (cell,) = ran.document["cells"]
+    assert (ran.code, cell["verdict"]) == (0, "works")
+    assert cell["supplied"].get("SDL_VIDEODRIVER") != "dummy"
+    code, _ = _try(desk, *asked, "--set", "SDL_VIDEODRIVER=dummy")
+    assert code == 1
 
 
 def test_everything_that_a_file_asks_for_is_asked(desk: Desk) -> None:
@@ -137,14 +215,14 @@ override-dependencies = ["fake-tool==1.0"]
 build-constraint-dependencies = ["fake-build-tool<2"]
 """
     )
-    _try(desk, "-r", "pyproject.toml", "--build-constraint", "fake-other<9")
+    _try(desk, "-r", "pyproject.toml", "--build-constraint", "fake-healthy<9")
     (file,) = desk.state.glob("cells/*/try/*.json")
     question = json.loads(file.read_text())["cell"]["question"]
     assert [question[kind] for kind in ("requirements", "constraints", "overrides", "build_constraints")] == [
         ["fake-plain"],
         ["fake-plain<3"],
         ["fake-tool==1.0"],
-        ["fake-other<9", "fake-build-tool<2"],
+        ["fake-healthy<9", "fake-build-tool<2"],
     ]
 
 

@@ -104,7 +104,7 @@ def test_show_names_a_cell_that_was_not_run(kept: Desk) -> None:
     several, none = kept.run("show", "small/*"), kept.run("show", "*-odd")
     assert (several.code, none.code) == (2, 2)
     assert "matches 2 cells; name one of small/py" in several.err
-    assert "no cell of this name was run here" in none.err
+    assert "no cell of this name was measured" in none.err
 
 
 def test_mistakes_of_a_run_are_said_before_it_starts(desk: Desk) -> None:

@@ -4,7 +4,7 @@ import gymnasium
 
 class WrongDtype(fake_healthy.Healthy):
     def observe(self):
-        return super().observe().astype("float64")
+        return super().observe() + 1j
 
 
 gymnasium.register("WrongDtype-v0", WrongDtype)

@@ -43,8 +43,10 @@ class Troubled(gym.Env):
         self.render_mode = render_mode
         self.observation_space = gym.spaces.Box(-1, 1, (3,), np.float32)
         self.action_space = gym.spaces.Discrete(2)
-        self.resets = 0
+        self.resets = self.seeded = self.steps = 0
         self.trouble("make")
+        if mode == "raising":
+            np.seterr(all="raise")
 
     def trouble(self, place):
         where, _, how = self.mode.partition("-")
@@ -64,6 +66,7 @@ class Troubled(gym.Env):
             "outside": lambda: values + 5,
             "none": lambda: None,
             "unseeded": lambda: self.random.random(3).astype(np.float32),
+            "raising": lambda: np.full(3, 1.7e308 * (-1) ** self.steps),
             "shared": lambda: self.random.random(3).astype(np.float32),
         }
         return changed.get(self.mode, lambda: values)()
@@ -79,6 +82,9 @@ class Troubled(gym.Env):
         self.trouble("reset")
         if (self.mode == "firstepisode" and self.resets == 1) or self.mode == "eachepisode":
             self.np_random.random(self.resets)
+        if self.mode == "fewtasks" and seed is not None:
+            self.seeded += 1
+            self.np_random.random(int("011010"[self.seeded % 6 - 1]))
         return self.observation() if self.mode == "noinfo" else (self.observation(), {})
 
     def step(self, action):
@@ -97,6 +103,7 @@ class Troubled(gym.Env):
         changed = {
             "blank": frame * 0 + 7,
             "nothing": None,
+            "alpha": np.dstack([frame, frame[:, :, 0] * 0 + 255]),
             "frames": [frame],
             "floats": frame / 255,
             "gray": frame[..., 0],

@@ -1,0 +1,73 @@
+"""Time the verbs that only look things up: `python benchmarks/answers.py` writes `answers.md`.
+
+Each command runs `RUNS` times in a process of its own; the fastest run counts, since a busy machine adds to all others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+
+HERE = Path(__file__).parent
+RUNS = 7
+LIMIT = 0.5
+CELL = "gymnasium-mujoco/py3.13_gymnasium-1.4.0_mujoco-3.12.0"
+TRIED = ("try", "gymnasium==1.2.3", "--python", "3.11", "--env", "CartPole-v1")
+COMMANDS = (
+    ("recommend", "gymnasium", "mujoco"),
+    ("recommend", "robosuite", "torch"),
+    ("known",),
+    ("known", "mujoco"),
+    ("known", "mujoco-before-numpy2-vectors"),
+    ("show", CELL),
+    TRIED,
+)
+
+
+def main() -> int:
+    """Time every command; 1 where one is too slow."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write answers.md")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        seconds = {command: fastest(command, Path(folder)) for command in COMMANDS}
+    lines = [
+        "# Verbs that look things up",
+        "",
+        f"The fastest of {RUNS} runs, in seconds, a process each; {datetime.now(UTC):%Y-%m-%d},"
+        f" Python {platform.python_version()}, {os.cpu_count()} cores. `try` is of what was measured before.",
+        "",
+        "| command | seconds |",
+        "| --- | --- |",
+        *(f"| `simmatrix {' '.join(command)}` | {taken:.2f} |" for command, taken in seconds.items()),
+    ]
+    print("\n".join(lines))
+    if args.write:
+        (HERE / "answers.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return int(max(seconds.values()) > LIMIT)
+
+
+def fastest(command: tuple[str, ...], folder: Path) -> float:
+    """Return the seconds of the fastest run; the first one, which fills the caches, does not count."""
+    taken = []
+    for _ in range(RUNS + 1):
+        began = perf_counter()
+        environment = {**os.environ, "HARNESS_STATE": str(folder / "state")}
+        done = subprocess.run(
+            [sys.executable, "-m", "harness", *command], capture_output=True, env=environment, check=False, text=True
+        )
+        taken.append(perf_counter() - began)
+        if done.returncode not in {0, 1}:
+            sys.exit(f"{' '.join(command)}: {done.stderr}")
+    return min(taken[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

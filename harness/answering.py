@@ -1,0 +1,171 @@
+"""Write the answer of `try`: which of the packages asked for were run, what of them passed, and what to type next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+
+from harness import changes, repairs, tables, verdict
+from harness.exercised import OWN, exercised, idle, import_fact, lacking
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
+from harness.reporttypes import word
+from harness.signatures import Diagnosis, Signature
+from harness.standalone.silent import PREFIX
+from harness.verdict import Judgement
+from harness.vocabulary import FAMILY, SELF, required_name
+
+MOST_NAMES = 8
+MOST_IDS = 3
+
+
+def answer(record: CellRecord, judged: Judgement, found: Sequence[Diagnosis] = ()) -> str:
+    """Return one line for what works; else the line that says why, and the next command to type.
+
+    The first words name the packages that were run. `found` are the known failures that fit, the deepest cause first.
+    """
+    if judged.verdict is Verdict.UNAVAILABLE:
+        return f"unavailable: {judged.decisive}"
+    if judged.verdict is Verdict.NOT_RUN and record.installed is not None:
+        return "\n".join(_not_run(record, judged))
+    names = _versions(record, _named(record, judged)) if record.installed is not None else ""
+    line = f"{word(judged.verdict)}: {f'{names}: ' if names else ''}{_tried(record, judged)}"
+    if judged.verdict is Verdict.WORKS:
+        return line
+    why = (judged.decisive or "no line says why", *(line for one in found[:1] for line in _known(one.signature)))
+    missed = idle(record)
+    other = (f"of {' and '.join(missed)} nothing was run",) if missed else ()
+    return "\n".join((line, *why, *other, f"next: simmatrix show {shlex.quote(record.cell.id)}"))
+
+
+# --- what was not run ------------------------------------------------------------------------------------------
+
+
+def _not_run(record: CellRecord, judged: Judgement) -> Iterable[str]:
+    missed = idle(record)
+    if missed:
+        ran = [name for name in record.cell.asked if name not in missed]
+        also = f"; {_versions(record, ran)}: " if ran else "; "
+        yield f"not run: {judged.decisive}{also}{_tried(record, judged)}"
+        yield f"next: {_typed(record, missed)}"
+        return
+    where = f" on Python {record.python}" if record.python else ""
+    tested = f": {judged.decisive}" if judged.decisive and judged.decisive != verdict.ONLY_IMPORT else ""
+    names = _versions(record, _named(record, judged)) or "nothing"
+    yield f"not run: {names} was only imported{where}{tested}; no environment was run"
+    if lacking(record):
+        yield f"next: {OWN}"
+        return
+    offers: dict[str, list[str]] = {}
+    for case in record.cases:
+        for library, ids in dict(import_fact(case, "registers") or {}).items():
+            offers.setdefault(str(library), []).extend(map(str, ids))
+    if not offers:
+        yield f"no environment of it is registered with {' or '.join(FAMILY)}"
+        yield f"next: name one with --env ID, or what it speaks with --api; {OWN}"
+        return
+    for library, ids in offers.items():
+        more = f" and {len(ids) - MOST_IDS} more" if len(ids) > MOST_IDS else ""
+        yield f"it registers with {library}: {', '.join(ids[:MOST_IDS])}{more}"
+    library, ids = next(iter(offers.items()))
+    needed = () if library in (record.installed or {}) else (library,)
+    yield f"next: {_typed(record, needed, ids[0], all_of_it=True)}"
+
+
+def _typed(record: CellRecord, names: Sequence[str], env: str | None = None, *, all_of_it: bool = False) -> str:
+    """The command that tries these packages, beside all that was asked for or alone."""
+    asked = record.cell.question.requirements
+    texts = [text for text in asked if all_of_it or required_name(text) in names]
+    words = ["simmatrix", "try", *texts, *(name for name in names if name not in map(required_name, texts))]
+    return shlex.join([*words, "--python", record.cell.python, *(["--env", env] if env else [])])
+
+
+# --- what was run ----------------------------------------------------------------------------------------------
+
+
+def _named(record: CellRecord, judged: Judgement) -> list[str]:
+    """The packages that the first words name: those asked for that were run, or tried where nothing came so far."""
+    asked = list(record.cell.asked) or list(dict.fromkeys(map(required_name, record.cell.question.requirements)))
+    ran = exercised(record)
+    return [name for name in asked if name in ran] if ran and judged.verdict is not Verdict.NOT_RUN else asked
+
+
+def _versions(record: CellRecord, names: Sequence[str]) -> str:
+    installed = record.installed or {}
+    told = [f"{name} {installed[name]}" if name in installed else name for name in names[:MOST_NAMES] if name != SELF]
+    return ", ".join(told) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
+
+
+def _known(failure: Signature) -> Iterable[str]:
+    """Cause and remedy of a known failure, and where more is said; a mask is none, and what it hides is not known."""
+    yield f"{'hides why' if failure.masks else 'cause'}: {failure.cause}"
+    yield f"remedy: {changes.in_words(failure.remedy.plain)}"
+    yield from (f"see: {reference}" for reference in failure.references[:1])
+
+
+def _tried(record: CellRecord, judged: Judgement) -> str:
+    """Name the phases that passed, and of which tasks: never more than that."""
+    passed = {case.case: tuple(p.phase for p in case.phases if p.outcome is Outcome.PASSED) for case in record.cases}
+    parts = []
+    for phases in dict.fromkeys(names for names in passed.values() if names):
+        shown = [_name(case) for case in record.cases if passed[case.case] == phases]
+        parts.append(f"{', '.join(phases)} of {' and '.join(shown)}")
+    if judged.verdict is Verdict.MISLEADS:
+        wrong = {case.case: verdict.misleads(verdict.case_phases(record, case)) for case in record.cases}
+        shown = [f"{' and '.join(wrong[case.case])} of {_name(case)}" for case in record.cases if wrong[case.case]]
+        parts.append(f"not as specified: {', '.join(shown)}")
+    elif judged.phase and judged.verdict is not Verdict.WORKS:
+        failed = [_name(case) for case in record.cases if _ended(case, judged.phase) is judged.phases[judged.phase]]
+        ended = judged.phases[judged.phase]
+        told = "could not be told" if ended is Outcome.INFRA else word(ended)
+        parts.append(f"{judged.phase} {told}" + (f" of {' and '.join(failed)}" if failed else ""))
+    where = f" on Python {record.python}" if record.python else ""
+    tried = "; ".join(parts or ["nothing was tried"]) + where
+    mended = [f"repaired: {repairs.described(one)}" for one in record.repairs]
+    drawn = any(phase.phase is Phase.RENDER and phase.frames for case in record.cases for phase in case.phases)
+    needed = tables.settings(record.supplied, record.installed or {}) if drawn else ()
+    settings = [f"drawn with {', '.join(needed)}, which a user sets, too"] if needed else []
+    open_ends = [Phase(name) for name in judged.unverified if name in {*Phase}]
+    unverified = (f"{phase} not verified: {_why(record, phase)}" for phase in open_ends)
+    notes = [*_registered_by(record), *_undrawn(record), *_skipped(record)]
+    return "; ".join([tried, *notes, *settings, *mended, *unverified, *_doubts(judged)])
+
+
+def _doubts(judged: Judgement) -> Iterable[str]:
+    """Yield what is said of each silent known issue that no check has shown or refuted."""
+    names = (name.removeprefix(PREFIX) for name in judged.unverified if name.startswith(PREFIX))
+    return (f"a known issue without an error is not excluded: {name}" for name in names)
+
+
+def _registered_by(record: CellRecord) -> Iterable[str]:
+    """Say what had to be imported before an environment was there."""
+    modules = (import_fact(case, "registered_by") for case in record.cases)
+    for name in filter(None, dict.fromkeys(modules)):
+        module, _, function = str(name).partition(":")
+        yield f"registered by `{f'{module}.{function}()' if function else f'import {module}'}`"
+
+
+def _undrawn(record: CellRecord) -> Iterable[str]:
+    """Say of environments that no check of drawing was asked for."""
+    checks = [check for case in record.cell.cases if case.env for check in case.checks]
+    if checks and not any(check.startswith(f"{Phase.RENDER}.") for check in checks):
+        yield "render was not tried, since nothing that draws was asked for"
+
+
+def _skipped(record: CellRecord) -> Iterable[str]:
+    """Say which phases have no meaning for an environment, and why."""
+    phases = (phase for case in record.cases for phase in case.phases if phase.outcome is Outcome.SKIPPED)
+    told = {phase.phase: verdict.reason(phase) for phase in phases if phase.phase in {Phase.VECTOR, Phase.RENDER}}
+    yield from (f"{name} does not apply: {why}" for name, why in told.items() if why)
+
+
+def _name(case: CaseRecord) -> str:
+    return case.env or case.case.removeprefix("import-")
+
+
+def _ended(case: CaseRecord, phase: Phase) -> Outcome | None:
+    return next((record.outcome for record in case.phases if record.phase is phase), None)
+
+
+def _why(record: CellRecord, phase: Phase) -> str:
+    told = (p.decisive for case in record.cases for p in case.phases if p.phase is phase and p.decisive)
+    return next(told, "it was not reached")

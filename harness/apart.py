@@ -1,0 +1,91 @@
+"""Packages that were never measured together: what is measured of each, and the command that would try them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import msgspec
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
+
+from harness.measured_cells import Known, Query, fitting, good
+from harness.recommending import Combination, Plain, combinations, newest, public
+
+
+class Half(msgspec.Struct, frozen=True, kw_only=True):
+    """One part of the packages as it was measured: its newest good combination; None where none works.
+
+    `installed` are releases that were only in locks: they were never run.
+    """
+
+    packages: tuple[str, ...]
+    combination: Combination | None
+    installed: tuple[str, ...] = ()
+
+
+class Apart(msgspec.Struct, frozen=True, kw_only=True):
+    """Packages that were never measured together: each part as it was measured, and a command for `try`."""
+
+    halves: tuple[Half, ...]
+    requirements: tuple[str, ...]
+    python: str | None
+
+
+def apart(document: Plain, cells: Sequence[Known], query: Query) -> Apart | None:
+    """Return what is known of packages that no cell is about together; None where one is, whatever its versions."""
+    free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
+    about = [one for one in fitting(cells, Query(wanted=free)) if one.cell["lock"] is None or _ran_all(one, query)]
+    if len(query.wanted) < 2 or about:
+        return None
+    names = _largest(cells, query)
+    groups = [names, *((name,) for name in query.names if name not in names)]
+    python = query.python or _common_python(cells, query)
+    halves = tuple(_half(document, cells, replace(query, python=python, env=None, needs=()), group) for group in groups)
+    return Apart(halves=halves, requirements=tuple(_requirements(query, halves)), python=python)
+
+
+def installed(cells: Sequence[Known], name: str) -> tuple[str, ...]:
+    """Return the releases of a package that were in locks of working cells and that no case ran, newest first."""
+    found = {one.pins[name] for one in cells if one.works and name in one.pins and name not in one.exercised}
+    return tuple(sorted(found, key=Version, reverse=True))
+
+
+def _ran_all(one: Known, query: Query) -> bool:
+    return all(name in one.about for name in query.names)
+
+
+def _largest(cells: Sequence[Known], query: Query) -> tuple[str, ...]:
+    """Return the most packages of which some cell is good, those named first before others."""
+    for count in range(len(query.names) - 1, 1, -1):
+        for wanted in itertools.combinations(query.wanted, count):
+            if newest(cells, Query(wanted=wanted)):
+                return tuple(one.name for one in wanted)
+    return query.names[:1]
+
+
+def _common_python(cells: Sequence[Known], query: Query) -> str | None:
+    """Return the newest Python on which each of the packages has a good cell; None where there is none."""
+    pythons = [{one.minor for one in good(cells, Query(wanted=(wanted,)))} for wanted in query.wanted]
+    common = set.intersection(*filter(None, pythons)) if any(pythons) else set()
+    return max(common, key=Version, default=None)
+
+
+def _half(document: Plain, cells: Sequence[Known], query: Query, names: Sequence[str]) -> Half:
+    wanted = tuple(one for one in query.wanted if one.name in names)
+    found = combinations(document, cells, replace(query, wanted=wanted), limit=1)
+    found = found or combinations(document, cells, Query(wanted=wanted), limit=1)
+    beside = () if found or len(names) > 1 else installed(cells, names[0])
+    return Half(packages=tuple(names), combination=found[0] if found else None, installed=beside)
+
+
+def _requirements(query: Query, halves: Sequence[Half]) -> list[str]:
+    """Return what to try: what was asked for, at the versions that were measured where none was asked for."""
+    found = {
+        name: version for half in halves if half.combination for name, version in half.combination.versions.items()
+    }
+    return [
+        one.text if one.versions or one.name not in found else f"{one.text}=={public(found[one.name])}"
+        for one in query.wanted
+    ]

@@ -1,0 +1,58 @@
+"""Start Python alone in an environment: what is installed may end it before any check is reached.
+
+A `.pth` file or a `sitecustomize` runs whenever Python starts. Where the same interpreter starts without them, and
+does not with them, the packages are at fault, not the harness.
+"""
+
+from __future__ import annotations
+
+from harness import guarded_files, launch, normalise, process
+from harness.scratch_folders import scratch_folder
+from harness.store import own_folders
+
+STARTED = "simmatrix: Python has started"
+PROGRAM = (
+    "import atexit, faulthandler, gc, importlib, json, os, platform, re, signal, sys, time, traceback, warnings; "
+    f"print({STARTED!r}, flush=True)"
+)
+"""The imports of a probe before it imports a package, all of the standard library."""
+
+LIMITS = process.Limits(seconds=60.0, memory_mb=2000)
+ALONE, WITH_PACKAGES = ("-s", "-S"), ("-s",)
+"""Python without what is installed, and with it: both heed the variables of the case, which may be what stops it."""
+
+
+def broken_by_packages(site: launch.Site) -> str | None:
+    """Return why Python does not start with what is installed; None where it starts, or where it never does."""
+    _, started, _ = _start(site, ALONE)
+    if not started:
+        return None
+    done, started, text = _start(site, WITH_PACKAGES)
+    if started or done.killed or done.timed_out or done.out_of_memory:
+        return None
+    line = normalise.decisive_line(text) or normalise.death(done.exit_code, done.signal, text)
+    return normalise.bounded(f"Python does not start with what is installed: {line}")
+
+
+def _start(site: launch.Site, options: tuple[str, ...]) -> tuple[process.Completed, bool, str]:
+    with scratch_folder() as scratch:
+        home = scratch / "home"
+        launch.furnish(site, home)
+        folder, sealed = launch.entered(site, scratch)
+        with site.code(folder, "start") as code:
+            done = process.run(
+                process.Command(
+                    argv=(str(folder / site.python.relative_to(site.folder)), *options, "-c", PROGRAM),
+                    cwd=home,
+                    env=site.cached(home, code),
+                    limits=LIMITS,
+                    log=scratch / launch.LOG,
+                    profile=process.Profile.CELL,
+                    home=home,
+                    sealed=sealed,
+                    shielded=own_folders(),
+                    writable=(scratch, *code.writable),
+                )
+            )
+        text = guarded_files.log_text(scratch / launch.LOG)
+    return done, done.exit_code == 0 and STARTED in text, text

@@ -1,0 +1,266 @@
+"""The byte code of an environment: each run writes its own, and only what was compiled apart from it is kept.
+
+A run may leave anything as byte code, be it by intent or because a disk was full. So it writes into a folder that goes
+with it, and only the names of the sources that it needed are taken from there. Before the next run they are compiled
+from the sealed environment, in a process that runs nothing of them, and kept in one file under its own hash: what was
+damaged since is not used.
+
+What numba and Warp compile cannot be made apart from the run. It is kept for those that import the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness import process
+from harness.guarded_files import read
+from harness.hostile_data import Absent, Unreadable, understanding
+from harness.scratch_folders import removed, scratch_folder
+from harness.store import own_folders, write_atomic
+
+PREFIX = "PYTHONPYCACHEPREFIX"
+CODE, NAMES = "code", "names"
+MOST_NAMES, LONGEST_NAME, MOST_CODE = 20_000, 1_000, 1 << 30
+DAY = 86_400.0
+LIMITS = process.Limits(seconds=300.0, memory_mb=2000)
+
+COMPILE = """
+import importlib.util, json, os, py_compile, sys
+
+listed, made, folders = sys.argv[1], sys.argv[2], sys.argv[3:]
+standard = os.path.dirname(os.path.realpath(os.__file__)) + os.sep
+with open(listed, encoding="utf-8") as file:
+    names = json.load(file)
+table, content = [], []
+for name in names:
+    places = [os.path.join(folder, name) for folder in folders]
+    source = next((place for place in places if os.path.isfile(place)), "")
+    if os.path.isabs(name) and not os.path.realpath(name).startswith(standard):
+        source = ""
+    code = b""
+    try:
+        py_compile.compile(source, cfile=made, doraise=True)
+        with open(made, "rb") as file:
+            code = file.read()
+    except BaseException:
+        pass
+    table.append([name, os.path.basename(importlib.util.cache_from_source(source or "x.py")), len(code)])
+    content.append(code)
+with open(made, "wb") as file:
+    file.write(json.dumps(table).encode("ascii") + b"\\n" + b"".join(content))
+"""
+"""Compiles files: nothing of them is run. Its own Python takes no module from the environment (`-I -S`)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Source:
+    """Whose byte code it is: the folders of an environment, its Python, and where its byte code is kept."""
+
+    folders: tuple[Path, ...]
+    python: Path
+    kept: Path
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Lent:
+    """The folders of one run: `prefix` is its own, `compiled` that of all who import the same."""
+
+    prefix: Path
+    compiled: Path
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """Return the variables by which Python, numba and Warp find them."""
+        return {
+            PREFIX: str(self.prefix),
+            "NUMBA_CACHE_DIR": str(self.compiled / "numba"),
+            "WARP_CACHE_PATH": str(self.compiled / "warp"),
+        }
+
+    @property
+    def writable(self) -> tuple[Path, ...]:
+        """Return the folders that a run writes to."""
+        return self.prefix, self.compiled
+
+
+@contextmanager
+def lent(source: Source, shown: Path, trust: str) -> Iterator[Lent]:
+    """Lend a run a folder with the byte code that is kept, for an environment that it sees at `shown`.
+
+    `trust` is equal for runs that import the same.
+    """
+    with ExitStack() as stack:
+        _swept(source.kept)
+        try:
+            run, kept = stack.enter_context(scratch_folder(source.kept)), source.kept
+        except OSError:  # a cache that nobody may write to: what this run compiles goes with it
+            run = kept = stack.enter_context(scratch_folder())
+        found = Lent(prefix=run / "pycache", compiled=kept / "compiled" / trust)
+        for folder in found.writable:
+            folder.mkdir(parents=True, exist_ok=True)
+        code = _grown(source)
+        with suppress(OSError):  # without it Python compiles anew
+            _unpacked(code, found.prefix, source, shown)
+        yield found
+        with suppress(OSError):
+            _note(source.kept, set(_needed(found.prefix, source, shown)) - {*code})
+
+
+def forget(kept: Path) -> None:
+    """Let all byte code of an environment be compiled anew."""
+    with suppress(OSError):
+        (kept / CODE).unlink(missing_ok=True)
+    removed(kept / "compiled")
+
+
+# --- what is kept ----------------------------------------------------------------------------------------------
+
+Code = Mapping[str, tuple[str, bytes]]
+"""A source's name, relative to its environment unless it is of the standard library, to its file's name and content."""
+
+
+def _grown(source: Source) -> Code:
+    """Return the byte code that is kept, with that of sources which the runs before this one needed."""
+    code = _read(source.kept / CODE)
+    missing = sorted(set(_names(source.kept)) - {*code})
+    if not missing:
+        return code
+    with suppress(OSError, Unreadable):
+        code = {**code, **_compiled(source, missing)}
+        content = _encoded(code)
+        write_atomic(source.kept / CODE, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+    return code
+
+
+def _read(path: Path) -> Code:
+    try:
+        digest, _, content = read(path, MOST_CODE).partition(b"\n")
+        return _decoded(content) if hashlib.sha256(content).hexdigest().encode() == digest else {}
+    except Absent:
+        return {}
+    except Unreadable:
+        removed(path)  # a folder, in the place of which no file can be put
+        return {}
+
+
+def _encoded(code: Code) -> bytes:
+    table = [[name, file, len(content)] for name, (file, content) in code.items()]
+    return json.dumps(table).encode("ascii") + b"\n" + b"".join(content for _, content in code.values())
+
+
+def _decoded(content: bytes) -> Code:
+    with understanding():
+        start = content.index(b"\n") + 1
+        code = {}
+        for name, file, size in json.loads(content[:start]):
+            code[str(name)] = (str(file).rpartition("/")[2], content[start : start + size])
+            start += size
+        return code
+
+
+def _compiled(source: Source, names: list[str]) -> Code:
+    with scratch_folder(source.kept) as work:
+        home, listed, made = work / "home", work / "names", work / "made"
+        home.mkdir()
+        listed.write_text(json.dumps(names), encoding="utf-8")
+        python = (str(source.python), "-I", "-S", "-c", COMPILE)
+        process.run(
+            process.Command(
+                argv=(*python, str(listed), str(made), *map(str, source.folders)),
+                cwd=home,
+                env={"PATH": os.defpath},
+                limits=LIMITS,
+                log=work / "log",
+                profile=process.Profile.CELL,
+                home=home,
+                sealed=source.folders,
+                shielded=own_folders(),
+                writable=(work,),
+            )
+        )
+        found = _decoded(read(made, MOST_CODE))
+    return {name: found.get(name, ("", b"")) for name in names}
+
+
+# --- what a run has --------------------------------------------------------------------------------------------
+
+
+def _unpacked(code: Code, prefix: Path, source: Source, shown: Path) -> None:
+    made: set[str] = set()
+    for name, (file, content) in code.items():
+        if not content:
+            continue
+        parent = f"{prefix}{_place(name, source, shown).rpartition('/')[0]}"
+        if parent not in made:
+            Path(parent).mkdir(parents=True, exist_ok=True)
+            made.add(parent)
+        with open(f"{parent}/{file}", "wb", buffering=0) as target:  # noqa: PTH123 - thousands of files
+            target.write(content)
+
+
+def _place(name: str, source: Source, shown: Path) -> str:
+    """Return where a run sees a source."""
+    if name.startswith("/"):
+        return name
+    if shown not in source.folders:
+        return f"{shown}/{name}"
+    holders = (folder for folder in source.folders[:-1] if (folder / name).exists())
+    return f"{next(holders, source.folders[-1])}/{name}"
+
+
+def _needed(prefix: Path, source: Source, shown: Path) -> Iterator[str]:
+    """Yield the names of the sources that a run compiled; what it left there is not looked into."""
+    for path in _pyc_files(str(prefix)):
+        original = path[len(str(prefix)) :].removesuffix(".pyc").rpartition(".")[0] + ".py"
+        holders = (folder for folder in (shown, *source.folders) if original.startswith(f"{folder}/"))
+        holder = next(holders, None)
+        yield original if holder is None else original[len(f"{holder}/") :]
+
+
+def _pyc_files(folder: str) -> Iterator[str]:
+    """Yield the paths of byte code below a folder in which anything may lie."""
+    waiting, seen = [folder], 0
+    while waiting and seen < MOST_NAMES:
+        with suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                seen += 1
+                if len(entry.path) > LONGEST_NAME:
+                    continue
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(entry.path)
+                elif entry.name.endswith(".pyc"):
+                    yield entry.path
+
+
+def _note(kept: Path, names: Iterable[str]) -> None:
+    """Write down what is to be compiled before the next run."""
+    new = sorted({*names} - {*_names(kept)})
+    if new:
+        every = [*_names(kept), *new][:MOST_NAMES]
+        write_atomic(kept / NAMES, json.dumps(every).encode())
+
+
+def _names(kept: Path) -> list[str]:
+    try:
+        with understanding():
+            found = json.loads(read(kept / NAMES, MOST_NAMES * LONGEST_NAME))
+    except Unreadable:
+        return []
+    names = found if isinstance(found, list) else []
+    return [name for name in names if isinstance(name, str) and os.path.normpath(name) == name and name[:2] != ".."]
+
+
+def _swept(kept: Path) -> None:
+    """Remove what runs that were killed left behind."""
+    kept.mkdir(parents=True, exist_ok=True)
+    for folder in kept.glob("simmatrix-*"):
+        with suppress(OSError):
+            if time.time() - folder.stat().st_mtime > DAY:
+                removed(folder)

@@ -1,0 +1,330 @@
+"""Cell ids, `MATRIX/PART_PART_PART`: built, matched, shortened and, in the form of earlier versions, read here.
+
+`gymnasium-mujoco/py3.11_gymnasium-1.2.3_mujoco-3.3.7`: `_` stands between the parts of a label and nowhere else, `-`
+between a package and its version, `absent` is `gym-absent`. A changed cell has one part more: `_with-NAME`, and
+`_with-NAME-on-py3.9` where the change takes another Python. Before, labels had `-` everywhere and nothing between a
+package and its version: `py3.11-gymnasium1.2.3-mujoco3.3.7-with-NAME`. An id or a glob of that form finds its cell.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from hashlib import sha256
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
+
+LONGEST = 150
+"""Characters that a label may have."""
+
+BETWEEN = "_"
+WITH = "with-"
+"""The beginning of the part that names the change of a changed cell."""
+
+MORE = "+"
+"""The beginning of a part for other options of an ad-hoc question: no package has such a name."""
+
+OLD_WITH = "-with-"
+PYTHON, ABSENT, NONE, ANY, TRY = "python", "absent", "none", "any", "try"
+NO_NAMES = ("no-extra", "no-group")
+OPERATORS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "!=": "ne", "~=": "near", "==": "eq"}
+STARRED = {"==": "like", "!=": "unlike"}
+BOUND = rf"(?:{'|'.join((*OPERATORS.values(), *STARRED.values()))})\d[a-z0-9.]*"
+SPELLED = re.compile(BOUND)
+VERSION = re.compile(r"\d[a-z0-9.+]*")
+SPECIFIER = re.compile(rf"{ANY}|\d[a-z0-9.+]*|{BOUND}")
+ON_PYTHON = re.compile(r"-on-py[0-9.]+$")
+READABLE = 40
+"""Characters of a detail's value that an id shows."""
+
+
+class Named(Protocol):
+    """Anything with a cell id: cells, and their entries in a report."""
+
+    @property
+    def id(self) -> str:
+        """The whole id."""
+
+    @property
+    def axes(self) -> Mapping[str, str]:
+        """The value of each axis."""
+
+
+T = TypeVar("T", bound=Named)
+
+
+# --- built -----------------------------------------------------------------------------------------------------
+
+
+def built(matrix: str, parts: Iterable[str]) -> str:
+    """Return the id of a cell of a matrix."""
+    return f"{matrix}/{BETWEEN.join(parts)}"
+
+
+def label(cell_id: str) -> str:
+    """Return the part of an id after the name of the matrix; a text that has none is its own label."""
+    return cell_id.partition("/")[2] or cell_id
+
+
+def matrix(cell_id: str) -> str:
+    """Return the name of the matrix that an id begins with."""
+    return cell_id.partition("/")[0]
+
+
+def spelled(text: str) -> str:
+    """Return a name or value as a part of a label may hold it."""
+    return re.sub(r"[^A-Za-z0-9.+-]+", "-", text.replace(BETWEEN, "-"))
+
+
+def package(name: str, version: str) -> str:
+    """Return the part of a package and its version, or `absent`."""
+    return f"{spelled(name)}-{spelled(version)}"
+
+
+def changed(cell_id: str, name: str, python: str | None = None) -> str:
+    """Return the id of a changed cell; `python` is the version that the change takes, where it takes one."""
+    said = spelled(name)
+    on = f"-on-py{python}" if python and said != f"py{python}" else ""
+    ending = f"{BETWEEN}{WITH}{said}{on}"
+    return f"{matrix(cell_id)}/{shortened(label(cell_id), LONGEST - len(ending))}{ending}"
+
+
+def of_changed(glob: str) -> bool:
+    """Return whether a glob speaks of changed cells, too, in the present form or the one before."""
+    return f"{BETWEEN}{WITH}" in glob or OLD_WITH in glob
+
+
+def shortened(text: str, longest: int = LONGEST) -> str:
+    """Return a label of at most so many characters; two long ones that differ stay different."""
+    if len(text) <= longest:
+        return text
+    mark = digest(text)
+    return f"{text[: longest - len(mark) - 1]}-{mark}"
+
+
+def digest(text: str) -> str:
+    """Return the eight digits that stand for a text where it is too long or cannot be spelled."""
+    return sha256(text.encode()).hexdigest()[:8]
+
+
+def folder(cell_id: str, *words: str) -> str:
+    """Return the folder, below another, of what was asked of a cell: no two questions have the same one."""
+    name = BETWEEN.join(map(spelled, words))
+    exact = all(re.fullmatch(r"[A-Za-z0-9.+-]+", word) for word in words)
+    inner = shortened(name if exact else f"{name}-{digest(repr(words))}")
+    return "/".join(filter(None, (re.sub(r"[^A-Za-z0-9._+-]", "-", matrix(cell_id)), label(cell_id), inner)))
+
+
+def as_folder(text: str) -> str:
+    """Return the name as a folder that cares neither for case nor for the signs that nox flattens."""
+    return text.casefold().replace("/", "-").replace(".", "-")
+
+
+# --- built of an ad-hoc question -------------------------------------------------------------------------------
+
+
+class Detail(NamedTuple):
+    """What a question says besides its requirements: the word of an option, its value, and what an id cannot show."""
+
+    word: str
+    value: str = ""
+    rest: str = ""
+
+
+def of_question(python: str, requirements: Iterable[Requirement], details: Iterable[Detail] = ()) -> str:
+    """Return the label of a question: equal for equal ones, in whatever order they are asked.
+
+    `gymnasium[classic-control]==1.2.3` is spelled `gymnasium.classic-control-1.2.3`, `numpy>=1.24,<2` as
+    `numpy-ge1.24.lt2`. What cannot be spelled is named by its word alone, and told apart by a digest at the end.
+    """
+    asked: dict[str, list[Requirement]] = {}
+    for line in requirements:
+        asked.setdefault(_normal(line.name), []).append(line)
+    parts, opaque = [f"py{spelled(python)}"], []
+    for name in sorted(asked):
+        part, whole = _requirement(name, asked[name])
+        parts.append(part)
+        opaque += [] if whole else sorted(map(str, asked[name]))
+    for one in sorted(set(details)):
+        value = spelled(one.value)[:READABLE].strip("-")
+        parts.append(f"{MORE}{one.word}{f'-{value}' if value else ''}")
+        opaque += [repr(one)] if one.rest or not re.fullmatch(r"[a-z0-9.+-]*", one.value) or value != one.value else []
+    text = BETWEEN.join(dict.fromkeys(parts))
+    if not opaque:
+        return shortened(text)
+    mark = f"{BETWEEN}{MORE}{digest(repr(opaque))}"
+    return shortened(text, LONGEST - len(mark)) + mark
+
+
+def requirement(word: str, line: Requirement) -> Detail:
+    """Return a requirement as the value of an option."""
+    value, whole = _requirement(_normal(line.name), [line])
+    return Detail(word, value, "" if whole else str(line))
+
+
+def _requirement(name: str, lines: Sequence[Requirement]) -> tuple[str, bool]:
+    """Spell what is asked of a package; and whether that is all that is asked."""
+    head = ".".join([name, *sorted({_normal(extra) for line in lines for extra in line.extras})])
+    bounds = sorted({_bound(each.operator, each.version) for line in lines for each in line.specifier}, key=_by_version)
+    plain = not any(line.url or line.marker for line in lines)
+    if not bounds:
+        ambiguous = "-" in head and SPECIFIER.fullmatch(head.rpartition("-")[2])
+        return (f"{head}-{ANY}" if ambiguous else head), plain
+    first = bounds[0].removeprefix(OPERATORS["=="])
+    if len(bounds) == 1 and VERSION.fullmatch(first):
+        return f"{head}-{first}", plain
+    return f"{head}-{spelled('.'.join(bounds))}", plain and all(map(SPELLED.fullmatch, bounds))
+
+
+def _bound(operator: str, version: str) -> str:
+    from packaging.version import InvalidVersion, Version  # noqa: PLC0415 - start-up
+
+    bare = version.removesuffix(".*")
+    try:
+        sign = (OPERATORS if bare == version else STARRED)[operator]
+        return f"{sign}{Version(bare)}"
+    except (InvalidVersion, KeyError):  # `===`, which compares texts
+        return f"{operator}{version}"
+
+
+def _by_version(bound: str) -> tuple[str, str]:
+    found = re.search(r"\d.*", bound)
+    return (re.sub(r"\d+", lambda number: number[0].zfill(8), found[0]) if found else "", bound)
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+# --- matched ---------------------------------------------------------------------------------------------------
+
+
+def fits(pattern: str, cell: Named) -> bool:
+    """Return whether a glob matches the id or the label of a cell, in the present form or the one before."""
+    return any(fnmatchcase(name, pattern) for name in (cell.id, label(cell.id))) or any(
+        fnmatchcase(name, pattern) for name in _older_names(cell)
+    )
+
+
+def named(text: str, cell: Named) -> bool:
+    """Return whether a text is the id or the label of a cell, in the present form or the one before."""
+    return text in {cell.id, label(cell.id)} or text in _older_names(cell)
+
+
+def chosen(pattern: str, cells: Sequence[T]) -> list[T]:
+    """Return the cells that an id or a label names, else those that a glob matches."""
+    exact = [cell for cell in cells if pattern in {cell.id, label(cell.id)}]
+    return exact or [cell for cell in cells if named(pattern, cell)] or [cell for cell in cells if fits(pattern, cell)]
+
+
+def _older_names(cell: Named) -> Iterator[str]:
+    before = older(cell)
+    if before != cell.id:
+        yield from (before, label(before))
+
+
+# --- the form before -------------------------------------------------------------------------------------------
+
+
+def older(cell: Named) -> str:
+    """Return the id that earlier versions gave a cell."""
+    return f"{matrix(cell.id)}/{_older(label(cell.id), tuple(cell.axes.items()))}"
+
+
+@lru_cache(maxsize=65536)
+def _older(text: str, axes: tuple[tuple[str, str], ...]) -> str:
+    values = dict(_renderings(axes))
+    parts = [part for part in text.split(BETWEEN) if part in values or not part.startswith(MORE)]
+    return "-".join(values.get(part) or _older_part(part) for part in parts)
+
+
+def _older_part(part: str) -> str:
+    """Return a part that no axis has as it was: that of a change, or of a package asked for ad hoc."""
+    if part.startswith(WITH):
+        return ON_PYTHON.sub("", part)
+    head, _, last = part.rpartition("-")
+    if not head or not SPECIFIER.fullmatch(last):
+        return part.partition(".")[0]
+    return head.partition(".")[0] + (last if VERSION.fullmatch(last) else "")
+
+
+def _renderings(axes: Iterable[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+    """Yield what the value of an axis may be in a label: the part as it is now, and as it was."""
+    for name, value in axes:
+        if name == PYTHON:
+            yield f"py{value}", f"py{value}"
+            continue
+        yield spelled(value), value
+        if value == ABSENT:
+            yield package(name, value), f"{name}-{ABSENT}"
+        elif value == NONE:
+            yield from ((none, none) for none in NO_NAMES)
+        elif VERSION.match(value):
+            yield package(name, value), f"{name}{value}"
+
+
+def newer(cell_id: str, axes: Mapping[str, str], python: str | None = None) -> str:
+    """Return the id in the present form; `python` is that of a changed cell. One that is not understood stays.
+
+    The axes may stand in any order, as a document has them.
+    """
+    text = label(cell_id)
+    if matrix(cell_id) == TRY or _arranged(text.partition(f"{BETWEEN}{WITH}")[0], axes, BETWEEN, 0):
+        return cell_id
+    for body, tail in _bodies(text):
+        if parts := _arranged(body, axes, "-", 1):
+            made = built(matrix(cell_id), parts)
+            on = python if python and VERSION.fullmatch(python) and python != axes.get(PYTHON) else None
+            return changed(made, tail, on) if tail else made
+    return cell_id
+
+
+def _bodies(text: str) -> Iterator[tuple[str, str]]:
+    """Yield the label of the cell and the name of its change, for each place where one may begin."""
+    yield text, ""
+    for found in re.finditer(OLD_WITH, text):
+        yield text[: found.start()], text[found.end() :]
+
+
+def _arranged(text: str, axes: Mapping[str, str], joint: str, form: int) -> tuple[str, ...]:
+    """Return the parts, in the present form, of a label that joins a value of each axis; none where it does not.
+
+    `form` is 0 for the present form, 1 for the one before.
+    """
+    if not axes:
+        return ()
+    for name, value in axes.items():
+        rest = {other: axes[other] for other in axes if other != name}
+        for rendering in _renderings([(name, value)]):
+            written = rendering[form]
+            if not rest and text == written:
+                return (rendering[0],)
+            if rest and text.startswith(written + joint) and (
+                parts := _arranged(text[len(written) + len(joint) :], rest, joint, form)
+            ):  # fmt: skip
+                return (rendering[0], *parts)
+    return ()
+
+
+def newer_left_out(cell_id: str, values: Mapping[str, Iterable[str]]) -> str:
+    """Return the id, in the present form, of combinations left out; `values` are those of each axis, in their order."""
+    known = {name: {old: new for value in known for new, old in _renderings([(name, value)])} | {"*": "*"}
+             for name, known in values.items()}  # fmt: skip
+    ranges = {name: r"py\d[\d.]*" if name == PYTHON else rf"{re.escape(name)}\d[^-]*" for name in values}
+    text = label(cell_id)
+    if BETWEEN in text and re.fullmatch(BETWEEN.join("(.+)" for _ in values), text):
+        return cell_id
+    choices = ("|".join([*map(re.escape, sorted(known[name], key=len, reverse=True)), ranges[name]]) for name in values)
+    found = re.fullmatch("-".join(f"({each})" for each in choices), text)
+    if not found:
+        return cell_id
+    parts = zip(values, found.groups(), strict=True)
+    return built(matrix(cell_id), [known[name].get(part) or _unseen(name, part) for name, part in parts])
+
+
+def _unseen(name: str, part: str) -> str:
+    return part if name == PYTHON else package(name, part.removeprefix(name))

@@ -1,0 +1,165 @@
+"""What `init` finds out for a first matrix: environments of the installed package, its tests, versions that install."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from harness import catalog, drafts, firstcases, firstvalues, index, interpreters, store, workflows
+from harness.commands import progress, reporting
+from harness.drafts import Case, Draft, Project, Range
+from harness.drafts.values import Offer, narrowed
+from harness.errors import BadInput, HarnessError
+from harness.firstcases import FirstCases, Scout
+from harness.vocabulary import GYM, GYMNASIUM, HOST
+
+NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
+LARGEST = 2_000_000
+"""Bytes of a file in which environments are looked for."""
+
+
+def cases(about: Project, pythons: Sequence[str], *, offline: bool) -> FirstCases:
+    """Ask the installed package; where it cannot be installed here, take what its sources seem to register."""
+    opened = store.open_store()
+    order = firstcases.by_preference(pythons, None)
+    with progress.Progress(0, 1, reporting.headline) as board:
+        scout = Scout(
+            opened=opened,
+            observer=board,
+            folder=Path.cwd(),
+            instant=store.now(),
+            offline=offline,
+            extras=drafts.runtime(about.extras),
+        )
+        found = scout.look(order)
+    if found.asked:
+        return found
+    case = _in_sources()
+    return replace(found, cases=(case,) if case else ())
+
+
+def completed(draft: Draft, about: Project, found: FirstCases, *, offline: bool) -> Draft:
+    """Return the draft with cases, the extras that they need, the tests, and ranges of what can be installed."""
+    baseline = draft.baseline
+    ranges = draft.ranges if offline or not baseline else tuple(_narrowed(draft.ranges, baseline))
+    extras, notes = _known_extras(draft, about)
+    return replace(
+        draft,
+        cases=found.cases,
+        extras=tuple(dict.fromkeys((*extras, *found.extras))),
+        suite=_suite(about),
+        ranges=ranges,
+        notes=(*draft.notes, *notes, *found.notes),
+    )
+
+
+def without_clashes(draft: Draft, path: Path) -> Draft:
+    """Return the draft of a written matrix without values that only clash with the newest release of another axis."""
+    packages = [each.package for each in draft.ranges]
+    if not packages:  # nothing but the project's own requirements can stand against a value
+        return draft
+    opened = store.open_store()
+    try:
+        planned = catalog.dated(catalog.load(str(path), lambda _: None), opened)
+    except HarnessError:  # it is loaded again right after, and says it then
+        return draft
+    with progress.Progress(0, 1, reporting.headline) as board:
+        found = firstvalues.clashing(planned.cells, packages, opened, board)
+    gone = found.get(firstvalues.PYTHON, ())
+    note = f"Left out: Python {', '.join(gone)}, on which the newest releases of the axes cannot be installed."
+    return replace(
+        draft,
+        main=draft.baseline,
+        pythons=tuple(python for python in draft.pythons if python not in gone),
+        ranges=tuple(_without(each, found.get(each.package, ())) for each in draft.ranges),
+        notes=(*draft.notes, *([note] if gone else [])),
+    )
+
+
+def _without(wanted: Range, versions: Sequence[str]) -> Range:
+    """Return a range without some versions, with a note on why they are left out."""
+    if not versions:
+        return wanted
+    note = f"Left out, not installable beside the newest release of the other axes: {', '.join(versions)}."
+    return replace(
+        wanted,
+        range=",".join([wanted.range, *(f"!={version}" for version in versions)]),
+        note=" ".join(filter(None, [wanted.note, note])),
+    )
+
+
+def _known_extras(draft: Draft, about: Project) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the extras of a draft that the project has; a workflow may name others, of which pip only warns."""
+    unknown = [extra for extra in draft.extras if about.extras and extra not in about.extras]
+    kept = tuple(extra for extra in draft.extras if extra not in unknown)
+    return kept, tuple(f"Left out: the extra {extra}, which the project does not have." for extra in unknown)
+
+
+def _narrowed(ranges: Sequence[Range], python: str) -> Iterator[Range]:
+    version = _minor(python)
+    for each in ranges:
+        try:
+            releases = index.releases(each.package)
+        except HarnessError:  # the range is expanded right after, and says it then
+            yield each
+            continue
+        offers = [
+            Offer(
+                version=release.version,
+                yanked=release.yanked,
+                requires_python=release.requires_python,
+                wheels=release.wheels,
+            )
+            for release in releases
+        ]
+        yield narrowed(each, offers, version)
+
+
+def _minor(python: str) -> str:
+    """Return a Python as wheels name it: `3.11`."""
+    found = interpreters.find(HOST) if python == HOST else None
+    return found.minor if found else ".".join(python.split(".")[:2])
+
+
+def _suite(about: Project) -> drafts.SuiteDraft | None:
+    folders = [path.name for path in sorted(Path().iterdir()) if path.is_dir()]
+    return drafts.suite(
+        about.extras, about.groups, folders, in_workflow=_extras_of_workflows(), configured=about.test_paths
+    )
+
+
+def _extras_of_workflows() -> Iterator[str]:
+    """Yield the extras that the project's own workflows install where they run pytest."""
+    for path in sorted(Path(".github/workflows").glob("*.y*ml")):
+        text = path.read_text(encoding="utf-8", errors="replace")
+        try:
+            jobs = workflows.read(text, str(path)) if "pytest" in text else ()
+        except BadInput:  # no matrix, or no workflow
+            continue
+        for job in jobs:
+            for leg in job.legs:
+                yield from leg.extras or ()
+
+
+# --- without an installed package ------------------------------------------------------------------------------
+
+
+def _in_sources() -> Case | None:
+    """Return the first environment that the sources register, in its newest version."""
+    found = dict.fromkeys(_registered())
+    for first, api in found:
+        name = first.rpartition("-v")[0]
+        newest = max((int(env.rpartition("-v")[2]), env) for env, _ in found if env.rpartition("-v")[0] == name)
+        return Case(env=newest[1], api=api, note="Found in the sources, and not tried.")
+    return None
+
+
+def _registered() -> Iterator[tuple[str, str]]:
+    for path in sorted(Path().rglob("*.py")):
+        if NOT_SOURCES & {*path.parts} or any(part.startswith(".") for part in path.parts):
+            continue
+        if path.stat().st_size <= LARGEST:
+            text = path.read_text(encoding="utf-8", errors="replace")
+            api = GYMNASIUM if "gymnasium" in text else GYM
+            yield from ((env, api) for env in (drafts.registered(text) if "register" in text else ()))

@@ -1,0 +1,133 @@
+"""`simmatrix known [PACKAGE | SIGNATURE]`: what was measured, and which issues are known."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import textwrap
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+
+import msgspec
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+from harness import issue_texts, known_issues, measured, measured_cells
+from harness.errors import BadInput
+from harness.known_issues import Issue
+from harness.measured_cells import Known
+from harness.recommended_text import wrapped
+from harness.reporttypes import number
+from harness.standalone.output import print_json
+from harness.vocabulary import required_name
+
+HELP = "List the packages that were measured and the issues that are known, or open one of them."
+
+
+class PackageEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A package that was measured: releases, newest first, by whether some cell of them works as a whole."""
+
+    name: str
+    works: tuple[str, ...]
+    others: tuple[str, ...]
+    cells: int
+    reports: tuple[str, ...]
+    issues: tuple[str, ...]
+
+
+class KnownDocument(msgspec.Struct, frozen=True, kw_only=True):
+    """The document of `known --json`: packages that cases ran, and known issues."""
+
+    schema: int = 1
+    packages: tuple[PackageEntry, ...]
+    issues: tuple[Issue, ...]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `known`."""
+    parser.add_argument("name", metavar="PACKAGE|SIGNATURE", nargs="?", help="a package, or the id of a known issue")
+    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Print what is known. Exit 2 for a name that nothing has."""
+    document = measured.load()
+    issues = known_issues.with_cells(issue_texts.load(), document["cells"])
+    answer = _answer(args.name, measured_cells.known(document), issues)
+    if args.json:
+        print_json(msgspec.json.encode(answer))
+        return 0
+    width = shutil.get_terminal_size().columns
+    print("\n".join(text for line in _lines(answer, args.name) for text in wrapped(line, width)))
+    return 0
+
+
+def _answer(name: str | None, cells: Sequence[Known], issues: Sequence[Issue]) -> KnownDocument:
+    """Return everything, or the package or the issue of a name. Raises BadInput."""
+    packages = sorted({package for one in cells for package in one.exercised | (one.named & one.pins.keys())})
+    if name is None:
+        entries = tuple(_package(package, cells, issues) for package in packages)
+        return KnownDocument(packages=entries, issues=tuple(issues))
+    package = canonicalize_name(name)
+    if package in packages:
+        mine = [one for one in issues if package in _concerned(one)]
+        entry = _package(package, cells, issues)
+        return KnownDocument(packages=(entry,), issues=tuple(mine))
+    found = known_issues.named(name, issues)
+    if found:
+        return KnownDocument(packages=(), issues=(found,))
+    near = get_close_matches(name.lower(), [*packages, *(one.id for one in issues)], n=3)
+    hint = f"; did you mean {' or '.join(near)}?" if near else "; `simmatrix known` lists all"
+    message = f"{name}: no package of this name was measured, and no known issue has this id{hint}"
+    raise BadInput(message)
+
+
+def _package(name: str, cells: Sequence[Known], issues: Sequence[Issue]) -> PackageEntry:
+    mine = [one for one in cells if name in one.about and one.version(name)]
+    works = {str(one.version(name)) for one in mine if one.works and name in one.exercised}
+    others = {str(one.version(name)) for one in mine} - works
+    return PackageEntry(
+        name=name,
+        works=tuple(sorted(works, key=Version, reverse=True)),
+        others=tuple(sorted(others, key=Version, reverse=True)),
+        cells=len(mine),
+        reports=tuple(sorted({one.cell["matrix"] for one in mine})),
+        issues=tuple(one.id for one in issues if name in _concerned(one)),
+    )
+
+
+def _concerned(one: Issue) -> set[str]:
+    """Return the packages that take part in a known issue."""
+    return set(map(required_name, one.packages))
+
+
+def _lines(answer: KnownDocument, name: str | None) -> Iterator[str]:
+    if name and not answer.packages:
+        yield from known_issues.lines(answer.issues[0])
+        return
+    if name:
+        yield from _of_package(answer.packages[0])
+    else:
+        yield f"{len(answer.packages)} packages were measured; `simmatrix known PACKAGE` opens one"
+        yield from (f"  {one.name}  {_newest(one)}, {number(one.cells, 'cell')}" for one in answer.packages)
+    yield ""
+    yield f"{len(answer.issues)} known issues; `simmatrix known ID` opens one"
+    yield from (
+        f"  {one.id}{' (silent)' if one.silent else ''}: {textwrap.shorten(one.cause, 100)}" for one in answer.issues
+    )
+
+
+def _newest(one: PackageEntry) -> str:
+    if not one.works:
+        return f"{number(len(one.others), 'release')}, none works as a whole"
+    return f"{number(len(one.works), 'release')} that work, up to {one.works[0]}"
+
+
+def _of_package(one: PackageEntry) -> Iterator[str]:
+    yield f"{one.name}: {number(one.cells, 'cell')}"
+    yield f"  works      {', '.join(one.works) or 'no release as a whole'}"
+    if one.others:
+        yield f"  not so     {', '.join(one.others)}: no cell of these works as a whole"
+    yield f"  reports    {', '.join(one.reports)}"
+    yield from (f"  simmatrix report {report}" for report in one.reports)
+    yield f"  simmatrix recommend {one.name}"

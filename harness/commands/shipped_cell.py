@@ -1,0 +1,52 @@
+"""A cell that was measured before and came with the harness, or that `HARNESS_RESULTS` names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness import cellid, document, measured, shipped_reports
+from harness.commands import reporting
+from harness.errors import BadInput
+from harness.reporttypes import Document
+
+if TYPE_CHECKING:
+    from harness import lock_files
+
+
+def ids(pattern: str) -> list[str]:
+    """Return the ids of cells in the reports at hand that an id, a label or a glob names."""
+    known = {cell.id: cell for made, _ in _documents(pattern) for cell in made.cells if cell.measured}
+    return sorted(cell.id for cell in cellid.chosen(pattern, list(known.values())))
+
+
+def load(cell: str) -> Document:
+    """Return a document of one cell, its paths as seen from the working folder."""
+    made, file = next(each for each in _documents(cell) if any(one.id == cell for one in each[0].cells))
+    return document.moved(document.only(made, {cell}), reporting.seen_from_here(file.parent))
+
+
+def lock_of(cell: str) -> lock_files.Handed:
+    """Return the lock of a measured cell. Raises BadInput where it has none."""
+    known = measured.load()
+    found = [one for one in known["cells"] if one["id"] == cell and one["lock"]]
+    if not found:
+        message = f"{cell}: has no lock"
+        raise BadInput(message)
+    from harness import distilling, lock_files  # noqa: PLC0415 - start-up
+
+    one = found[0]
+    return lock_files.Handed(
+        lock=distilling.lock_text(known, one["lock"]),
+        cell=cell,
+        python=one["python"],
+        machine=one["machine"],
+        measured=one["measured"],
+        settings=one["environment"],
+    )
+
+
+def _documents(pattern: str) -> list[tuple[Document, Path]]:
+    """Return the report that an id names, or all of them, with their files."""
+    found = shipped_reports.load(pattern.partition("/")[0]) if "/" in pattern else None
+    return [found] if found else list(shipped_reports.every())

@@ -1,0 +1,103 @@
+"""Environments that an installed package told of: read, and ordered by which of them is tried first."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from packaging.utils import canonicalize_name
+
+from harness.vocabulary import APIS
+
+MOST, LONGEST = 5000, 300
+VERSION = re.compile(r"^(.*?)[-_]v(\d+)$")
+ARGUMENTS = re.compile(r"missing \d+ required (?:positional|keyword-only) arguments?")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Candidate:
+    """An environment that may become a case: `place` is the module that it comes from, `lacking` what keeps it away.
+
+    `imports` are modules that have to be imported for it to be known.
+    """
+
+    env: str
+    api: str
+    place: str = ""
+    entry: str = ""
+    lacking: str = ""
+    imports: tuple[str, ...] = ()
+
+
+def read(facts: Mapping[str, Any]) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
+    """Read what a cell told, leaving out what has another shape: environments, and imports that failed with why."""
+    listed, failed = facts.get("environments"), facts.get("failed")
+    plain = [each for each in listed[:MOST] if isinstance(each, dict)] if isinstance(listed, list) else []
+    found = [_candidate({name: str(value)[:LONGEST] for name, value in each.items()}) for each in plain]
+    troubles = failed.items() if isinstance(failed, dict) else ()
+    return (
+        tuple(each for each in found if each.env and each.api in APIS),
+        tuple((str(module)[:LONGEST], str(why)[:LONGEST]) for module, why in troubles),
+    )
+
+
+def _candidate(told: Mapping[str, str]) -> Candidate:
+    module, entry = told.get("module", ""), told.get("entry", "")
+    loop = told.get("api") == "pettingzoo"
+    return Candidate(
+        env=told.get("env", ""),
+        api=told.get("api", ""),
+        place=module if loop else entry.partition(":")[0] or module,
+        entry=entry,
+        lacking=told.get("lacking", ""),
+        imports=() if loop or not module else (module,),
+    )
+
+
+def chosen_order(found: Iterable[Candidate]) -> list[Candidate]:
+    """Return candidates in the order in which they are tried: of each name the newest, of each class one, then more.
+
+    Without that, three of a first matrix would be three variants of one task.
+    """
+    newest: dict[tuple[str, str], Candidate] = {}
+    for each in found:
+        name = VERSION.match(each.env)
+        key = (each.api, name[1] if name else each.env)
+        kept = newest.get(key)
+        if kept is None or _number(each.env) > _number(kept.env):
+            newest[key] = each
+    known = list(newest.values())
+    if any(VERSION.match(each.place) for each in known if each.api == "pettingzoo"):
+        known = [each for each in known if each.api != "pettingzoo" or VERSION.match(each.place)]
+    first: dict[str, Candidate] = {}
+    for each in known:
+        first.setdefault(each.entry or each.env, each)
+    heads = list(first.values())
+    return [*_spread(heads), *(each for each in known if each not in heads)]
+
+
+def _number(env: str) -> int:
+    found = VERSION.match(env)
+    return int(found[2]) if found else -1
+
+
+def _spread(known: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates of different modules first, in turns."""
+    by_place: dict[str, list[Candidate]] = {}
+    for each in known:
+        by_place.setdefault(each.place, []).append(each)
+    rounds = max(map(len, by_place.values()), default=0)
+    return [group[at] for at in range(rounds) for group in by_place.values() if at < len(group)]
+
+
+def needs_arguments(why: str) -> bool:
+    """Return whether an environment failed only because it takes arguments that nobody gave."""
+    return ARGUMENTS.search(why) is not None
+
+
+def ordered_extras(extras: Sequence[str], places: Iterable[str]) -> list[str]:
+    """Return extras in the order in which they are tried: those called like a part of the package first, `all` last."""
+    parts = {canonicalize_name(part) for place in places for part in place.split(".")}
+    return sorted(extras, key=lambda extra: (extra == "all", canonicalize_name(extra) not in parts))

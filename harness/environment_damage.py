@@ -1,0 +1,98 @@
+"""What of an environment is no longer as it was installed: a disk that rots, a probe that reached what lies below.
+
+Each file is held against the RECORD of its package. A quick look takes sizes, and hashes of Python code; a thorough
+one hashes every file.
+"""
+
+from __future__ import annotations
+
+import base64
+import csv
+import hashlib
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from packaging.utils import canonicalize_name
+
+from harness.guarded_files import head, text
+from harness.hostile_data import Unreadable, understanding
+
+CONFIG, PYTHON = "pyvenv.cfg", "bin/python"
+MOST_RECORD, MOST_CONFIG = 64 << 20, 1 << 16
+PIECE = 1 << 20
+
+
+def damaged(environment: Path, *, thorough: bool) -> Mapping[str, str]:
+    """Return the files that are not as RECORD has them, relative to the environment, each with its package's name.
+
+    A RECORD that lists nothing, or cannot be read, is one of them.
+    """
+    found = {}
+    for site in environment.glob("lib/python*/site-packages"):
+        for about in site.glob("*.dist-info"):
+            record, package = about / "RECORD", str(canonicalize_name(about.name.partition("-")[0]))
+            rows = [*_rows(record)]
+            if not rows:
+                found[record.relative_to(environment).as_posix()] = package
+            for name, mark, size in rows:
+                path = Path(os.path.normpath(site / name))
+                if path.is_relative_to(environment) and not _as_told(path, mark, size, thorough=thorough):
+                    found[path.relative_to(environment).as_posix()] = package
+    return dict(sorted(found.items()))
+
+
+def foundation(environment: Path) -> str | None:
+    """Return what makes Python an environment of its own: its configuration and what it is a link to."""
+    try:
+        target = os.path.realpath(environment / PYTHON, strict=True)
+        return f"{target}\n{text(environment / CONFIG, MOST_CONFIG)}"
+    except (OSError, Unreadable):
+        return None
+
+
+def replacing(environment: Path) -> str | None:
+    """Return the package that has a file in the place of what makes Python an environment of its own."""
+    for site in environment.glob("lib/python*/site-packages"):
+        for record in sorted(site.glob("*.dist-info/RECORD")):
+            places = {os.path.normpath(site / name) for name, _, _ in _rows(record)}
+            if places & {str(environment / CONFIG), str(environment / PYTHON)}:
+                return record.parent.name.removesuffix(".dist-info").replace("-", " ", 1)
+    return None
+
+
+def _rows(record: Path) -> Iterator[tuple[str, str, str]]:
+    with suppress(Unreadable):
+        content = text(record, MOST_RECORD)
+        with understanding():
+            rows = [row for row in csv.reader(content.splitlines()) if len(row) == 3]
+        yield from ((name, mark, size) for name, mark, size in rows if "=" in mark)
+
+
+def _as_told(path: Path, mark: str, size: str, *, thorough: bool) -> bool:
+    try:
+        about = path.lstat()
+    except (OSError, ValueError):  # no name that a file could have
+        return False
+    if not stat.S_ISREG(about.st_mode) or (size.isdigit() and about.st_size != int(size[:20])):
+        return False
+    if not thorough and path.suffix != ".py":
+        return True
+    method, _, wanted = mark.partition("=")
+    return method not in hashlib.algorithms_guaranteed or _hash(path, method) in {wanted, ""}
+
+
+def _hash(path: Path, method: str) -> str:
+    try:
+        if path.suffix == ".py":
+            digest = hashlib.new(method, head(path, MOST_RECORD)).digest()
+        else:
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, method).digest()
+    except (Unreadable, OSError):
+        return "unreadable"
+    except TypeError:  # a method that takes a length
+        return ""
+    return base64.urlsafe_b64encode(digest).decode().rstrip("=")

@@ -1,0 +1,73 @@
+"""What the environments of a cell really ran: packages whose code was called, and ids that something registers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from harness.model import FAILING, CaseRecord, CellRecord, CheckRecord, Phase
+from harness.vocabulary import FAMILY, IMPORT_CHECK
+
+MOST_NAMED = 3
+ARGUMENTS = "single.arguments"
+OWN = "what no id names is run by a callable that makes it: --env MODULE:CALLABLE"
+
+
+def exercised(evidence: CellRecord) -> frozenset[str]:
+    """Return the packages that the environments of a cell really ran, as their checks noted."""
+    checks = (check for case in evidence.cases for check in _checks(case))
+    return frozenset(name for check in checks for name in check.facts.get("exercised", ()))
+
+
+def idle(evidence: CellRecord) -> tuple[str, ...]:
+    """Return the packages asked for of which nothing was run; none where no environment came so far."""
+    ran = exercised(evidence)
+    return tuple(name for name in evidence.cell.asked if name not in ran) if ran else ()
+
+
+def nothing_of(missed: Iterable[str], evidence: CellRecord) -> str:
+    """Return why a cell that passed does not work: it was something else that ran."""
+    brought = ((case.env, check.facts.get("environment_of")) for case in evidence.cases for check in _checks(case))
+    found = next((f": {env} is an environment of {package}" for env, package in brought if env and package), "")
+    return f"nothing of {' and '.join(missed)} was run{found}"
+
+
+def import_fact(case: CaseRecord, name: str) -> Any:
+    """Return a fact of the import of a case; None where it has no such fact."""
+    checks = (check for check in _checks(case) if check.check == IMPORT_CHECK)
+    return next((check.facts[name] for check in checks if name in check.facts), None)
+
+
+def lacking(evidence: CellRecord) -> str | None:
+    """Return which arguments an environment needs that nobody named, in words; None where none is lacking."""
+    phases = (phase for case in evidence.cases for phase in case.phases)
+    found = (finding.text for phase in phases for finding in phase.findings if finding.check == ARGUMENTS)
+    return next((f"{evidence.cases[0].env} {text}" for text in found), None)
+
+
+def unregistered(evidence: CellRecord) -> str | None:
+    """Return what is wrong with an environment id that nothing registers, in a message; None where none is wrong."""
+    for case in evidence.cases:
+        fact = import_fact(case, "unregistered")
+        failed = any(phase.outcome in FAILING for phase in case.phases if phase.phase in {Phase.IMPORT, Phase.SINGLE})
+        if isinstance(fact, Mapping) and failed:
+            return _message(evidence, case, fact)
+    return None
+
+
+def _message(evidence: CellRecord, case: CaseRecord, fact: Mapping[str, Any]) -> str:
+    installed = evidence.installed or {}
+    package = case.api.replace("_", "-")
+    library = f"{package} {installed[package]}" if package in installed else case.api
+    searched = [str(name) for name in fact.get("searched", ())]
+    more_names = f" and {len(searched) - MOST_NAMED} more" if len(searched) > MOST_NAMED else ""
+    looked = ", ".join(searched[:MOST_NAMED]) + more_names
+    more = f", nor does what was imported to look for it ({looked})" if searched else ""
+    nearest = [str(name) for name in fact.get("nearest", ())]
+    hint = f"; did you mean {' or '.join(nearest)}?" if nearest else f"; {OWN}"
+    verb = "registers no such environment" if case.api in FAMILY else "has no such environment"
+    return f"--env {case.env}: {library} {verb}{more}{hint}"
+
+
+def _checks(case: CaseRecord) -> Iterable[CheckRecord]:
+    return (check for phase in case.phases for check in phase.checks)

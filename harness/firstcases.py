@@ -1,0 +1,231 @@
+"""The first cases of a project: the installed package is asked in a cell what it registers, and some of it is tried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from packaging.version import Version
+
+from harness import interpreters, launch, plan, subjects, verdict
+from harness.drafts import Case as Drafted
+from harness.drafts.candidates import Candidate, chosen_order, needs_arguments, ordered_extras, read
+from harness.errors import HarnessError
+from harness.model import Case, Cell, CellRecord, Outcome, Phase, Subject
+from harness.reporttypes import number
+from harness.scheduler import Observer, Runner, Settings
+from harness.store import Store
+from harness.vocabulary import HOST
+
+LISTING = "list.environments"
+LIMIT = 300.0
+"""Seconds for the imports of a package and its submodules."""
+
+ENOUGH, BATCH, MOST_TRIED, MOST_EXTRAS, MOST_PYTHONS, MOST_SKIPPED = 3, 3, 12, 5, 3, 3
+STEPS = 25
+"""Steps of a trial: it only sorts out what does not run at all, and a step of some simulators takes a second."""
+
+LONGEST = 200
+"""Characters of a module's name that a cell wrote."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FirstCases:
+    """The cases of a first matrix, the extras that they need, and sentences on what was and was not found out.
+
+    `asked` is whether the package could be installed and imported, `registered` how many environments it has.
+    """
+
+    cases: tuple[Drafted, ...] = ()
+    extras: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    asked: bool = False
+    registered: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Listed:
+    """What a cell told: environments, imports that failed, or why nothing could be asked."""
+
+    found: tuple[Candidate, ...] = ()
+    failed: tuple[tuple[str, str], ...] = ()
+    trouble: str | None = None
+    imported: bool = False
+
+
+@dataclass
+class Scout:
+    """Asks and tries in cells of one project; `extras` are those that its users may install, in order."""
+
+    opened: Store
+    observer: Observer
+    folder: Path
+    instant: str
+    offline: bool = False
+    extras: tuple[str, ...] = ()
+    tried: dict[str, str] = field(default_factory=dict)
+
+    def look(self, pythons: Sequence[str]) -> FirstCases:
+        """Find cases on the first of these Pythons that the project can be installed on; then with its extras."""
+        trouble = None
+        for python in [one for one in pythons if interpreters.find(one)][:MOST_PYTHONS] or [HOST]:
+            listed = self._listed(python, ())
+            if listed.imported or (listed.trouble is None):
+                return self._with_extras(python, listed)
+            trouble = trouble or f"On Python {python}: {listed.trouble}"
+        return FirstCases(notes=(trouble,) if trouble else ())
+
+    def _with_extras(self, python: str, listed: _Listed) -> FirstCases:
+        """Take what runs as it is installed; where nothing does, what runs with one of the extras."""
+        cases = self._running(python, (), listed.found)
+        if cases:
+            return self._found(listed, cases, ())
+        lacking = [*(each.lacking for each in listed.found if each.lacking), *(why for _, why in listed.failed)]
+        places = [each.place for each in listed.found] + [module for module, _ in listed.failed]
+        for extra in ordered_extras(self.extras, places)[:MOST_EXTRAS] if lacking or self.tried else ():
+            more = self._listed(python, (extra,))
+            near = [each for each in more.found if extra in each.place.split(".")]
+            cases = self._running(python, (extra,), near or more.found)
+            if cases:
+                return self._found(more, cases, (extra,))
+        return self._nothing_runs(listed)
+
+    def _found(self, listed: _Listed, cases: Sequence[Drafted], extras: tuple[str, ...]) -> FirstCases:
+        notes = [f"The package has {number(len(listed.found), 'environment')}; each can be a case of its own."]
+        if extras:
+            notes.append(f"None of them runs without an extra; these run with {', '.join(extras)}.")
+        notes += [f"{env} was tried and left out: {why}" for env, why in list(self.tried.items())[:ENOUGH]]
+        return FirstCases(
+            cases=tuple(cases), extras=extras, notes=tuple(notes), asked=True, registered=len(listed.found)
+        )
+
+    def _nothing_runs(self, listed: _Listed) -> FirstCases:
+        """Keep one case that fails for a reason a user meets; what only lacks an argument is no case."""
+        notes = [*([listed.trouble] if listed.trouble else [])]
+        real = {env: why for env, why in self.tried.items() if not needs_arguments(why)}
+        asking = [env for env in self.tried if env not in real]
+        if asking:
+            notes.append(f"{', '.join(asking[:ENOUGH])}: needs arguments (`kwargs` of a case): {self.tried[asking[0]]}")
+        if not listed.found and not listed.trouble:
+            notes.append("It registers no environments of its own: its tests are what can be run.")
+        known = {each.env: each for each in listed.found}
+        cases = [_drafted(known[env], f"Tried, and it does not run: {why}") for env, why in list(real.items())[:1]]
+        notes += [
+            f"None of its environments runs as it is installed; {env}: {why}" for env, why in list(real.items())[:1]
+        ]
+        left = [each for each in listed.found if each.lacking]
+        if left and not real:
+            notes.append(f"{left[0].env} and {len(left) - 1} more cannot be made as installed: {left[0].lacking}")
+        return FirstCases(cases=tuple(cases), notes=tuple(notes), asked=listed.imported, registered=len(listed.found))
+
+    # --- in a cell -------------------------------------------------------------------------------------------------
+
+    def _cell(self, python: str, extras: tuple[str, ...]) -> Cell:
+        subject = subjects.settled(Subject(source=str(self.folder), extras=extras), offline=self.offline)
+        asked = plan.Asked(requirements=(), python=python, subject=subject, as_of=self.instant)
+        return plan.single(asked).cells[0]
+
+    def _runner(self, until: Phase) -> Runner:
+        return Runner(self.opened, Settings(until=until, offline=self.offline), self.observer)
+
+    def _listed(self, python: str, extras: tuple[str, ...]) -> _Listed:
+        """Ask what is registered; again without a submodule whose import ends the process."""
+        runner = self._runner(Phase.INSTALL)
+        try:
+            ready = runner.prepare(self._cell(python, extras))
+        except HarnessError as error:
+            return _Listed(trouble=str(error))
+        if ready.site is None:
+            return _Listed(trouble=_trouble(ready.record))
+        modules = next(known.modules for known in runner.subjects.values() if isinstance(known, subjects.Ready))
+        skip: list[str] = []
+        while True:
+            told = self._asked(ready.site, modules, skip)
+            if isinstance(told, _Listed):
+                return told
+            if told in {"", *modules, *skip} or len(skip) == MOST_SKIPPED:
+                return _Listed(trouble=f"importing {told or ', '.join(modules)} ends the process", imported=True)
+            skip.append(told)
+
+    def _asked(self, site: launch.Site, modules: tuple[str, ...], skip: Sequence[str]) -> _Listed | str:
+        """Ask one process; where it ends before it has told all, return the module that it imported then."""
+        case = Case(id="list", env="*", api="", imports=modules, kwargs={"skip": list(skip)})
+        with launch.probe(site, case, {LISTING: LIMIT}) as run:
+            reply = next((check for check in run.reply.checks if check.check == LISTING), None)
+            if reply and reply.raised:
+                why = f"importing {', '.join(modules)} fails: {reply.raised.type}: {reply.raised.message}"
+                return _Listed(trouble=why.splitlines()[0], imported=True)
+            if reply and reply.outcome is Outcome.PASSED:
+                return _read(reply.facts)
+            return run.text("importing")[:LONGEST]
+
+    def _running(self, python: str, extras: tuple[str, ...], found: Sequence[Candidate]) -> list[Drafted]:
+        """Try candidates until enough of them run: one environment at least, for some steps."""
+        order = [each for each in chosen_order(found) if not each.lacking][:MOST_TRIED]
+        cases: list[Drafted] = []
+        while order and len(cases) < ENOUGH:
+            batch, order = order[:BATCH], order[BATCH:]
+            for candidate, why in self._outcomes(python, extras, batch):
+                if why is None:
+                    self.tried.pop(candidate.env, None)
+                    cases.append(_drafted(candidate))
+                else:
+                    self.tried[candidate.env] = why
+        return cases[:ENOUGH]
+
+    def _outcomes(
+        self, python: str, extras: tuple[str, ...], batch: Sequence[Candidate]
+    ) -> Iterator[tuple[Candidate, str | None]]:
+        asked = tuple(replace(_case(candidate), steps=STEPS) for candidate in batch)
+        cell = replace(self._cell(python, extras), cases=asked, id=f"init/{self.folder.name}")
+        runner = self._runner(Phase.SINGLE)  # the phase that decides; later ones take minutes where a step is slow
+        record = runner.probe(runner.prepare(cell))  # whose fault a failure is matters to the first run, not here
+        for candidate, case in zip(batch, asked, strict=True):
+            yield candidate, _failure(record, case.id)
+
+
+def _case(candidate: Candidate) -> Case:
+    """Return the case as a matrix that names it has it."""
+    asked = plan.Asked(requirements=(), python=HOST, envs=(candidate.env,), api=candidate.api)
+    (case,) = plan.cases_for(replace(asked, subject=Subject(source="."), imports=candidate.imports))
+    return case
+
+
+def _drafted(candidate: Candidate, note: str | None = None) -> Drafted:
+    return Drafted(env=candidate.env, api=candidate.api, imports=candidate.imports, note=note)
+
+
+def _failure(record: CellRecord, case: str) -> str | None:
+    """Return why a case did not get through `single`, None where it did."""
+    found = next((tried for tried in record.cases if tried.case == case), None)
+    phases = {phase.phase: phase for phase in verdict.case_phases(record, found)} if found else {}
+    single = phases.get(Phase.SINGLE)
+    if single is not None and single.outcome is Outcome.PASSED:
+        return None
+    failed = (phase for phase in phases.values() if phase.outcome not in {Outcome.PASSED, Outcome.SKIPPED})
+    return next((line for phase in failed if (line := verdict.reason(phase))), None) or _trouble(record)
+
+
+def _trouble(record: CellRecord) -> str:
+    """Return why a cell did not come as far as its cases."""
+    judged = verdict.judge(record)
+    return f"{judged.verdict.replace('_', ' ')}: {judged.decisive or 'no line says why'}"
+
+
+def _read(facts: Any) -> _Listed:
+    """Read what a cell told, which may be anything."""
+    found, failed = read(facts)
+    return _Listed(found=found, failed=failed, imported=True)
+
+
+def by_preference(pythons: Iterable[str], baseline: str | None) -> tuple[str, ...]:
+    """Return Pythons with the baseline first, then newer ones, then older ones, each the nearest first."""
+    named = [python for python in pythons if python != HOST]
+    if not named:
+        return (HOST,)
+    start = Version(baseline or named[(len(named) - 1) // 2])
+    newer = sorted((one for one in named if Version(one) >= start), key=Version)
+    older = sorted((one for one in named if Version(one) < start), key=Version, reverse=True)
+    return (*newer, *older)

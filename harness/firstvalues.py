@@ -1,0 +1,46 @@
+"""Values of a first matrix that fail only because of the newest releases that stand beside them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+from harness import interpreters
+from harness.model import Cell, Interpreter, Outcome, Phase
+from harness.scheduler import Observer, Runner, Settings
+from harness.store import Store
+from harness.vocabulary import required_name
+
+PYTHON = "python"
+
+
+def clashing(
+    cells: Sequence[Cell], packages: Collection[str], opened: Store, observer: Observer
+) -> dict[str, tuple[str, ...]]:
+    """Return, by axis, the values (versions, Pythons) that resolve only without the pins of the other package axes.
+
+    Cells vary one axis at a time. A value that does not resolve without those pins either stays: the project says
+    that it works with it, and it does not.
+    """
+    runner = Runner(opened, Settings(until=Phase.RESOLVE), observer)
+    names = (PYTHON, *packages)
+    common = {name: Counter(cell.axes.get(name) for cell in cells).most_common(1)[0][0] for name in names}
+    found: dict[str, list[str]] = {}
+    for cell in sorted(cells, key=lambda cell: sum(cell.axes.get(name) != common[name] for name in names)):
+        odd = [name for name in names if cell.axes.get(name) != common[name]]
+        interpreter = interpreters.find(cell.python)
+        if not odd and interpreter and not _resolves(runner, cell, interpreter):
+            return {}  # the newest of all do not fit each other: no value is at fault
+        if len(odd) == 1 and interpreter and not _resolves(runner, cell, interpreter):
+            others = {name for name in packages if name != odd[0]}
+            kept = tuple(line for line in cell.question.requirements if required_name(line) not in others)
+            if _resolves(runner, replace(cell, question=replace(cell.question, requirements=kept)), interpreter):
+                found.setdefault(odd[0], []).append(cell.axes[odd[0]])
+    return {name: tuple(versions) for name, versions in found.items()}
+
+
+def _resolves(runner: Runner, cell: Cell, interpreter: Interpreter) -> bool:
+    """Return whether there is a lock; what the network or this machine keeps from being told counts as one."""
+    lock, step = runner.lock_of(cell, interpreter)
+    return lock is not None or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE

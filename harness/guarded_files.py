@@ -1,0 +1,140 @@
+"""Reads files that a cell, a cache, a user or another machine left: nothing about them is believed.
+
+A file is read only if it is a regular file. No link is followed at its name, a FIFO or a device never blocks, and no
+more than a given number of bytes is read. Whatever else goes wrong, also while decoding, is one error: Unreadable.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from threading import Lock
+from typing import Any, Self, TypeVar
+
+import msgspec
+
+from harness.hostile_data import Unreadable, understanding
+
+T = TypeVar("T")
+
+FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+PIECE = 1 << 20
+MOST_LOG = 64 << 20
+
+
+def read(path: str | Path, most: int, *, follow: bool = False) -> bytes:
+    """Return the whole content, which is refused where it is longer than `most` bytes. Raises Unreadable."""
+    content = _piece(path, 0, most + 1, follow=follow)
+    if len(content) > most:
+        message = f"it is longer than {most} bytes"
+        raise Unreadable(message)
+    return content
+
+
+def head(path: str | Path, most: int, *, follow: bool = False) -> bytes:
+    """Return the first `most` bytes. Raises Unreadable."""
+    return _piece(path, 0, most, follow=follow)
+
+
+def decoded(path: str | Path, most: int, decode: Callable[[bytes], T], *, follow: bool = False) -> T:
+    """Return what `decode` makes of the whole content. Raises Unreadable, whatever `decode` raises."""
+    content = read(path, most, follow=follow)
+    with understanding():
+        return decode(content)
+
+
+def decoder(kind: type[T]) -> msgspec.json.Decoder[T]:
+    """Return what reads JSON as a type; no two are made at a time: msgspec crashes where such types share others."""
+    with _making:
+        if kind not in _decoders:
+            _decoders[kind] = msgspec.json.Decoder(kind)
+        found: msgspec.json.Decoder[T] = _decoders[kind]
+    return found
+
+
+_making = Lock()
+_decoders: dict[Any, Any] = {}
+
+
+def text(path: str | Path, most: int, *, follow: bool = False) -> str:
+    """Return the whole content, which is UTF-8. Raises Unreadable."""
+    return decoded(path, most, bytes.decode, follow=follow)
+
+
+def log_text(path: Path) -> str:
+    """Return the beginning of a log as text: a command may have put anything in its place."""
+    try:
+        return head(path, MOST_LOG).decode("utf-8", "replace")
+    except Unreadable:
+        return ""
+
+
+class Folder:
+    """A folder held open: its files are found in it even where its name is given to something else since."""
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+
+    def __enter__(self) -> Self:
+        """Hold it."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let it go."""
+        os.close(self._descriptor)
+
+    def names(self, wanted: Callable[[str], object], most: int) -> list[str]:
+        """Return the names of its regular files that are wanted, sorted, at most so many of them."""
+        found: list[str] = []
+        with suppress(OSError), os.scandir(self._descriptor) as entries:
+            for entry in entries:
+                if wanted(entry.name) and entry.is_file(follow_symlinks=False):
+                    found.append(entry.name)
+                if len(found) == most:
+                    break
+        return sorted(found)
+
+    def head(self, name: str, most: int, start: int = 0) -> bytes:
+        """Return the first `most` bytes of a file, counted from `start`. Raises Unreadable."""
+        return _piece(_plain(name), start, most, folder=self._descriptor)
+
+    def tail(self, name: str, most: int) -> bytes:
+        """Return the last `most` bytes of a file. Raises Unreadable."""
+        return _piece(_plain(name), -most, most, folder=self._descriptor)
+
+
+def _plain(name: str) -> str:
+    if "/" in name or name in {"", ".", ".."}:
+        message = "it is not a name of a file"
+        raise Unreadable(message)
+    return name
+
+
+def _piece(path: str | Path, start: int, most: int, *, follow: bool = False, folder: int | None = None) -> bytes:
+    with understanding():
+        descriptor = os.open(path, FLAGS if follow else FLAGS | os.O_NOFOLLOW, dir_fd=folder)
+        try:
+            return _content(descriptor, start, most)
+        finally:
+            os.close(descriptor)
+
+
+def _content(descriptor: int, start: int, most: int) -> bytes:
+    about = os.fstat(descriptor)
+    if not stat.S_ISREG(about.st_mode):
+        message = "it is not a regular file"
+        raise Unreadable(message)
+    at = start if start >= 0 else max(0, about.st_size + start)
+    pieces = []
+    while most > 0:
+        asked = min(most, max(about.st_size - at + 1, 1 << 12), PIECE)
+        piece = os.pread(descriptor, asked, at)
+        pieces.append(piece)
+        at += len(piece)
+        most -= len(piece)
+        if len(piece) < asked:
+            break
+    return b"".join(pieces)

@@ -1,0 +1,113 @@
+"""Cameras: whether the one that drew a picture looks where it was told to."""
+
+import numpy as np
+
+from .cell_episode import single
+from .cell_errors import Skip
+from .cell_misleading import misleading
+from .cell_mujoco import bindings, memory, mended, vectors, watched, written
+
+FREE, TRACKING, FIXED = range(3)
+"""mjtCamera"""
+
+FRAMES = 60
+"""Pictures in which a tracking camera has to come to the body that it follows."""
+
+MIDDLE = 0.5
+"""How far from the middle a followed body may be, as a part of half the picture's height."""
+
+
+@misleading
+def camera(probe, facts):
+    """Compare what the last picture was drawn with and what the environment wrote.
+
+    A free camera looks at what its `lookat` was told, a tracking one at the body that it follows. A camera fixed in the
+    model is the model's own. What the environment wrote is what it would have drawn with if each item were written
+    where it belongs: only where items read back are others has that to be drawn.
+    """
+    mujoco = bindings()
+    drawn = _drawn(probe)
+    facts["camera"] = {"kind": drawn.kind, "lookat": drawn.lookat, "position": drawn.position}
+    kinds = (mujoco.MjvCamera, mujoco.MjvOption)
+    lost = [name for kind in kinds for name in vectors(kind) if not written(kind, name)]
+    facts["lost"] = lost
+    meant = drawn
+    if lost:
+        with mended(kinds):
+            meant = _drawn(probe)
+    if drawn.kind == TRACKING:
+        return _aside(drawn)
+    if drawn.kind == FREE and not np.allclose(drawn.lookat, meant.lookat, atol=1e-6):
+        text = "the free camera looks at {}, not at {}, which was written: all items of `lookat` are written as one"
+        return text.format(_shown(drawn.lookat), _shown(meant.lookat))
+    if drawn.things != meant.things:
+        names = [name for name in meant.options if drawn.options[name] != meant.options[name]]
+        for name in names:
+            text = "other things are drawn: with {} {}, not with {}, which was written: all items are written as one"
+            return text.format(name, drawn.options[name], meant.options[name])
+    if drawn.kind != FREE:
+        reason = "the camera is fixed in the model"
+        raise Skip(reason)
+    return None
+
+
+class Drawn:
+    """What MuJoCo made a scene of: the camera and its pose, the options, and things by kind and number."""
+
+    def __init__(self, m, d, opt, pert, cam, catmask, scn):  # noqa: PLR0913, PLR0917 - as the bindings name them
+        self.kind = int(cam.type)
+        self.lookat = memory(cam.lookat).tolist()
+        self.options = {name: memory(getattr(opt, name)).tolist() for name in vectors(type(opt))}
+        self.things = [(int(scn.geoms[n].objtype), int(scn.geoms[n].objid)) for n in range(scn.ngeom)]
+        eyes = [scn.camera[number] for number in range(2)]
+        self.position = np.mean([memory(eye.pos) for eye in eyes], axis=0).tolist()
+        self.forward, self.up = (memory(getattr(eyes[0], name)).astype(float) for name in ("forward", "up"))
+        self.half = eyes[0].frustum_top / eyes[0].frustum_near
+        followed = int(cam.trackbodyid) if self.kind == TRACKING else 0
+        self.bodies = [np.array(d.xpos[followed]), np.array(d.subtree_com[followed])]
+
+
+def _drawn(probe):
+    """Draw with an environment of its own, and return what with: a camera that follows a body is let come to it."""
+    found = []
+    watching = watched(("mjv_updateScene",), lambda *values, **named: found.append(Drawn(*values, **named)))
+    with watching, single(probe, draw=True) as env:
+        env.seed_actions(probe.case["seed"])
+        env.reset(probe.case["seed"])
+        env.render()
+        while 0 < len(found) < FRAMES and _moves(found):
+            env.render()
+    if not found:
+        reason = "could not be measured: no call of mjv_updateScene was seen"
+        raise Skip(reason)
+    return found[-1]
+
+
+def _moves(found):
+    """Whether a tracking camera still comes to its body: before MuJoCo 3, by a fifth of the way in each picture."""
+    before = found[-2].lookat if len(found) > 1 else None
+    return found[-1].kind == TRACKING and (before is None or not np.allclose(before, found[-1].lookat, atol=1e-3))
+
+
+def _aside(drawn):
+    """Return a text where the body that the camera follows is not near the middle of the picture."""
+    places = [_place(drawn, body) for body in drawn.bodies]
+    if any(place is not None and max(abs(place)) <= MIDDLE for place in places):
+        return None
+    if places[0] is None:
+        return "the body that the camera follows is behind it"
+    text = "the body that the camera follows is {:.2g} to the right of the middle of the picture and {:.2g} above it"
+    return (text + ", in halves of its height").format(*places[0])
+
+
+def _place(drawn, body):
+    """Return where a point is in the picture, in halves of its height to the right and above; None behind it."""
+    way = body - drawn.position
+    depth = drawn.forward @ way
+    if depth <= 0:
+        return None
+    return np.array([np.cross(drawn.forward, drawn.up) @ way, drawn.up @ way]) / (depth * drawn.half)
+
+
+def _shown(point):
+    return "({})".format(", ".join("{:.3g}".format(value) for value in point))

@@ -1,0 +1,54 @@
+"""The constraint solver: whether accelerations depend on the way in which the Jacobian is stored."""
+
+import numpy as np
+
+from .cell_misleading import misleading
+from .cell_mujoco import bindings, simulation
+
+STEPS = 50
+APART = 1e-3
+"""A difference that no rounding explains, as a part of the largest acceleration."""
+
+DENSE, SPARSE = 0, 1
+"""mjtJacobian"""
+
+
+@misleading
+def solver(probe, facts):
+    """Compare the accelerations that the sparse and the dense Jacobian give, in states of the model's own.
+
+    By MuJoCo's documentation the choice matters to speed alone. A model whose Jacobian is dense, or that is solved in
+    another way than Newton's, is not concerned.
+    """
+    mujoco, model = bindings(), simulation(probe).model
+    sparse = bool(mujoco.mj_isSparse(model)) if hasattr(mujoco, "mj_isSparse") else model.nv >= 60
+    newton = int(model.opt.solver) == int(mujoco.mjtSolver.mjSOL_NEWTON)
+    facts.update(sparse=sparse, newton=newton)
+    if not (sparse and newton):
+        return None
+    data, random = mujoco.MjData(model), np.random.RandomState(0)
+    for step in range(STEPS):
+        data.ctrl[:] = random.uniform(-1, 1, model.nu)
+        mujoco.mj_step(model, data)
+        dense, stored = (_accelerations(mujoco, model, data, way) for way in (DENSE, SPARSE))
+        gap, largest = abs(dense - stored).max(), abs(dense).max()
+        if gap > APART * max(1.0, largest):
+            text = "after {} steps the sparse constraint Jacobian gives accelerations that differ by {:.3g}"
+            return (text + " from those of the dense one, of which the largest is {:.3g}").format(
+                step + 1, gap, largest
+            )
+    return None
+
+
+def _accelerations(mujoco, model, data, way):
+    """Return the accelerations in a state, computed anew."""
+    kept = model.opt.jacobian
+    other = mujoco.MjData(model)
+    for name in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
+        getattr(other, name)[:] = getattr(data, name)
+    try:
+        model.opt.jacobian = way
+        mujoco.mj_forward(model, other)
+    finally:
+        model.opt.jacobian = kept
+    return np.array(other.qacc)

@@ -1,0 +1,58 @@
+"""The start pose: whether an environment begins where it says that it does."""
+
+from .cell_errors import Skip
+from .cell_misleading import misleading
+from .cell_mujoco import bindings, simulation
+
+FAR = 0.05
+"""How far (in m, or rad) a joint may be from where it begins."""
+
+
+@misleading
+def start_pose(probe, facts):
+    """Compare the joints after a reset with the environment's own `initial_qpos`.
+
+    The source is what gymnasium-robotics documents of that argument of its robots: "initial position value of the
+    joints in the MuJoCo simulation". Joints that begin elsewhere with another seed, such as those of an object that
+    is laid somewhere, are left out.
+    """
+    mujoco, found = bindings(), simulation(probe)
+    if found.starts is None:
+        reason = "no start pose is documented"
+        raise Skip(reason)
+    if found.settles:
+        reason = "the simulation is stepped in a reset, so that joints move from their start pose"
+        raise Skip(reason)
+    joints = [joint for joint in range(found.model.njnt) if _fixed(found, joint)]
+    if not joints:
+        reason = "each joint begins elsewhere with another seed"
+        raise Skip(reason)
+    away = [joint for joint in joints if _gap(found, joint) > FAR]
+    facts["joints"] = len(joints)
+    if not away:
+        return None
+    farthest = max(away, key=lambda joint: _gap(found, joint))
+    text = "after reset() {} of {} joints are not where initial_qpos has them: {!r} is at {:.3g}, not at {:.3g}"
+    name = mujoco.mj_id2name(found.model, mujoco.mjtObj.mjOBJ_JOINT, farthest)
+    place = _farthest(found, farthest)
+    return text.format(len(away), len(joints), name, found.starts[0][place], found.held[place])
+
+
+def _places(found, joint):
+    """Return the indices in qpos of a joint."""
+    addresses = [*found.model.jnt_qposadr.tolist(), int(found.model.nq)]
+    return range(addresses[joint], addresses[joint + 1])
+
+
+def _fixed(found, joint):
+    places = list(_places(found, joint))
+    return all(abs(start[places] - found.starts[0][places]).max() < FAR / 10 for start in found.starts[1:])
+
+
+def _gap(found, joint):
+    place = _farthest(found, joint)
+    return abs(found.starts[0][place] - found.held[place])
+
+
+def _farthest(found, joint):
+    return max(_places(found, joint), key=lambda place: abs(found.starts[0][place] - found.held[place]))

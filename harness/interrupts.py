@@ -1,0 +1,69 @@
+"""Signals that end a command: caught from its first line on, so that each ends it with a sentence and leaves nothing.
+
+Nothing but what Python has loaded by itself is imported here: whatever takes time comes after the handlers.
+"""
+
+import os
+import signal
+import stat
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import FrameType
+
+INTERRUPTED, TERMINATED = 130, 143
+GOES_ON = "finished cells are kept, the same command goes on from there"
+ENDING = (signal.SIGTERM, signal.SIGHUP)
+"""SIGHUP comes where a terminal is closed, an ssh session ends; `nohup` makes it ignored."""
+
+
+class Terminated(BaseException):
+    """SIGTERM or SIGHUP, raised in the main thread so that `with` blocks end what they started."""
+
+
+def at_once() -> None:
+    """While nothing is started yet, a signal ends the process with its sentence alone."""
+    for number in (*ENDING, signal.SIGINT):
+        if signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
+            signal.signal(number, _end)
+
+
+def orderly() -> None:
+    """From now on a signal ends what was started first."""
+    for number in ENDING:
+        if signal.getsignal(number) != signal.SIG_IGN or number == signal.SIGTERM:
+            signal.signal(number, _raise)
+    if signal.getsignal(signal.SIGINT) == _end:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def sentence(code: int) -> str:
+    """Say how a command was ended, and what is left of it."""
+    return f"simmatrix: {'interrupted' if code == INTERRUPTED else 'terminated'}; {GOES_ON}"
+
+
+def _end(number: int, frame: "FrameType | None") -> None:
+    code = INTERRUPTED if number == signal.SIGINT else TERMINATED
+    _leave_dead_terminal()
+    try:
+        os.write(2, f"{sentence(code)}\n".encode())
+    finally:
+        os._exit(code)
+
+
+def _raise(number: int, frame: "FrameType | None") -> None:
+    for each in ENDING:  # once is enough: what is being ended is not to be left in the middle
+        signal.signal(each, signal.SIG_IGN)
+    _leave_dead_terminal()
+    raise Terminated
+
+
+def _leave_dead_terminal() -> None:
+    """Write nowhere instead of to a terminal that is gone: every write to it would fail."""
+    for stream in (1, 2):
+        try:
+            gone = stat.S_ISCHR(os.fstat(stream).st_mode) and not os.isatty(stream)
+        except OSError:  # it was closed
+            continue
+        if gone:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream)

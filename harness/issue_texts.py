@@ -1,0 +1,28 @@
+"""The known issues in words, read once for each state of the signature files: checking every pattern takes long."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from harness import known_issues, store
+from harness.known_issues import Issue
+from harness.signature_files import files
+
+
+def load() -> tuple[Issue, ...]:
+    """Return all known issues, without their cells. Raises BadInput."""
+    marks = [
+        (str(path), path.stat().st_mtime_ns, path.stat().st_size)
+        for path in (*files(), Path(__file__), Path(known_issues.__file__))
+    ]
+    read = msgspec.json.Decoder(tuple[Issue, ...]).decode
+    return read(store.remembered("issues", repr(marks), _made, read))
+
+
+def _made() -> bytes:
+    from harness import knowledge  # noqa: PLC0415 - start-up
+    from harness.known_issues import of  # noqa: PLC0415 - start-up
+
+    return msgspec.json.encode(tuple(map(of, knowledge.known())))

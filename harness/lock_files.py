@@ -1,0 +1,71 @@
+"""Locks handed to users: a header that says what they are, and beside them the patched wheels that no index has."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness import catalog, given_files, locks, overlays, repairs, store
+from harness.errors import CouldNotTell
+from harness.indexsettings import NOTHING
+from harness.model import Repair, Step
+
+WHEELS = "-wheels"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Handed:
+    """A lock to be written: its text, and the cell that it was measured in."""
+
+    lock: str
+    cell: str
+    python: str
+    machine: str
+    measured: str
+    settings: Mapping[str, str]
+
+
+def write(path: Path, handed: Handed, *, offline: bool = False) -> str:
+    """Write a lock with its header, and its patched wheels into a folder beside it; return the command that installs.
+
+    Raises CouldNotTell where a patched wheel cannot be made here.
+    """
+    folder = path.with_name(path.stem + WHEELS)
+    patched = _patched(handed.lock)
+    for repair in patched:
+        wheel = overlays.wheel(repair, NOTHING, offline=offline)
+        if isinstance(wheel, Step):
+            message = f"{path} was not written: {wheel.decisive}"
+            raise CouldNotTell(message)
+        store.write_atomic(store.writable(folder) / wheel.name, wheel.read_bytes())
+    command = install(path, handed.python, folder if patched else None)
+    given_files.write_text(path, header(handed, command) + handed.lock)
+    return command
+
+
+def header(handed: Handed, command: str) -> str:
+    """Return comment lines that say which cell a lock was measured in, and how it is installed."""
+    settings = " ".join(f"{name}={value}" for name, value in handed.settings.items())
+    lines = [
+        f"simmatrix: {handed.cell}",
+        f"Python {handed.python}, measured {handed.measured[:10]} on {handed.machine}",
+        *([f"set: {settings}"] if settings else []),
+        f"install: {command}",
+    ]
+    return "".join(f"# {line}\n" for line in lines)
+
+
+def install(path: Path, python: str, wheels: Path | None = None) -> str:
+    """Return the commands that install a lock into a new environment."""
+    minor = ".".join(python.split(".")[:2])
+    links = f" --find-links {shlex.quote(str(wheels))}" if wheels else ""
+    return f"uv venv --python {minor} && uv pip sync --require-hashes{links} {shlex.quote(str(path))}"
+
+
+def _patched(lock: str) -> tuple[Repair, ...]:
+    """Return the recipes of the patched wheels that a lock holds."""
+    hashes = [mark for _, marks in locks.pinned(lock).values() for mark in marks]
+    known = [repair for made in catalog.recipes(Path("matrices")).values() for repair in made]
+    return repairs.used(known, hashes)

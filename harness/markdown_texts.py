@@ -1,0 +1,78 @@
+"""Text from anywhere inside Markdown: it neither links nor shows pictures, calls nobody, and ends no table or code."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+TAG = re.compile(r"<(?=[A-Za-z/!?])(?!https?://)")
+CODE = re.compile(r"(?<!`)(`+)(?!`)(.+?)(?<!`)\1(?!`)", re.DOTALL)
+"""A code span as CommonMark knows it: closed by a run of backticks as long as the one that opens it."""
+
+LINKS = re.compile(r"!\[|\][(\[:]")
+MENTION = re.compile(r"(?<![\w`])@(?=[A-Za-z0-9])")
+BACKTICKS = re.compile(r"`+")
+ADDRESS = re.compile(r"https?://[^\s<>\"`\\]+")
+FILE = re.compile(r"(?!\w+:)[\w.+/~%-]+")
+ODD = re.compile(r"(?<!\\)(?:\\\\)*\\$")
+"""A backslash at the end, which would take what follows for a character."""
+
+
+def table_cell(text: str) -> str:
+    """Return text that stays in one cell of a table; code between backticks is shown as it is."""
+    return _escaped(" ".join(text.split()), _prose_in_table, lambda code: code.replace("|", "\\|"))
+
+
+def prose(text: str) -> str:
+    """Return one line of text in which nothing begins an HTML tag, a link or a picture, code apart."""
+    return _escaped(re.sub(r"\s*\n\s*", " ", text), _prose, str)
+
+
+def code(text: str) -> str:
+    """Return text as a code span, whatever backticks it has."""
+    line = re.sub(r"\s*\n\s*", " ", text)
+    if "`" not in line:
+        return f"`{line}`"
+    fence = "`" * (_longest(line) + 1)
+    return f"{fence} {line} {fence}"
+
+
+def block(text: str, language: str = "") -> str:
+    """Return text as a fenced block that no line of it ends."""
+    fence = "`" * max(3, _longest(text) + 1)
+    return f"{fence}{language}\n{text}\n{fence}"
+
+
+def address(link: str) -> str:
+    """Return the address as a link between angle brackets; as text where it is none of the web."""
+    return f"<{link}>" if ADDRESS.fullmatch(link) else code(link)
+
+
+def file_link(name: str, path: str) -> str:
+    """Return a link to a file beside the page; the name alone where the path is none of a file."""
+    return f"[{table_cell(name)}]({path})" if FILE.fullmatch(path) else table_cell(name)
+
+
+def _longest(text: str) -> int:
+    return max(map(len, BACKTICKS.findall(text)), default=0)
+
+
+def _prose(text: str) -> str:
+    text = MENTION.sub("@&#8203;", TAG.sub("&lt;", text))
+    return text.replace("[", "\\[") if LINKS.search(text) else text
+
+
+def _prose_in_table(text: str) -> str:
+    text = text.replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*")
+    text = MENTION.sub("@&#8203;", TAG.sub("&lt;", text))
+    return text.replace("[", "\\[") if LINKS.search(text) else text
+
+
+def _escaped(text: str, of_prose: Callable[[str], str], of_code: Callable[[str], str]) -> str:
+    """Change prose and code, which stands between backticks, each in its own way."""
+    pieces, at = [], 0
+    for found in CODE.finditer(text):
+        before = of_prose(text[at : found.start()])
+        pieces += [f"{before}\\" if ODD.search(before) else before, of_code(found[0])]
+        at = found.end()
+    return "".join([*pieces, of_prose(text[at:])])

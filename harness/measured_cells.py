@@ -1,0 +1,220 @@
+"""Measured cells, out of the document of `distilling`, and which of them a question is about.
+
+A package counts for a cell only where a case ran it: what merely lay in the lock says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+from packaging.version import InvalidVersion, Version
+
+from harness.model import Phase
+from harness.standalone.keys import MODULES, SIMULATORS
+from harness.standalone.silent import PREFIX, plainly_good
+from harness.vocabulary import parsed_requirement, required_name
+
+Plain = Mapping[str, Any]
+
+PARTIAL = "partial"
+PASSED = "passed"
+WAYS = "MUJOCO_GL"
+"""A variable that is set in many cells as in any script: the other ones are tried for their own sake."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Wanted:
+    """A package that was asked for, and which versions of it."""
+
+    name: str
+    versions: SpecifierSet
+    text: str
+
+    @classmethod
+    def of(cls, text: str) -> Wanted:
+        """From a requirement; its extras say nothing of what was measured. Raises ValueError."""
+        found = parsed_requirement(text)
+        if found.url or found.marker:
+            message = f'"{text}" has {"an address" if found.url else "a marker"}; name a package, or `name>=version`'
+            raise ValueError(message)
+        return cls(name=required_name(text), versions=found.specifier, text=text)
+
+    def fits(self, version: str | None) -> bool:
+        """Whether a version is one of those."""
+        return version is not None and self.versions.contains(version, prereleases=True)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Query:
+    """What was asked: packages, a Python (`3.11` or `3.11.7`), phases that have to have passed, an environment."""
+
+    wanted: tuple[Wanted, ...]
+    python: str | None = None
+    needs: tuple[Phase, ...] = ()
+    env: str | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the packages."""
+        return tuple(one.name for one in self.wanted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """A measured cell, and what its lock holds; `axes` and requirements where it has none."""
+
+    cell: Plain
+    pins: Mapping[str, str]
+
+    def version(self, name: str) -> str | None:
+        """Return the version of a package, if it was there, or asked for where nothing could be locked."""
+        return self.pins.get(name) or (None if self.pins else self._asked.get(name))
+
+    @cached_property
+    def _asked(self) -> dict[str, str]:
+        """Return the versions that the cell asks for."""
+        found = {name: version for name, value in self.cell["axes"].items() if (version := _version(value))}
+        for one in self.requirements:
+            found |= {canonicalize_name(one.name): part.version for part in one.specifier if part.operator == "=="}
+        return found
+
+    @cached_property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """Return what the cell asks for."""
+        return tuple(map(parsed_requirement, self.cell["requirements"]))
+
+    @cached_property
+    def python(self) -> str:
+        """Return the version, in full where it is known."""
+        return str(self.cell["python"] or self.cell["axes"].get("python", ""))
+
+    @property
+    def minor(self) -> str:
+        """Return a version such as `3.11`."""
+        return ".".join(self.python.split(".")[:2])
+
+    @property
+    def works(self) -> bool:
+        """Return whether all that was tried works, and no silent issue is left open."""
+        return plainly_good(self.cell["verdict"], self.cell["unverified"]) and bool(self.pins)
+
+    @cached_property
+    def named(self) -> frozenset[str]:
+        """Return the packages that the matrix asks for by name."""
+        axes = (name for name in self.cell["axes"] if name != "python")
+        return frozenset((*axes, *(canonicalize_name(one.name) for one in self.requirements)))
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """Return packages that the matrix chose a version of, as they were there, or were asked for."""
+        return {name: version for name in sorted(self.named) if name != "python" and (version := self.version(name))}
+
+    @cached_property
+    def exercised(self) -> frozenset[str]:
+        """Return the packages that a case ran: never one that was only installed beside.
+
+        Where the cell noted what it ran, that counts; else what the matrix names and what the cases imported. A
+        package that brings environments of its own counts only where somebody asked for it by name or by its API.
+        """
+        noted = {name for case in self.cell["cases"] for name in case.get("exercised", ())}
+        spoken = {case["api"].replace("_", "-") for case in self.cell["cases"]}
+        imported = {*self.cell.get("imported", ())}
+        ran = noted or self.named | {name for name in self.pins if MODULES.get(name) in imported}
+        mine = self.named | spoken
+        return frozenset(name for name in ran | spoken if name in mine or name not in SIMULATORS) & self.pins.keys()
+
+    @property
+    def about(self) -> frozenset[str]:
+        """Return the packages that a red cell says something of: those it names or ran."""
+        return self.named | self.exercised
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """Return those that were set for their own sake."""
+        return {name: value for name, value in self.cell["environment"].items() if name != WAYS}
+
+
+def known(document: Plain) -> list[Known]:
+    """Return the cells of a document with their versions."""
+    pins = {sha: dict(map(tuple, lock)) for sha, lock in document["locks"].items()}
+    return [Known(cell=cell, pins=pins.get(cell["lock"], {})) for cell in document["cells"]]
+
+
+# --- what fits -------------------------------------------------------------------------------------------------
+
+
+def fitting(cells: Iterable[Known], query: Query) -> list[Known]:
+    """Return cells about all that was asked for, whatever became of them."""
+    return [one for one in cells if _holds(one, query) and _of_python(one, query.python) and _has(one, query.env)]
+
+
+def good(cells: Iterable[Known], query: Query) -> list[Known]:
+    """Return those that ran all that was asked for, work, and passed what was needed."""
+    return [one for one in fitting(cells, query) if ran(one, query) and works(one, query) and passed(one, query)]
+
+
+def ran(one: Known, query: Query) -> bool:
+    """Return whether a case ran each package that was asked for."""
+    return all(name in one.exercised for name in query.names)
+
+
+def works(one: Known, query: Query) -> bool:
+    """Return whether a cell is plainly good; where an environment was asked for, whether that one is."""
+    if query.env is None or one.works or one.cell["verdict"] != PARTIAL:
+        return one.works
+    cases = [case for case in one.cell["cases"] if _is(case, query.env)]
+    return all(case_works(case) for case in cases) and not any(map(is_silent, one.cell["unverified"]))
+
+
+def some_work(one: Known) -> bool:
+    """Return whether some environment of a cell works."""
+    return any(map(case_works, one.cell["cases"]))
+
+
+def case_works(case: Plain) -> bool:
+    """Return whether one environment of a cell was run and all that was tried of it passed."""
+    fine = {PASSED, "skipped", "unavailable"}
+    ends = case["phases"]
+    silent = any(map(is_silent, case.get("unverified", ())))
+    return ends.get("single") == PASSED and {*ends.values()} <= fine and not case.get("misleads") and not silent
+
+
+def _holds(one: Known, query: Query) -> bool:
+    return all(wanted.fits(one.version(wanted.name)) and wanted.name in one.about for wanted in query.wanted)
+
+
+def _of_python(one: Known, python: str | None) -> bool:
+    return python is None or f"{one.python}.".startswith(f"{python}.")
+
+
+def _has(one: Known, env: str | None) -> bool:
+    return env is None or any(_is(case, env) for case in one.cell["cases"])
+
+
+def _is(case: Plain, env: str) -> bool:
+    """Whether a case is of an environment, its id with or without what stands before it."""
+    return env == case["env"] or env == (case["env"] or "").partition(":")[2]
+
+
+def passed(one: Known, query: Query) -> bool:
+    """Whether what was needed passed: in the environment asked for, if one was."""
+    cases = [case["phases"] for case in one.cell["cases"] if query.env and _is(case, query.env)]
+    return all(phases.get(phase) == PASSED for phases in cases or [one.cell["phases"]] for phase in query.needs)
+
+
+def is_silent(name: str) -> bool:
+    """Return whether what was not verified is a silent known issue."""
+    return name.startswith(PREFIX)
+
+
+def _version(text: Any) -> str | None:
+    try:
+        return str(Version(str(text)))
+    except InvalidVersion:
+        return None

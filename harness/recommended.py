@@ -1,0 +1,150 @@
+"""The answer of `recommend`: what was measured and works, what works in part, what nobody measured together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from harness import inferring, recommending, traps
+from harness.apart import Apart, apart, installed
+from harness.inferring import Inferred
+from harness.measured_cells import PARTIAL, Known, Query, case_works, fitting, is_silent, passed, ran, some_work
+from harness.recommending import Combination
+from harness.traps import Red
+
+MISLEADS = "misleads"
+
+
+class Nearby(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known where nothing fits: `where` says how it is not what was asked for."""
+
+    where: str
+    combinations: tuple[Combination, ...]
+
+
+class Partly(msgspec.Struct, frozen=True, kw_only=True):
+    """A combination of which some environments work: those, and why the others do not."""
+
+    combination: Combination
+    verdict: str
+    works: tuple[str, ...]
+    fails: dict[str, str]
+
+
+class Recommended(msgspec.Struct, frozen=True, kw_only=True):
+    """The document of `recommend --json`: what was measured, what only follows, and what does not work.
+
+    `found` is how many combinations there are, of which `measured` has the newest. `doubtful` work, and a silent known
+    issue that no check has shown or refuted fits them; of `partly` some environments work. `apart` says that the
+    packages were never measured together. `unknown` are packages of which nothing was measured, `installed` releases
+    that were only in locks and never run. `next` is a command that would measure what was asked for.
+    """
+
+    schema: int = 1
+    asked: tuple[str, ...]
+    python: str | None
+    needs: tuple[str, ...]
+    env: str | None
+    found: int
+    measured: tuple[Combination, ...]
+    doubtful: tuple[Combination, ...]
+    partly: tuple[Partly, ...]
+    newer: tuple[Combination, ...]
+    apart: Apart | None
+    inferred: tuple[Inferred, ...]
+    red: tuple[Red, ...]
+    nearby: Nearby | None
+    unknown: tuple[str, ...]
+    installed: dict[str, tuple[str, ...]]
+    next: str
+
+
+def recommended(
+    document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int, next_: str
+) -> Recommended:
+    """Return all that the measured cells say about a question."""
+    found = recommending.combinations(document, cells, query)
+    found.sort(key=lambda one: bool(one.repaired or one.brought))  # what anybody can install goes first
+    together = None if found else apart(document, cells, query)
+    return Recommended(
+        asked=tuple(one.text for one in query.wanted),
+        python=query.python,
+        needs=tuple(query.needs),
+        env=query.env,
+        found=len(found),
+        measured=tuple(found[:limit]),
+        doubtful=tuple(_doubtful(document, cells, query, found)[:limit]),
+        partly=() if found else tuple(_partly(document, cells, query)[:limit]),
+        newer=tuple(_newer(document, cells, query, found)),
+        apart=together,
+        inferred=() if found else tuple(inferring.inferred(cells, query)[:limit]),
+        red=tuple(traps.red(cells, query)),
+        nearby=None if found or together else _nearby(document, cells, query, limit),
+        unknown=tuple(name for name in query.names if not any(one.version(name) for one in cells)),
+        installed={name: releases for name in query.names if (releases := _only_installed(cells, name))},
+        next=next_,
+    )
+
+
+def _only_installed(cells: Sequence[Known], name: str) -> tuple[str, ...]:
+    """Return releases of a package that no case ever ran, where that is all there is of it."""
+    return () if any(name in one.about for one in cells) else installed(cells, name)
+
+
+def _doubtful(
+    document: Mapping[str, Any], cells: Sequence[Known], query: Query, found: Sequence[Combination]
+) -> list[Combination]:
+    """Return what works where a silent known issue is left open, unless what is plainly good is newer."""
+    fits = [one for one in fitting(cells, query) if ran(one, query) and one.cell["verdict"] == "works"]
+    open_ = [one for one in fits if passed(one, query) and any(map(is_silent, one.cell["unverified"]))]
+    made = recommending.combined(document, open_, query)
+    best = max((recommending.newness(one.versions.values()) for one in found), default=())
+    return [one for one in made if recommending.newness(one.versions.values()) >= best]
+
+
+def _partly(document: Mapping[str, Any], cells: Sequence[Known], query: Query) -> list[Partly]:
+    """Return what works in part, the newest first: of each combination the cell with the most working environments."""
+    fits = [one for one in fitting(cells, query) if ran(one, query) and one.cell["verdict"] in {PARTIAL, MISLEADS}]
+    fits = [one for one in fits if some_work(one)]
+    made = []
+    for versions, found in recommending.grouped(fits, query):
+        best = max(found, key=lambda one: sum(map(case_works, one.cell["cases"])))
+        made.append(
+            Partly(
+                combination=recommending.combination(document, versions, [best]),
+                verdict=best.cell["verdict"],
+                works=tuple(case["case"] for case in best.cell["cases"] if case_works(case)),
+                fails={
+                    case["case"]: case["decisive"] or ", ".join(case.get("misleads", ())) or "not verified"
+                    for case in best.cell["cases"]
+                    if not case_works(case)
+                },
+            )
+        )
+    return made
+
+
+def _newer(
+    document: Mapping[str, Any], cells: Sequence[Known], query: Query, found: Sequence[Combination]
+) -> list[Combination]:
+    """Return the newest combination on other Pythons, where it is newer and was not measured on the one asked for."""
+    if query.python is None or not found:
+        return []
+    anywhere = Query(wanted=query.wanted, needs=query.needs, env=query.env)
+    (best,), seen = recommending.combinations(document, cells, anywhere, limit=1), fitting(cells, query)
+    newest = recommending.newness(best.versions.values())
+    if newest <= recommending.newness(found[0].versions.values()):
+        return []
+    measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in seen)
+    return [] if measured else [best]
+
+
+def _nearby(document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int) -> Nearby | None:
+    """Return what works where less is asked for: the first such question that has an answer."""
+    for where, other in recommending.relaxed(query):
+        found = recommending.combinations(document, cells, other, limit=limit)
+        if found:
+            return Nearby(where=where, combinations=tuple(found))
+    return None

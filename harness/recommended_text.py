@@ -1,0 +1,224 @@
+"""The answer of `recommend` in words: first what to install, then why, at most a few traps, and what to type next."""
+
+from __future__ import annotations
+
+import shlex
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from harness.apart import Apart, Half
+from harness.model import CASE_PHASES
+from harness.recommended import Partly, Recommended
+from harness.recommending import Combination
+from harness.reporttypes import number, word
+from harness.traps import Red
+
+VIRTUAL = ("DISPLAY", "virtual")
+"""As cells have it for which a display was started."""
+FEW = 3
+SHOWN = 5
+LONGEST = 200
+"""Characters of a line that says why."""
+
+
+def lines(
+    answer: Recommended, machines: Mapping[str, Any], names: Iterable[str], width: int, *, whole: bool
+) -> list[str]:
+    """Return the answer, wrapped; `whole` leaves nothing out."""
+    said = [*_answer(answer, machines, whole=whole), *_traps(answer, whole=whole), "", "next", *_next(answer)]
+    said = [*_unknown(answer, names), *said]
+    return [line for text in said for line in wrapped(text, width)]
+
+
+def paste(one: Combination) -> str:
+    """Return the line that somebody pastes: requirements, and as a comment the Python and what has to be set."""
+    shown = {name: value for name, value in one.settings.items() if (name, value) != VIRTUAL}
+    minor = ".".join(one.python.split(".")[:2])
+    notes = [f"Python {minor}", *(f"{name}={value}" for name, value in shown.items())]
+    notes += ["a display"] * (len(shown) < len(one.settings))
+    return f"{shlex.join(one.requirements)}  # {', '.join(notes)}"
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Return a line wrapped at spaces; what somebody pastes is never broken."""
+    if len(text) <= width or "  # Python" in text or text.lstrip().startswith(("simmatrix ", "uv ")):
+        return [text]
+    indent = " " * (len(text) - len(text.lstrip()) + 2)
+    return textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+# --- what works ------------------------------------------------------------------------------------------------
+
+
+def _answer(answer: Recommended, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
+    if answer.measured:
+        first, *others = answer.measured
+        yield from _first(first, machines, whole=whole)
+        for one in answer.newer:
+            minor = ".".join(one.python.split(".")[:2])
+            yield f"  {_versions(one.versions)} works on Python {minor}; on {answer.python} it was never measured:"
+            yield f"    {_try([f'{name}=={version}' for name, version in one.versions.items()], answer.python)}"
+        yield from _others(others, answer.found, machines, whole=whole)
+        if answer.doubtful:
+            yield ""
+            yield "in doubt"
+            yield from (f"  {line}" for line in _doubtful(answer.doubtful[: None if whole else 1]))
+        return
+    if answer.apart:
+        yield from _apart(answer.apart)
+    elif answer.partly:
+        yield "works in part: nothing that was measured passes as a whole"
+    elif not answer.installed and not answer.unknown and not answer.doubtful:
+        yield "no combination that was measured is known to be good"
+    yield from _doubtful(answer.doubtful[: None if whole else FEW])
+    for part in answer.partly[: None if whole else 1]:
+        yield from _partly(part)
+    for guess in answer.inferred:
+        yield f"inferred, not measured: {_versions(guess.versions)} on Python {guess.python}"
+        yield f"  {guess.why}"
+        yield f"  cells {', '.join(guess.from_cells)}"
+    if answer.nearby:
+        yield f"{answer.nearby.where} there is, measured and found good:"
+        yield from (f"  {paste(one)}" for one in answer.nearby.combinations[: None if whole else FEW])
+
+
+def _first(one: Combination, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
+    """Yield the combination to take, and what it rests on."""
+    yield paste(one)
+    passed = ", ".join(phase for phase in CASE_PHASES if one.phases.get(phase) == "passed")
+    yield f"  passed {passed} in {_some(one.environments, whole=whole)}"
+    if one.unverified:
+        yield f"  not verified: {', '.join(one.unverified)}"
+    where = "; ".join(_machine(name, machines) for name in one.machines)
+    yield f"  measured {one.measured[:10]} on Python {', '.join(one.pythons)}; {where}"
+    if one.repaired:
+        yield f"  {', '.join(one.repaired)} needs a patched wheel, which no index has: --lock-out FILE writes it, too"
+    if one.brought:
+        yield f"  needs what no index has: {', '.join(one.brought)}"
+    more = f", and {len(one.cells) - 1} more" if len(one.cells) > 1 else ""
+    yield f"  simmatrix show {one.cell}{more and f'  #{more[1:]}'}"
+    if whole:
+        yield f"  lock {number(one.lock.count('=='), 'package')}, sha256 {one.lock_sha256[:16]}"
+        yield from (f"  {name} {' or '.join(held)}" for name, held in one.beside.items())
+
+
+def _others(others: Sequence[Combination], found: int, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
+    shown = others if whole else others[:FEW]
+    if shown:
+        yield ""
+        yield "older or other combinations that work"
+    for one in shown:
+        yield from [f"  {line}" for line in _first(one, machines, whole=True)] if whole else [f"  {paste(one)}"]
+    if found - 1 > len(shown):
+        yield f"  and {found - 1 - len(shown)} more: --all"
+
+
+def _doubtful(found: Iterable[Combination]) -> Iterator[str]:
+    """Yield combinations that work, and that a silent known issue fits."""
+    for one in found:
+        yield paste(one)
+        yield f"  it ran, but {', '.join(one.unverified)} fits it, and no check has shown or refuted that"
+        yield from (f"  simmatrix known {name.removeprefix('silent:')}" for name in one.unverified if ":" in name)
+        yield f"  simmatrix show {one.cell}"
+
+
+def _partly(part: Partly) -> Iterator[str]:
+    total = len(part.works) + len(part.fails)
+    yield f"{paste(part.combination)}  # {len(part.works)} of {total} tasks"
+    yield f"  works: {_some(part.works, whole=True)}"
+    for name, why in part.fails.items():
+        how = word(part.verdict) if part.verdict == "misleads" else "fails"
+        yield f"  {how}: {name}: {textwrap.shorten(why, LONGEST)}"
+    yield f"  simmatrix show {part.combination.cell}"
+
+
+def _apart(found: Apart) -> Iterator[str]:
+    yield f"never measured together: {', '.join(' with '.join(half.packages) for half in found.halves)}"
+    for half in found.halves:
+        yield f"  {_half(half)}"
+
+
+def _half(half: Half) -> str:
+    if half.combination:
+        return f"{' with '.join(half.packages)} alone works: {paste(half.combination)}"
+    if half.installed:
+        return f"{half.packages[0]} was installed beside, never run: {', '.join(half.installed[:SHOWN])}"
+    return f"{' with '.join(half.packages)}: nothing measured is good"
+
+
+def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
+    from harness.schema import suggestion  # noqa: PLC0415 - start-up
+
+    for name in answer.unknown:
+        yield f"{name}: nothing was measured with it{suggestion(name, names).partition('; valid')[0]}"
+    for name, releases in answer.installed.items():
+        yield f"{name} was installed beside other packages, never run: {_some(releases, whole=False)}"
+
+
+# --- what does not ---------------------------------------------------------------------------------------------
+
+
+def _traps(answer: Recommended, *, whole: bool) -> Iterator[str]:
+    told = {part.combination.cell for part in answer.partly[:1]}
+    reds = [one for one in answer.red if not told & {*one.cells}]
+    shown = reds if whole else reds[:FEW]
+    if shown:
+        yield ""
+        yield "traps" if answer.measured or answer.partly else "measured, and does not work"
+    for one in shown:
+        yield from (f"  {line}" for line in _trap(one))
+    if len(reds) > len(shown):
+        yield f"  and {number(len(reds) - len(shown), 'more cause')}: --all"
+
+
+def _trap(one: Red) -> Iterator[str]:
+    versions = "; ".join(_versions(held) for held in one.versions[:FEW])
+    more = f" and {len(one.versions) - FEW} more" if len(one.versions) > FEW else ""
+    how = " or ".join(word(verdict) for verdict in one.verdicts)
+    where = f" in {one.phase}" if one.phase and one.verdicts != ("unresolvable",) else ""
+    deciding = ", ".join(f"{name} {' or '.join(held[:FEW])}" for name, held in (one.deciding or one.beside).items())
+    deciding = deciding and f", {'with' if one.deciding else 'measured beside'} {deciding}"
+    pythons = "" if "Python" in one.deciding else f" on Python {', '.join(one.pythons)}"
+    yield f"{versions}{more}{deciding}{pythons}: {how}{where}"
+    yield from (f"  {textwrap.shorten(text, LONGEST, placeholder=' ...')}" for text in (one.line, one.reason) if text)
+    yield from (f"  simmatrix known {name}" for name in one.causes)
+    yield f"  simmatrix show {one.cells[0]}"
+
+
+# --- small words -----------------------------------------------------------------------------------------------
+
+
+def _versions(versions: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in versions.items())
+
+
+def _some(names: Sequence[str], *, whole: bool) -> str:
+    if whole or len(names) <= SHOWN:
+        return ", ".join(names)
+    return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"
+
+
+def _machine(name: str, machines: Mapping[str, Any]) -> str:
+    facts = machines.get(name, {})
+    shown = [str(facts[key]) for key in ("os", "architecture", "gl", "gpu") if facts.get(key)]
+    return ", ".join(shown) or name
+
+
+def _try(requirements: Iterable[str], python: str | None, env: str | None = None) -> str:
+    words = ["simmatrix", "try", *requirements]
+    words += ["--python", python] if python else []
+    return shlex.join([*words, *(["--env", env] if env else [])])
+
+
+def _next(answer: Recommended) -> Iterator[str]:
+    if answer.measured:
+        words = ["simmatrix", "recommend", *answer.asked]
+        words += ["--python", answer.python] if answer.python else []
+        words += ["--needs", ",".join(answer.needs)] if answer.needs else []
+        words += ["--env", answer.env] if answer.env else []
+        yield f"  {shlex.join([*words, '--lock-out', 'requirements.txt'])}"
+    elif answer.apart:
+        yield f"  {_try(answer.apart.requirements, answer.apart.python, answer.env)}"
+    else:
+        yield f"  {answer.next}"

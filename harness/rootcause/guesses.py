@@ -1,0 +1,54 @@
+"""First guesses where a bisection finds a good end: what packages declare, and what was new when they were."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
+
+from harness import clues, moves, sitepackages
+from harness.evidence import Knowledge, failures
+from harness.rootcause import times
+from harness.rootcause.bench import Trial
+from harness.rootcause.candidates import Candidate
+from harness.store import cache_folder
+
+
+def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], known: Knowledge, *, offline: bool) -> Iterator[int]:
+    """Yield places of releases that suit the packages beside them: by declared bounds, then by the day."""
+    yield from _within(_declared(base, axis, known), line)
+    yield from _of_the_day(base, axis, line, offline=offline)
+
+
+def _declared(base: Trial, axis: str, known: Knowledge) -> Iterator[SpecifierSet]:
+    """Yield the bounds that the failure names on the package, and those of the packages that are installed."""
+    told = (text for one in failures(base.record, known.logs) for text in one.told)
+    yield from clues.bounds(told, {axis}).values()
+    if base.record.key:
+        yield from sitepackages.bounds(cache_folder() / "environments" / base.record.key, axis)
+
+
+def _within(bounds: Iterable[SpecifierSet], line: Sequence[Candidate]) -> Iterator[int]:
+    """Yield the newest release below an upper bound, and the oldest above a lower one: that of its day."""
+    for bound in bounds:
+        fitting = [place for place, one in enumerate(line) if bound.contains(one.name, prereleases=True)]
+        upper = any(each.operator in {"<", "<=", "==", "~="} for each in bound)
+        if fitting:
+            yield fitting[-1] if upper else fitting[0]
+
+
+def _of_the_day(base: Trial, axis: str, line: Sequence[Candidate], *, offline: bool) -> Iterator[int]:
+    """Yield the newest release on the day of the newest package that the cell asks for beside this one."""
+    installed = base.record.installed or {}
+    asked = {name: installed.get(name) for name in moves.asked_for(base.cell)} | moves.pins(base.cell)
+    others = {name: version for name, version in asked.items() if version and name != axis}
+    days = [day for name, version in others.items() if (day := _uploaded(base, name, version, offline=offline))]
+    if days:
+        before = [place for place, one in enumerate(line) if one.uploaded and one.uploaded[:10] <= max(days)]
+        yield from before[-1:]
+
+
+def _uploaded(base: Trial, name: str, version: str, *, offline: bool) -> str | None:
+    found = times.releases(name, base.cell.question.index, None, offline=offline)
+    return next((one.uploaded[:10] for one in found if one.uploaded and Version(one.version) == Version(version)), None)

@@ -1,0 +1,120 @@
+"""From a remedy's bounds to the widest that still cure: a known remedy may exclude releases that work here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from packaging.specifiers import Specifier, SpecifierSet
+from packaging.version import Version
+
+from harness import interpreters, moves, search
+from harness.model import Change
+from harness.rootcause import times
+from harness.rootcause.bench import Trial
+from harness.rootcause.lab import Lab, versions, weaker
+from harness.search import Answer
+from harness.vocabulary import parsed_requirement, required_name
+
+KINDS = ("requirements", "constraints")
+UPPER, LOWER = frozenset({"<", "<="}), frozenset({">", ">="})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bound:
+    """One line of a remedy that bounds a package: `good` is in it and works, `bad` is outside and failed."""
+
+    kind: str
+    line: str
+    good: Version
+    bad: Version
+
+    @property
+    def name(self) -> str:
+        """The package."""
+        return required_name(self.line)
+
+    @property
+    def side(self) -> frozenset[str]:
+        """The operators that keep the bad release out."""
+        return UPPER if self.good < self.bad else LOWER
+
+    def put(self, change: Change, specifier: str) -> Change:
+        """Return the change with other versions in this line."""
+        parsed = parsed_requirement(self.line)
+        old = str(parsed.specifier)
+        name = f"{parsed.name}[{','.join(sorted(parsed.extras))}]" if parsed.extras else parsed.name
+        lines = tuple(f"{name}{specifier}" if line == self.line else line for line in getattr(change, self.kind))
+        if specifier == old:
+            return change
+        return replace(change, requirements=lines) if self.kind == KINDS[0] else replace(change, constraints=lines)
+
+
+@dataclass
+class Widening:
+    """One search in a lab: `change` cures what failed `before`, `after` is the cell with it."""
+
+    lab: Lab
+    change: Change
+    before: Trial
+    after: Trial
+    bound: int = 0
+    told: list[str] = field(default_factory=list)
+
+    def run(self) -> Change:
+        """Return the change with each of its bounds as wide as it cures."""
+        change = self.change
+        for one in self._bounds():
+            change = self._widest(one, change)
+        return change
+
+    def _bounds(self) -> Iterator[Bound]:
+        """Yield the lines that only bound a package of which both versions are known, and that the user left open."""
+        old, new = versions(self.lab, self.before), versions(self.lab, self.after)
+        pinned = moves.pins(self.lab.base)
+        for kind in KINDS:
+            for line in getattr(self.change, kind):
+                name, parsed = required_name(line), parsed_requirement(line)
+                inside = [each.operator in UPPER | LOWER for each in parsed.specifier]
+                known = name in old and name in new and old[name] != new[name]
+                if known and name not in pinned and inside and all(inside) and not parsed.marker:
+                    yield Bound(kind=kind, line=line, good=Version(new[name]), bad=Version(old[name]))
+
+    def _widest(self, one: Bound, change: Change) -> Change:
+        line = self._line(one)
+        specifier = parsed_requirement(one.line).specifier
+        outside = [place for place, version in enumerate(line) if version not in specifier]
+        if len(line) <= 2 or not outside:
+            return change
+
+        def test(version: Version) -> Answer:
+            trial = self.lab.measure(one.put(change, f"=={version}"), f"with {one.name} {version}")
+            if trial.works and weaker(self.before, trial) is None:
+                return Answer.GOOD
+            return Answer.BAD if trial.bad else Answer.UNTESTABLE
+
+        known = {0: [Answer.GOOD], outside[0]: [test(line[outside[0]])]}
+        if known[outside[0]] == [Answer.BAD] and line[outside[0] - 1] in specifier:
+            return change  # it excludes no release that works
+        self.bound += search.bound(len(line))
+        found = search.boundary(line, test, known=known)
+        if found.good is None or found.bad is None:
+            return change
+        beyond = found.between[0] if found.between else found.bad
+        self.told.append(f"{one.name} {found.good} works, {found.bad} does not")
+        mine = moves.bound(str(found.good), str(beyond))
+        return one.put(change, str(_instead(specifier, one.side, mine)))
+
+    def _line(self, one: Bound) -> list[Version]:
+        """Return the releases from the good one to the bad one, both among them."""
+        python, offline = interpreters.find(self.after.cell.python), self.lab.settings.offline
+        known = times.usable(self.lab.base, one.name, python, wheels=True, offline=offline)
+        low, high = sorted((one.good, one.bad))
+        found = sorted({low, high, *(each for each in known if low < each < high)})
+        return found if one.good == low else found[::-1]
+
+
+def _instead(specifier: SpecifierSet, side: frozenset[str], bound: str) -> SpecifierSet:
+    """Return the specifier with another bound on this side."""
+    rest: list[Specifier] = [each for each in specifier if each.operator not in side]
+    return SpecifierSet(",".join([*map(str, rest), bound]))

@@ -1,0 +1,77 @@
+"""The net under each cell: an exception that nobody foresaw makes that cell inconclusive, and never ends the run.
+
+Ctrl-C, SIGTERM and bad input on the command line end it as ever. So does an exception outside of cells, which is a bug
+(exit code 4).
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import harness
+from harness import normalise, process
+from harness.errors import BadInput, CouldNotTell, UnusableRequirement, in_the_way
+from harness.model import Cell, Outcome, Phase, Step
+from harness.store import Store, digest, write_atomic
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from harness.scheduler.settings import Observer
+
+FRAMES = 60
+"""Innermost frames that are kept of a traceback: a recursion has a thousand."""
+
+
+class Owner(Protocol):
+    """The runner, as far as faults need it."""
+
+    store: Store
+    observer: Observer
+    places: Mapping[str, str]
+
+
+def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
+    """Return the step at which a cell met this error, as one that says nothing about packages.
+
+    The traceback is kept beside the evidence, and the user is told where. Raises the error again where it is to end
+    the run: bad input on the command line, a reader of our output who left, or a run that is stopped already. What one
+    combination of a matrix asks for and nobody can make anything of is the failure of that one.
+    """
+    of_matrix = isinstance(error, UnusableRequirement) and not cell.asked
+    if isinstance(error, BrokenPipeError) or (isinstance(error, BadInput) and not of_matrix) or process.stopped():
+        raise error
+    if of_matrix:
+        return Step(phase=phase, outcome=Outcome.FAILED, decisive=normalise.bounded(str(error)))
+    if isinstance(error, CouldNotTell):
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=normalise.bounded(str(error)))
+    places = {**owner.places, str(Path(harness.__file__).parent): "$HARNESS", sys.base_prefix: "$PYTHON"}
+    said = f"{type(error).__name__}: {error}"[:1000]
+    log = _kept(owner, cell, error, places)
+    machine = in_the_way(error)
+    if machine:
+        told = f"{machine}; mend that and run it again"
+    else:
+        told = f"a fault of simmatrix, not of the packages: {said}"
+        where = f"; please report it with {log}" if log else "; please report it"
+        owner.observer.say(f"{cell.id}: {normalise.bounded(told)}{where}")
+    return Step(
+        phase=phase,
+        outcome=Outcome.INFRA,
+        decisive=normalise.bounded(normalise.normalise(told, places)),
+        log=log,
+    )
+
+
+def _kept(owner: Owner, cell: Cell, error: Exception, places: Mapping[str, str]) -> str | None:
+    """Keep the traceback; return where, below the state folder, or None where even that fails."""
+    with suppress(Exception):
+        text = "".join(traceback.format_exception(error, limit=-FRAMES))
+        file = owner.store.evidence(f"fault-{digest(cell.id)[:16]}") / "traceback.txt"
+        write_atomic(file, normalise.normalise(text, places).encode(errors="replace"))
+        return owner.store.relative(file)
+    return None

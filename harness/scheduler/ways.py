@@ -1,0 +1,81 @@
+"""Other ways to draw: what failed under settings that we supplied ourselves is tried under the other ones, too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+from harness import cellrun, machine, outcomes
+from harness.model import (
+    FAILING,
+    Case,
+    CaseRecord,
+    CellRecord,
+    CheckRecord,
+    Finding,
+    Level,
+    Outcome,
+    Phase,
+    PhaseRecord,
+)
+
+Around = Callable[[CellRecord], cellrun.Context]
+"""Makes what the cases of a record share, with the settings that the record names as supplied."""
+
+
+def due(record: CellRecord) -> tuple[Mapping[str, str], ...]:
+    """The other settings under which the cases of a record are to be tried; none where nothing failed by drawing."""
+    if not any(_failed(case) for case in record.cases):
+        return ()
+    return machine.other_ways(record.supplied, record.cell.environment, record.installed or ())
+
+
+def drawn_otherwise(record: CellRecord, cases: Iterable[Case], around: Around) -> CellRecord:
+    """The record under the first other settings with which all passes that failed by drawing, else as it is.
+
+    What failed is tried first, and the rest only where that passes: a user has one set of settings for all of it.
+    """
+    asked, tried = tuple(cases), []
+    for supplied in due(record):
+        other = replace(record, supplied=supplied)
+        context = around(other)
+        phases = {case.case: _failed(case) for case in record.cases}
+        again = (cellrun.run_case(context, _only(case, phases[case.id])) for case in asked if phases.get(case.id))
+        if all(not _fails(case) for case in again):
+            found = tuple(cellrun.run_case(context, case) for case in asked)
+            if _no_worse(record.cases, found):
+                return replace(other, cases=found)
+        tried.append(" ".join(f"{name}={value}" for name, value in supplied.items()))
+    if not tried:
+        return record
+    text = f"what failed to draw fails with {' and with '.join(tried)}, too"
+    return replace(record, findings=(*record.findings, Finding(check="render.ways", level=Level.NOTE, text=text)))
+
+
+def _failed(case: CaseRecord) -> frozenset[Phase]:
+    """The phases in which a check failed that was about to draw."""
+    return frozenset(phase.phase for phase in case.phases if any(map(_drawing, phase.checks)))
+
+
+def _drawing(check: CheckRecord) -> bool:
+    return check.outcome in FAILING and bool(check.facts.get(outcomes.DRAWING))
+
+
+def _only(case: Case, phases: frozenset[Phase]) -> Case:
+    wanted = phases | {Phase.IMPORT}
+    return replace(case, checks=tuple(check for check in case.checks if outcomes.phase_of(check) in wanted))
+
+
+def _fails(case: CaseRecord) -> bool:
+    ran = (phase.outcome for phase in case.phases if phase.checks)
+    return any(outcome not in {Outcome.PASSED, Outcome.SKIPPED} for outcome in ran)
+
+
+def _no_worse(before: Iterable[CaseRecord], after: Iterable[CaseRecord]) -> bool:
+    """Whether each phase that passed still does."""
+    known = {(case.case, phase.phase): phase for case in after for phase in case.phases}
+    return all(_passed(known.get((case.case, one.phase))) for case in before for one in case.phases if _passed(one))
+
+
+def _passed(phase: PhaseRecord | None) -> bool:
+    return phase is not None and phase.outcome is Outcome.PASSED

@@ -1,0 +1,62 @@
+"""The reports that come with the harness and those that `HARNESS_RESULTS` names: found by name, opened one by one.
+
+A checkout has them in `reports/`. A wheel has them as one file, of which those asked for are unpacked into the cache
+folder, without frames and logs.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+from harness import document, given_files, measured, store
+from harness.reporttypes import Document
+
+PACKED = measured.PACKAGE / "reports.zip"
+"""Made when a wheel is built, by `hatch_build.py`; its members are `NAME.json`."""
+
+
+def names() -> list[str]:
+    """Return the names of the reports."""
+    if PACKED.is_file():
+        with zipfile.ZipFile(PACKED) as archive:
+            packed = [name.removesuffix(".json") for name in archive.namelist()]
+    else:
+        packed = [path.parent.name for path in measured.report_files()]
+    return sorted({*packed, *(path.parent.name for path in measured.files_of_others())})
+
+
+def path(name: str) -> Path | None:
+    """Return the `report.json` of a report; None where there is none of this name."""
+    files = [*measured.files_of_others(), *measured.report_files()]
+    found = next((file for file in files if file.parent.name == name), None)
+    return found or _unpacked(name)
+
+
+@cache
+def load(name: str) -> tuple[Document, Path] | None:
+    """Return a report and its file; None where there is none of this name."""
+    file = path(name)
+    return (document.read(given_files.read_content(file), str(file)), file) if file else None
+
+
+def every() -> Iterator[tuple[Document, Path]]:
+    """Yield every report and its file."""
+    yield from filter(None, map(load, names()))
+
+
+def _unpacked(name: str) -> Path | None:
+    """Return a report of the wheel as a file in the cache folder."""
+    if not PACKED.is_file():
+        return None
+    with zipfile.ZipFile(PACKED) as archive:
+        if f"{name}.json" not in archive.namelist():
+            return None
+        content = archive.read(f"{name}.json")
+    file = store.cache_folder() / "reports" / sha256(content).hexdigest()[:16] / name / measured.NAME
+    if not file.is_file():
+        store.write_atomic(file, content)
+    return file

@@ -1,0 +1,57 @@
+"""Digests of our own code, for results that only the same code would come to again.
+
+Which files belong to a module is read from what they import, so that no list of them is kept by hand. Comments count:
+to tell them from code would take longer than what the digest saves.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib.util import resolve_name
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent
+IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+(harness[\w.]*|\.[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)|import[ \t]+(harness\.[\w.]+))",
+    re.MULTILINE,
+)
+
+
+@cache
+def digest(module: str) -> str:
+    """Return a digest of the sources of a module (`harness.cellrun`) and all of ours that it imports, itself or not."""
+    combined = hashlib.sha256()
+    for name, path in sorted(imported(module).items()):
+        combined.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return combined.hexdigest()[:32]
+
+
+def imported(module: str) -> dict[str, Path]:
+    """Return the files of a module and of all of ours that it imports, by their names."""
+    found: dict[str, Path] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        path = _file(name)
+        if path and name not in found:
+            found[name] = path
+            package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+            waiting += [package, name.rpartition(".")[0], *_imports(path.read_text(encoding="utf-8"), package)]
+    return found
+
+
+def _file(name: str) -> Path | None:
+    place = PACKAGE.parent / name.replace(".", "/")
+    return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if name and path.is_file()), None)
+
+
+def _imports(text: str, package: str) -> Iterator[str]:
+    """Yield names that may be modules, as a module of this package has them: of `from a import b` `a` and `a.b`."""
+    for given, names, plain in IMPORT.findall(text):
+        place = resolve_name(given, package) if given.startswith(".") else given or plain
+        yield place
+        for name in re.findall(r"(\w+)(?:[ \t]+as[ \t]+\w+)?", re.sub(r"#[^\n]*", "", names)):
+            yield f"{place}.{name}"

@@ -1,0 +1,166 @@
+"""The small table of a matrix: its main cells over two axes, with the tasks and the Pythons that were tried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+
+from harness import changes, explaining, grouping
+from harness.model import CASE_PHASES, FAILING, Outcome, Phase, Role, Verdict
+from harness.reporttypes import SEVERITY, UNTOLD, CaseEntry, CellEntry
+from harness.tabletypes import Pivot, Square
+
+NOTHING = "-"
+PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE})
+TRIED = CASE_PHASES[1:]
+"""Phases in which an environment runs; to import a module is no task."""
+
+
+# --- tasks -----------------------------------------------------------------------------------------------------
+
+
+def tried(case: CaseEntry) -> bool:
+    """Return whether an environment was tried: something of it passed after the import, or failed."""
+    ended = {*case.phases.values()}
+    ran = any(case.phases.get(phase) is Outcome.PASSED for phase in TRIED)
+    return case.env is not None and (ran or bool(ended & FAILING))
+
+
+def passed(case: CaseEntry) -> bool:
+    """Return whether all that was asked of an environment passed, as far as this machine can tell."""
+    return tried(case) and {*case.phases.values()} <= PASSING and not case.misleads
+
+
+def tasks(cells: Iterable[CellEntry]) -> tuple[int, int]:
+    """Count the tasks that passed in all of the cells that tried them, and those that were tried."""
+    ends: dict[str, bool] = {}
+    for case in (case for cell in cells for case in cell.cases if tried(case)):
+        ends[case.case] = ends.get(case.case, True) and passed(case)
+    return sum(ends.values()), len(ends)
+
+
+def measured(cell: CellEntry) -> bool:
+    """Return whether there is anything to show of a cell; what was never run leaves its square empty."""
+    return bool(cell.measured)
+
+
+# --- the table -------------------------------------------------------------------------------------------------
+
+
+def default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, str] | None:
+    """Choose the first two axes that vary, Python last, the one of more values down; None where nothing varies."""
+    values = {axis: {cell.axes.get(axis) for cell in cells} for axis in axes}
+    varying = [axis for axis in axes if len(values[axis]) > 1]
+    if len(axes) < 2 or not varying:
+        return None
+    if len(varying) > 2 and "python" in varying:
+        varying.remove("python")
+    first = varying[0]
+    second = (varying[1:] or [axis for axis in axes if axis != first])[0]
+    return (second, first) if len(values[second]) > len(values[first]) else (first, second)
+
+
+def pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[str]) -> Pivot:
+    """Sort the main cells of a matrix into squares; `cells` are all of it."""
+    down, across = axes
+    shown = [cell for cell in cells if cell.role is Role.MAIN and measured(cell)]
+    rows, columns = (grouping.in_order(cell.axes.get(axis, NOTHING) for cell in shown) for axis in axes)
+    met: dict[tuple[str, str], list[CellEntry]] = {}
+    for cell in shown:
+        met.setdefault(_place(cell, axes), []).append(cell)
+    beside = _Beside(cells, axes)
+    squares = tuple(
+        tuple(
+            tuple(part for machine in machines for part in _parts(met.get((row, column), ()), machine, beside))
+            for column in columns
+        )
+        for row in rows
+    )
+    return Pivot(down=down, across=across, rows=rows, columns=columns, squares=squares)
+
+
+def _place(cell: CellEntry, axes: tuple[str, str]) -> tuple[str, str]:
+    return cell.axes.get(axes[0], NOTHING), cell.axes.get(axes[1], NOTHING)
+
+
+class _Beside:
+    """Cells that are no main ones, by the cell that they stand beside on the same machine."""
+
+    def __init__(self, cells: Iterable[CellEntry], axes: tuple[str, str]) -> None:
+        self.axes = axes
+        self.changed: dict[tuple[str | None, str | None], list[CellEntry]] = {}
+        self.variants: dict[tuple[tuple[str, str], str, str | None], list[CellEntry]] = {}
+        for cell in filter(measured, cells):
+            if cell.base:
+                self.changed.setdefault((cell.base, cell.machine), []).append(cell)
+            elif cell.role is Role.VARIANT:
+                self.variants.setdefault((_place(cell, axes), cell.requested_python, cell.machine), []).append(cell)
+
+    def of(self, cell: CellEntry) -> list[CellEntry]:
+        """Return the cell under side conditions and with changes."""
+        return [*self.sides(cell), *self.changed.get((cell.id, cell.machine), ())]
+
+    def sides(self, cell: CellEntry) -> list[CellEntry]:
+        """Return the cell under side conditions."""
+        return self.variants.get((_place(cell, self.axes), cell.requested_python, cell.machine), [])
+
+
+def _parts(cells: Sequence[CellEntry], machine: str, beside: _Beside) -> list[Square]:
+    """One entry per verdict: those about the packages worst first, then those that say nothing about them."""
+    groups: dict[Verdict, list[CellEntry]] = {}
+    for cell in cells:
+        if (cell.machine or NOTHING) == machine:
+            groups.setdefault(cell.verdict, []).append(cell)
+    order = sorted(groups, key=lambda verdict: (verdict in UNTOLD, SEVERITY.index(verdict)))
+    where = _differences([groups[verdict] for verdict in order], {*beside.axes, "python"})
+    return [_entry(groups[verdict], machine, told, beside) for verdict, told in zip(order, where, strict=True)]
+
+
+def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], beside: _Beside) -> Square:
+    verdict = cells[0].verdict
+    count, of = tasks(cells)
+    works, red = verdict is Verdict.WORKS, _red(cells[0])
+    phases = {cell.phase for cell in cells if cell.phase and red}
+    return Square(
+        machine=machine,
+        verdict=verdict,
+        passed=count,
+        tried=of,
+        pythons=grouping.in_order(_minor(cell) for cell in cells),
+        where=where,
+        phase=", ".join(phase for phase in Phase if phase in phases) if count == of and of else "",
+        patched=any(cell.repairs for cell in cells),
+        fixed=not works
+        and verdict not in UNTOLD
+        and any(changes.works(one) for cell in cells for one in beside.of(cell)),
+        varies=works
+        and any(one.verdict not in {*UNTOLD, Verdict.WORKS} for cell in cells for one in beside.sides(cell)),
+        uneven=len({frozenset(case.case for case in cell.cases if tried(case)) for cell in cells}) > 1,
+        doubted=works and any(map(explaining.doubted, cells)),
+    )
+
+
+def _red(cell: CellEntry) -> bool:
+    return cell.verdict not in {*UNTOLD, Verdict.WORKS}
+
+
+def _minor(cell: CellEntry) -> str:
+    """`3.11` of a Python that ran, else what was asked for."""
+    return ".".join(cell.python.split(".")[:2]) if cell.python else cell.requested_python
+
+
+def _differences(groups: Sequence[Sequence[CellEntry]], known: set[str]) -> list[tuple[str, ...]]:
+    """Return the values by which each group differs from the others; none where only Python does."""
+    if len(groups) < 2:
+        return [() for _ in groups]
+    values = [{axis: {cell.axes.get(axis, NOTHING) for cell in group} for axis in group[0].axes} for group in groups]
+    axes = [axis for axis in values[0] if axis not in known]
+    telling = [axis for axis in axes if _apart([one.get(axis, set()) for one in values])]
+    if not telling and not _apart([one.get("python", set()) for one in values]):
+        telling = [axis for axis in axes if len({frozenset(one.get(axis, set())) for one in values}) > 1]
+    return [tuple(f"{axis} {', '.join(grouping.in_order(one.get(axis, set())))}" for axis in telling) for one in values]
+
+
+def _apart(values: Sequence[set[str]]) -> bool:
+    """Return whether no two of these have a value in common."""
+    return not any(one & other for one, other in combinations(values, 2))

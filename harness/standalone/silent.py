@@ -1,0 +1,73 @@
+"""Silent known issues: nothing is raised, so that a green result may be wrong. Which cases they speak of."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from typing import Any, Iterable, Iterator, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+PREFIX = "silent:"
+"""Stands before the id of such an issue in `unverified`."""
+PASSED = "passed"
+SHOWING = frozenset(("failed", "flaky"))
+"""How a misleading check ends that shows an issue."""
+
+
+class Exercised(NamedTuple):
+    """One case as it was measured: its environment as it was asked for, and how its phases and checks ended.
+
+    `opengl` is whether an OpenGL context drew its pictures.
+    """
+
+    env: Optional[str]
+    api: str
+    phases: Mapping[str, str]
+    checks: Mapping[str, str]
+    opengl: bool
+
+
+def plainly_good(verdict: str, unverified: Iterable[str]) -> bool:
+    """Return whether a cell works, and no silent issue is left open in it: the only cells to recommend."""
+    return verdict == "works" and not any(name.startswith(PREFIX) for name in unverified)
+
+
+def open_issues(lurking: Iterable[Any], case: Exercised) -> Tuple[str, ...]:
+    """Return the silent issues, as `silent:ID`, that fit a case and that no check has shown or refuted.
+
+    `lurking` are those whose packages are all installed.
+    """
+    fitting = [one for one in lurking if concerns(one, case.env, case.api) and _passed_there(one, case)]
+    return tuple(PREFIX + one.id for one in fitting if case.checks.get(one.check) not in {PASSED, *SHOWING})
+
+
+def shown_issues(lurking: Iterable[Any], case: Exercised, misleading: Iterable[str]) -> Iterator[Any]:
+    """Yield the silent issues that a misleading check has shown in a case."""
+    failed = {name for name in misleading if case.checks.get(name) in SHOWING}
+    for one in lurking:
+        if one.check in failed and concerns(one, case.env, case.api):
+            yield one
+
+
+def concerns(one: Any, env: Optional[str], api: Optional[str]) -> bool:
+    """Return whether an issue speaks of an environment, given by its id as it was asked for, and of an API.
+
+    Where either is not known, nothing speaks against it. A pattern that begins with `!` leaves environments out.
+    """
+    if one.apis and api is not None and api not in one.apis:
+        return False
+    if not one.envs or env is None:
+        return not one.envs or api is None
+    names = {env, env.rpartition(":")[2]}
+    left_out = [pattern[1:] for pattern in one.envs if pattern.startswith("!")]
+    named = [pattern for pattern in one.envs if not pattern.startswith("!")]
+    return not _any(names, left_out) and (not named or _any(names, named))
+
+
+def _any(names: Iterable[str], patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for name in names for pattern in patterns)
+
+
+def _passed_there(one: Any, case: Exercised) -> bool:
+    """Return whether a phase passed in which the issue would have been met."""
+    if one.opengl and not case.opengl:
+        return False
+    return any(case.phases.get(phase) == PASSED for phase in one.phases or ("single",))

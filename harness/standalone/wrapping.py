@@ -1,0 +1,32 @@
+"""Wrap sentences at the width of a terminal; what people copy stays on one line."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import textwrap
+from typing import Iterable, Iterator, Optional, TextIO
+
+SENTENCE = re.compile(r"^(?:cause|also|remedy|that is|warning|note|hidden by): +")
+NARROWEST = 40
+
+
+def width(stream: TextIO) -> Optional[int]:
+    """Return the columns of the terminal that a stream is, or what $COLUMNS says; None where there is no limit."""
+    if not stream.isatty() and not os.environ.get("COLUMNS", "").isdigit():
+        return None
+    return max(shutil.get_terminal_size().columns, NARROWEST)
+
+
+def wrapped(lines: Iterable[str], columns: Optional[int]) -> Iterator[str]:
+    """Yield the lines; those that are sentences with a label are broken between words, the rest below the text."""
+    for line in lines:
+        label = SENTENCE.match(line)
+        if columns is None or label is None or len(line) <= columns:
+            yield line
+        else:
+            indent = " " * min(len(label.group(0)), NARROWEST // 2)
+            yield from textwrap.wrap(
+                line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+            )

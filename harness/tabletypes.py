@@ -1,0 +1,264 @@
+"""The types of the tables that are made from a report document: plain data, ready to be presented in any form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from harness.model import Role, Verdict
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Row:
+    """One cell as the list shows it: on one machine, or on all those that found the same.
+
+    `versions` stand in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working
+    cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one;
+    `repaired` the releases that nobody gets as they are here; `known` is the signature of the cause, where one is.
+    `passed` of `tried` tasks passed, `suite` says the same of the package's own tests; `frames` are a picture of each
+    task by its name.
+    """
+
+    id: str
+    label: str
+    verdict: Verdict
+    as_expected: bool | None
+    phase: str
+    why: str
+    hidden_by: tuple[str, ...]
+    expected: str
+    versions: tuple[str, ...]
+    findings: int
+    seconds: float
+    machine: str
+    repaired: tuple[str, ...] = ()
+    role: Role = Role.MAIN
+    passed: int = 0
+    tried: int = 0
+    suite: str = ""
+    lock: str = ""
+    frames: tuple[tuple[str, str], ...] = ()
+    cause: str = ""
+    remedy: str = ""
+    proven: bool = False
+    known: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Square:
+    """The main cells of one machine and one verdict where two axis values meet.
+
+    `passed` of `tried` tasks passed in each of these cells, by the `pythons` named; `tried` is 0 where no task was
+    reached. `where` has the other axis values by which they differ from those of another verdict in the same square,
+    `phase` what failed although every task passed. `patched` releases are not those of the index. `fixed` says that a
+    change or a side condition makes one of them work, `varies` that some side condition does not work, `uneven` that
+    the cells did not try the same tasks, `doubted` that a known silent defect was not excluded.
+    """
+
+    machine: str
+    verdict: Verdict
+    passed: int = 0
+    tried: int = 0
+    pythons: tuple[str, ...] = ()
+    where: tuple[str, ...] = ()
+    phase: str = ""
+    patched: bool = False
+    fixed: bool = False
+    varies: bool = False
+    uneven: bool = False
+    doubted: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pivot:
+    """The main cells of a matrix over two of its axes.
+
+    A square holds, for each machine in their order, one entry per verdict, the worst first; none where nothing was
+    tried.
+    """
+
+    down: str
+    across: str
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    squares: tuple[tuple[tuple[Square, ...], ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Task:
+    """One environment that was tried: the phases asked for, and how many of the main cells that ran it passed."""
+
+    name: str
+    env: str
+    api: str
+    phases: tuple[str, ...]
+    passed: int
+    tried: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Cause:
+    """A known failure that fits cells, and its remedy in words, which a machine can apply or not.
+
+    `proofs` are the cells that the remedy cured, each with its lock.
+    """
+
+    signature: str
+    cause: str
+    remedy: str
+    applicable: bool
+    proofs: tuple[tuple[str, str], ...]
+    references: tuple[str, ...]
+
+
+class Effect(StrEnum):
+    """What a change did to a cell."""
+
+    CURES = "cures"
+    PARTLY = "cures part of it"
+    UNCOVERS = "another failure behind it"
+    NOTHING = "no difference"
+    BREAKS = "breaks"
+    UNTOLD = "not known"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Attempt:
+    """A change tried on a cell: where it stood before and stands after, each in words, and what the change did."""
+
+    cell: str
+    before: str
+    change: str
+    does: tuple[str, ...]
+    reason: str
+    advice: bool
+    link: str
+    after: str
+    effect: Effect
+    lock: str
+    machine: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Explanation:
+    """Why cells are not green: those with the same reason together."""
+
+    verdict: Verdict
+    phase: str
+    decisive: str
+    hidden_by: tuple[str, ...]
+    expected: str
+    link: str
+    cells: tuple[str, ...]
+    causes: tuple[Cause, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trouble:
+    """One cause and all the cells that have it; `known` is its signature, empty where none fits.
+
+    `where` says which `cells` these are, as values of axes. The `cause` of an unknown one is what the matrix says of
+    it, if anything. `proofs` are changed cells that work, by which the remedy is proven for `proven` of the cells;
+    `neighbour` is a cell that works and differs from one of these only in what the remedy changes, `together` one that
+    differs in more.
+    `also` are known failures that fit some of the cells, too, after the deepest one.
+    """
+
+    known: str
+    cause: str
+    verdicts: tuple[tuple[Verdict, int], ...]
+    phases: tuple[str, ...]
+    cells: int
+    where: str
+    line: str
+    remedy: str
+    applicable: bool
+    proofs: tuple[tuple[str, str], ...]
+    references: tuple[str, ...]
+    explanations: tuple[Explanation, ...]
+    proven: int = 0
+    neighbour: str = ""
+    together: str = ""
+    also: tuple[Cause, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Remark:
+    """The same text about one or more cells: a finding, or the reason why combinations were left out.
+
+    `where` says in words which cells, `count` how many combinations, `kind` what sort of finding it is.
+    """
+
+    about: str
+    text: str
+    cells: tuple[str, ...]
+    where: str = ""
+    count: int = 0
+    kind: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SuiteChange:
+    """The package's own tests in one cell beside those of a neighbouring cell.
+
+    `fails` are tests that fail here and not there, `passes` those that fail there and not here, `known` is the known
+    issue for which they could not run.
+    """
+
+    cell: str
+    tests: str
+    decisive: str
+    known: str = ""
+    neighbour: str = ""
+    fails: tuple[str, ...] = ()
+    passes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Sheet:
+    """Everything about one matrix. `counts` are of results: each cell has one for each machine that ran it.
+
+    `main` is how many of the cells are main ones, `works` how many of those are plainly good wherever they ran,
+    `doubted` how many raise nothing and have a silent known issue left open, `roles` how
+    many are of another role.
+    """
+
+    matrix: str
+    title: str
+    main: int
+    works: int
+    doubted: int
+    roles: tuple[tuple[Role, int], ...]
+    cells: int
+    results: int
+    machines: tuple[str, ...]
+    counts: tuple[tuple[Verdict, int], ...]
+    pivot: Pivot | None
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+    troubles: tuple[Trouble, ...]
+    findings: tuple[Remark, ...]
+    dropped: tuple[Remark, ...]
+    tasks: tuple[Task, ...] = ()
+    suites: tuple[SuiteChange, ...] = ()
+    repairs: tuple[Remark, ...] = ()
+    drawing: tuple[Remark, ...] = ()
+    attempts: tuple[Attempt, ...] = ()
+    left_out: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Report:
+    """What a presentation needs: a sheet per matrix, and what they share.
+
+    `measured` are the first and the last day of measuring, `platforms` the machines in a few words each, `uncovered`
+    the platforms that none of them is.
+    """
+
+    generated: str
+    sheets: tuple[Sheet, ...]
+    machines: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+    stale: tuple[str, ...]
+    measured: tuple[str, str] | None = None
+    platforms: tuple[str, ...] = ()
+    uncovered: tuple[str, ...] = ()

@@ -1,0 +1,341 @@
+"""A report on a terminal, at its width. Nothing is computed here: what is shown was grouped by `tables`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from harness import present
+from harness.model import Role, Verdict
+from harness.reporttypes import SYMBOLS, UNTOLD, number, word
+from harness.standalone.control_characters import visible
+from harness.standalone.output import styled
+from harness.tabletypes import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+    from rich.text import Text
+
+LISTED = 60
+"""Cells, or rows of the small table, of which every one is shown on a terminal; of more, the green are counted."""
+
+REFERENCES = 3
+"""Links of a cause that a terminal shows; the Markdown report has all."""
+
+TASKS = 12
+"""Tasks that a terminal names; the Markdown report has all."""
+
+PIPED_WIDTH = 100
+"""Columns where the output is no terminal and COLUMNS says nothing."""
+
+MOST_WIDTH = 500
+"""Columns of a console at most."""
+
+WIDEST, WIDEST_NAME = 18, 28
+"""Columns of the small print of a square or of a head, and of a row's name, before it is broken into lines."""
+
+GREEN, YELLOW, RED, GREY = "green", "yellow", "red", "bright_black"
+INDENT = 2
+EFFECTS = {Effect.CURES: GREEN, Effect.BREAKS: RED, Effect.NOTHING: GREY, Effect.UNTOLD: GREY}
+
+
+def show(report: Report, console: Console | None = None) -> None:
+    """Print the whole report on the terminal (stdout unless another console is given), at its width."""
+    target = console or _console()
+    for sheet in report.sheets:
+        _print(target, _sheet(sheet, target))
+    for sentence in report.stale:
+        target.print(_styled((f"out of date: {sentence}", YELLOW)))
+    for machine, facts in report.machines:
+        words = "; ".join(f"{name} {fact}" for name, fact in facts)
+        target.print(_styled((f"measured on {machine}" + (f": {words}" if words else ""), GREY)))
+
+
+def show_summary(report: Report, console: Console | None = None) -> None:
+    """Print how many combinations work, and the small table, of each matrix."""
+    target = console or _console()
+    for sheet in report.sheets:
+        _print(target, _summary(sheet, target))
+
+
+def _print(target: Console, parts: Iterable[RenderableType]) -> None:
+    for part in parts:
+        target.print(part)
+
+
+def _console() -> Console:
+    import sys  # noqa: PLC0415 - start-up
+
+    from rich.console import Console  # noqa: PLC0415 - start-up
+
+    asked = os.environ.get("COLUMNS", "")
+    known = sys.stdout.isatty() or (asked.isdigit() and int(asked) > 0)
+    made = Console(file=styled(sys.stdout), highlight=False, markup=False, width=None if known else PIPED_WIDTH)
+    return bounded(made)
+
+
+def bounded(console: Console) -> Console:
+    """Make a console no wider than a table can be; COLUMNS may say anything."""
+    console.width = min(console.width, MOST_WIDTH)
+    return console
+
+
+# --- one matrix ------------------------------------------------------------------------------------------------
+
+
+def _summary(sheet: Sheet, target: Console) -> Iterable[RenderableType]:
+    yield _heading(sheet)
+    yield _styled((present.result(sheet), "bold"))
+    yield ""
+    if sheet.pivot:
+        yield from _small_tables(sheet.pivot, target)
+        yield _padded(_styled((present.legend(sheet.pivot).replace("`", ""), GREY)))
+        yield ""
+
+
+def _sheet(sheet: Sheet, target: Console) -> Iterable[RenderableType]:
+    yield from _summary(sheet, target)
+    if sheet.tasks:
+        yield from _tasks(sheet)
+    yield from _list(sheet)
+    yield ""
+    if any(one.known or one.cells > 1 for one in sheet.troubles):
+        yield from _troubles(sheet.troubles)
+    if sheet.attempts:
+        yield from _attempts(sheet.attempts)
+    if sheet.repairs:
+        yield from _remarks("patched: these releases cannot be installed as published", sheet.repairs)
+    if sheet.drawing:
+        yield from _remarks("images: renderer used, and the variables to set to get them", sheet.drawing)
+    if sheet.findings:
+        yield from _remarks("findings: nothing here stops a training loop", sheet.findings)
+    if sheet.dropped:
+        yield from _remarks("left out", sheet.dropped)
+
+
+def _heading(sheet: Sheet) -> Text:
+    parts: list[tuple[str, str]] = [(f"{sheet.matrix}: {sheet.title}", "bold"), (f"  {present.results(sheet)}", "")]
+    for verdict, count in sheet.counts:
+        parts += [("   ", ""), (f"{SYMBOLS[verdict]} {count} {word(verdict)}", _colour(verdict))]
+    return _styled(*parts)
+
+
+def _tasks(sheet: Sheet) -> Iterable[RenderableType]:
+    """Each task with the number of cells in which it passed, of those that tried it."""
+    words = [f"{one.name} {one.passed}/{one.tried}" for one in sheet.tasks[:TASKS]]
+    more = [f"and {len(sheet.tasks) - TASKS} more"] * (len(sheet.tasks) > TASKS)
+    yield _styled(("tried: ", "bold"), (", ".join([*words, *more]), ""))
+    yield ""
+
+
+# --- the small table -------------------------------------------------------------------------------------------
+
+
+def _small_tables(pivot: Pivot, target: Console) -> Iterable[RenderableType]:
+    """The table as it fits: as it is, else turned, else in blocks of columns, whichever way takes fewer."""
+    room = target.width - INDENT
+    ways = [(one, _blocks(one, target, room)) for one in (pivot, _turned(pivot))]
+    shown, blocks = min(ways, key=lambda way: len(way[1]))
+    for block in blocks:
+        yield _padded(block)
+    if hidden := len(shown.rows) - len(_shown(shown)):
+        yield _padded(_styled((f"{number(hidden, 'more row')} in which all works", GREY)))
+
+
+def _turned(pivot: Pivot) -> Pivot:
+    return replace(
+        pivot,
+        down=pivot.across,
+        across=pivot.down,
+        rows=pivot.columns,
+        columns=pivot.rows,
+        squares=tuple(zip(*pivot.squares, strict=True)),
+    )
+
+
+def _blocks(pivot: Pivot, target: Console, room: int) -> list[RenderableType]:
+    """The table cut into blocks that are no wider than the room, each with as many columns as fit."""
+    from rich.measure import Measurement  # noqa: PLC0415 - start-up
+
+    endless = target.options.update(max_width=10_000)
+
+    def fits(first: int, last: int) -> bool:
+        return Measurement.get(target, endless, _table(pivot, first, last)).maximum <= room
+
+    blocks, first = [], 0
+    while first < len(pivot.columns):
+        last = len(pivot.columns)
+        while last > first + 1 and not fits(first, last):
+            last -= 1
+        blocks.append(_table(pivot, first, last))
+        first = last
+    return blocks
+
+
+def _table(pivot: Pivot, first: int, last: int) -> RenderableType:
+    from rich import box  # noqa: PLC0415 - start-up
+    from rich.table import Table  # noqa: PLC0415 - start-up
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
+    table.add_column(_broken(f"{pivot.down} \\ {pivot.across}"))
+    for column in pivot.columns[first:last]:
+        table.add_column(_broken(column), justify="center", no_wrap=True)
+    for name, squares in _shown(pivot):
+        if not any(squares[first:last]):
+            continue
+        head = _styled((_broken(name, WIDEST_NAME), "bold"))
+        table.add_row(head, *(_square(pivot, square) for square in squares[first:last]))
+    return table
+
+
+def _shown(pivot: Pivot) -> list[tuple[str, tuple[tuple[Square, ...], ...]]]:
+    """Return the rows, of very many those in which something does not work."""
+    rows = list(zip(pivot.rows, pivot.squares, strict=True))
+    return rows if len(rows) <= LISTED else [row for row in rows if not _green(row[1])]
+
+
+def _green(squares: Iterable[Sequence[Square]]) -> bool:
+    """Return whether all that was tried in a row works."""
+    return all(one.verdict is Verdict.WORKS for square in squares for one in square)
+
+
+def _square(pivot: Pivot, square: Sequence[Square]) -> Text:
+    """The sign and the tasks of each verdict, its small print below."""
+    lines: list[tuple[str, str]] = []
+    for one in square:
+        lines.append((present.mark(pivot, one), _colour(one.verdict)))
+        lines += [(line, GREY) for line in _broken(present.small(pivot, one)).splitlines()]
+    return _styled(*((("\n" if place else "") + line, style) for place, (line, style) in enumerate(lines)))
+
+
+def _broken(text: str, widest: int = WIDEST) -> str:
+    """Break a text into lines after spaces and hyphens, none longer than `widest` if it can be helped."""
+    lines = [""]
+    for piece in text.replace(" ", " \0").replace("-", "-\0").split("\0"):
+        if lines[-1] and len(lines[-1] + piece.rstrip()) > widest:
+            lines.append("")
+        lines[-1] += piece
+    return "\n".join(line.rstrip() for line in lines)
+
+
+# --- the cells -------------------------------------------------------------------------------------------------
+
+
+def _list(sheet: Sheet) -> Iterable[RenderableType]:
+    """The cells: verdict, name, what was installed, and the line that says why; of very many the green are counted."""
+    rows = sheet.rows if len(sheet.rows) <= LISTED else [row for row in sheet.rows if not _plain(row)]
+    for row in rows:
+        yield _verdict(row)
+        yield _padded(_details(sheet, row))
+    if len(rows) < len(sheet.rows):
+        more = number(len(sheet.rows) - len(rows), "more cell")
+        yield _styled((f"{more} of which there is nothing to say; the Markdown report lists them", GREY))
+
+
+def _plain(row: Row) -> bool:
+    """Return whether there is nothing to say of a cell: it works, as expected, or was not run."""
+    return row.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and row.as_expected is not False and not row.why
+
+
+def _verdict(row: Row) -> Text:
+    """`✘ broken in single, patched  0/4 tasks, 17.5 s`."""
+    notes = ["patched"] * bool(row.repaired) + [str(row.role)] * (row.role is not Role.MAIN)
+    phase = f" in {row.phase}" if row.phase else ""
+    measured = [f"{row.passed}/{row.tried} tasks"] * bool(row.tried)
+    measured += [f"{row.seconds:.1f} s"] * (row.verdict is not Verdict.NOT_RUN)
+    measured += [number(row.findings, "finding")] * bool(row.findings)
+    return _styled(
+        (f"{SYMBOLS[row.verdict]} {word(row.verdict)}", f"bold {_colour(row.verdict)}"),
+        (", ".join([phase, *notes]), ""),
+        (f"  {', '.join(measured)}", GREY),
+    )
+
+
+def _details(sheet: Sheet, row: Row) -> Text:
+    versions = ", ".join(f"{name} {version}" for name, version in zip(sheet.columns, row.versions, strict=True))
+    where = f"\non {row.machine}" if len(sheet.machines) > 1 and row.verdict is not Verdict.NOT_RUN else ""
+    parts = [(row.label, ""), (f"\n{versions}{where}", GREY)]
+    if row.why:
+        parts.append((f"\n{row.why}", "" if row.verdict is Verdict.WORKS else _colour(row.verdict)))
+    if row.suite:
+        parts.append((f"\nown tests: {row.suite}", ""))
+    parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]
+    parts += [(f"\nknown as {row.known}", ""), _fix(row)] if row.known else []
+    if row.expected:
+        parts.append((f"\n{row.expected}", "bold" if row.as_expected is False else GREY))
+    return _styled(*parts)
+
+
+def _fix(row: Row) -> tuple[str, str]:
+    return f"\nfix: {present.first_sentence(row.remedy)}", GREEN if row.proven else ""
+
+
+# --- what needs words ------------------------------------------------------------------------------------------
+
+
+def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
+    """One paragraph per cause, and what is known of it."""
+    yield _styled(("by cause", "bold"))
+    for one in troubles:
+        head = (f"{present.became(one)}: {one.where.replace('`', '')}", _colour(one.verdicts[0][0]))
+        parts = [head, (f"\n{_cause(one)}", "")]
+        if one.remedy:
+            proof = f" ({present.proven(one)})" if present.proven(one) else ""
+            parts.append((f"\nfix: {one.remedy}{proof}".replace("`", ""), GREEN if one.proofs else ""))
+        parts += [(f"\n{link}", GREY) for link in one.references[:REFERENCES]]
+        yield _padded(_styled(*parts))
+    yield ""
+
+
+def _cause(one: Trouble) -> str:
+    """The known failure, else what the matrix says, else the line."""
+    if one.known:
+        return f"{one.known}: {one.cause}"
+    lead = present.unknown(one)
+    return f"{lead}; the matrix says: {one.cause}" if one.cause else f"{lead}: {one.line}" if one.line else lead
+
+
+def _attempts(attempts: Iterable[Attempt]) -> Iterable[RenderableType]:
+    yield _styled(("changes tried, one at a time", "bold"))
+    for tried in present.by_cell(attempts):
+        yield _padded(_styled((tried[0].cell, ""), (f"\n{tried[0].before}", GREY)))
+        for one in tried:
+            words = f": {'; '.join(one.does)}{' (advice)' if one.advice else ''}\n{one.after}"
+            head = (f"{one.effect}: {one.change}", EFFECTS.get(one.effect, YELLOW))
+            yield _padded(_styled(head, (words, GREY)), 2 * INDENT)
+    yield ""
+
+
+def _remarks(title: str, remarks: Iterable[Remark]) -> Iterable[RenderableType]:
+    yield _styled((title, "bold"))
+    for remark in remarks:
+        about = f" ({remark.about})" if remark.about else ""
+        count = number(remark.count, "combination") if remark.count else number(len(remark.cells), "cell")
+        where = remark.cells[0] if len(remark.cells) == 1 and remark.count < 2 else count
+        yield _padded(_styled((remark.text, ""), (f"{about}: {where}", GREY)))
+    yield ""
+
+
+# --- text ------------------------------------------------------------------------------------------------------
+
+
+def _padded(part: RenderableType, indent: int = INDENT) -> RenderableType:
+    from rich.padding import Padding  # noqa: PLC0415 - start-up
+
+    return Padding(part, (0, 0, 0, indent))
+
+
+def _styled(*parts: tuple[str, str]) -> Text:
+    from rich.text import Text  # noqa: PLC0415 - start-up
+
+    return Text.assemble(*((visible(text), style) for text, style in parts), overflow="fold")
+
+
+def _colour(verdict: Verdict) -> str:
+    if verdict is Verdict.WORKS:
+        return GREEN
+    if verdict in UNTOLD:
+        return GREY
+    return YELLOW if verdict is Verdict.PARTIAL else RED

@@ -1,0 +1,181 @@
+"""Refuse requirements that no index can serve: a misspelt package, a release that does not exist.
+
+Only what the user wrote is looked at, never the metadata of other packages, and without any cutoff: a release that
+came later, or was yanked, exists. Releases that an index once listed are remembered, so that good input asks no network
+twice.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from difflib import get_close_matches
+from hashlib import sha256
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+from harness import guarded_files, measured, process, store
+from harness.errors import BadInput
+from harness.hostile_data import Unreadable
+from harness.indexsettings import NOTHING, combined
+from harness.model import Cell, IndexSettings, Verdict
+from harness.standalone.keys import MODULES
+from harness.vocabulary import parsed_requirement
+
+Say = Callable[[str], None]
+AT_A_TIME = 8
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Listed:
+    """Versions of a package that an index has: all of them, and the newest that is neither yanked nor a pre-release."""
+
+    versions: tuple[str, ...] = ()
+    newest: str | None = None
+
+
+def check_cells(cells: Iterable[Cell], say: Say, *, offline: bool = False) -> None:
+    """Refuse what cells ask for and no index has; one expected to be unresolvable is passed over. Raises BadInput."""
+    questions = {id(cell.question): cell.question for cell in cells if not _is_expected(cell)}
+    found: dict[IndexSettings, dict[str, None]] = {}
+    for one in questions.values():
+        texts = found.setdefault(one.index, {})
+        texts |= dict.fromkeys((*one.requirements, *one.constraints, *one.overrides, *one.build_constraints))
+    for index, requirements in found.items():
+        check(requirements, say, index, offline=offline)
+
+
+def check(requirements: Iterable[str], say: Say, index: IndexSettings = NOTHING, *, offline: bool = False) -> None:
+    """Refuse requirements that the index cannot serve; say so where it cannot be asked. Raises BadInput."""
+    wanted: dict[str, list[Requirement]] = {}
+    for one in filter(None, map(_parsed, requirements)):
+        if not one.url:
+            wanted.setdefault(canonicalize_name(one.name), []).append(one)
+    memory = _Memory(index)
+    unseen = [name for name, asked in wanted.items() if not _all_fit(asked, memory.load(name))]
+    answers = _answers(unseen, index, offline=offline)
+    wrong = [line for name, listed in answers.items() for line in _wrong(name, wanted[name], listed)]
+    if wrong:
+        raise BadInput("\n".join(wrong))
+    if len(answers) < len(unseen):
+        silent = ", ".join(name for name in unseen if name not in answers)
+        say(f"note: the package index could not be asked whether this exists: {silent}")
+
+
+def _is_expected(cell: Cell) -> bool:
+    return cell.expect is not None and cell.expect.verdict is Verdict.UNRESOLVABLE
+
+
+# --- what is wrong ---------------------------------------------------------------------------------------------
+
+
+def _wrong(name: str, asked: Iterable[Requirement], listed: Listed | None) -> Iterable[str]:
+    """Yield a line for each requirement that cannot be served; `listed` is None where there is no such package."""
+    if listed is None:
+        near = nearest(name)
+        yield f"{name}: no such package" + (f"; did you mean {near}?" if near else "; check its name")
+        return
+    for one in asked if listed.versions else ():  # a page that lists nothing, a login page say, tells nothing
+        if not _fits(one, listed):
+            pinned = _pinned(one)
+            what = f"{name} {pinned}: no such release" if pinned else f"{name}{one.specifier}: no release fits"
+            yield f"{what}; newest is {listed.newest or listed.versions[-1]}"
+
+
+def nearest(name: str) -> str | None:
+    """Return the name of a package that was measured, or is well known here, and is written almost alike."""
+    return next(iter(get_close_matches(name, sorted({*MODULES, *measured_names()}), n=1, cutoff=0.75)), None)
+
+
+def measured_names() -> set[str]:
+    """Return the names of all packages in locks that were measured."""
+    document = measured.load()
+    axes = {name for cell in document["cells"] for name in cell["axes"] if name != "python"}
+    return axes | {name for lock in document["locks"].values() for name, _ in lock}
+
+
+def _parsed(text: str) -> Requirement | None:
+    """Return a requirement, None where it is none: whoever needs it says so."""
+    try:
+        return parsed_requirement(text)
+    except ValueError:
+        return None
+
+
+def _pinned(one: Requirement) -> str | None:
+    """Return the one version that a requirement allows, if it names it."""
+    exact = [part.version for part in one.specifier if part.operator in {"==", "==="} and "*" not in part.version]
+    return exact[0] if len(one.specifier) == 1 and exact else None
+
+
+def _all_fit(asked: Iterable[Requirement], listed: Listed | None) -> bool:
+    return all(_fits(one, listed) for one in asked)
+
+
+def _fits(one: Requirement, listed: Listed | None) -> bool:
+    """Return whether a release satisfies a requirement; local versions come from indexes of their own."""
+    if listed is None:
+        return False
+    plain = SpecifierSet(",".join(str(part).partition("+")[0] for part in one.specifier if part.operator != "==="))
+    return any(plain.contains(version, prereleases=True) for version in listed.versions)
+
+
+# --- what an index has -----------------------------------------------------------------------------------------
+
+
+def _answers(names: Sequence[str], settings: IndexSettings, *, offline: bool) -> dict[str, Listed | None]:
+    """Ask the index about packages: a package that it lacks is None, one that it did not answer for is left out."""
+    if not names:
+        return {}
+    from harness import index  # noqa: PLC0415 - start-up
+
+    memory = _Memory(settings)
+
+    def answer(name: str) -> tuple[str, Listed | None] | None:
+        try:
+            found = index.releases(name, settings, offline=offline, patient=False)
+        except index.UnknownPackage:
+            return name, None
+        except index.IndexUnreachable:
+            return None
+        plain = [each.version for each in found if not each.yanked]
+        stable = [version for version in plain if not Version(version).is_prerelease]
+        listed = Listed(versions=tuple(each.version for each in found), newest=next(reversed(stable or plain), None))
+        memory.keep(name, listed)
+        return name, listed
+
+    with ThreadPoolExecutor(AT_A_TIME) as pool:
+        try:
+            return dict(filter(None, pool.map(answer, names)))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            process.stop()
+            raise
+
+
+MOST_LISTED = 16 << 20
+
+
+class _Memory:
+    """What an index listed of packages before, in the cache folder."""
+
+    def __init__(self, settings: IndexSettings) -> None:
+        places = sha256(repr(combined(settings)).encode()).hexdigest()[:12]
+        self._folder = store.cache_folder() / "releases" / places
+
+    def load(self, name: str) -> Listed | None:
+        """Return what was listed, None where nothing was."""
+        try:
+            listed = guarded_files.decoded(self._folder / f"{name}.json", MOST_LISTED, json.loads)
+            return Listed(versions=tuple(map(str, listed)))
+        except (Unreadable, TypeError):
+            return None
+
+    def keep(self, name: str, listed: Listed) -> None:
+        """Keep a listing."""
+        store.write_atomic(self._folder / f"{name}.json", json.dumps(listed.versions).encode())

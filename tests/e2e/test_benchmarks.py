@@ -1,0 +1,43 @@
+"""Every benchmark can still be started: what it imports is there, and its arguments are read."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+STARTED = sorted(
+    path.relative_to(ROOT)
+    for path in (ROOT / "benchmarks").rglob("*.py")
+    if path.name == "__main__.py" or 'if __name__ == "__main__":' in path.read_text(encoding="utf-8")
+)
+
+
+@pytest.mark.parametrize("script", STARTED, ids=str)
+def test_a_benchmark_starts(script: Path) -> None:
+    """Its help comes with code 0, so that all of its module was run."""
+    package = script.name == "__main__.py"
+    command = ("-m", ".".join(script.parent.parts)) if package else (str(script),)
+    ran = subprocess.run(
+        (sys.executable, *command, "--help"), cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.startswith("usage: ")
+
+
+def test_peers_are_asked_what_a_cell_is_asked() -> None:
+    """The other tools run the checks of a case of ours, no more and no fewer."""
+    code = "import peers; print(*peers.REQUESTS['checks'])"
+    ran = subprocess.run(
+        (sys.executable, "-c", code), cwd=ROOT / "benchmarks", capture_output=True, text=True, timeout=60, check=True
+    )
+    assert ran.stdout.split() == [
+        "import.modules",
+        "single.loop",
+        "vector.sync",
+        "vector.async.fork",
+        "render.rgb_array",
+    ]

@@ -1,0 +1,132 @@
+"""Byte code of an environment: what a run leaves is thrown away, what is kept was compiled apart from it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness import bytecode
+from harness.bytecode import Lent, Source
+
+MODULE = "import os\nSEEN = os.path.basename(__cached__ or '')\n"
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
+    """An environment of one module, and this Python."""
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "environment"
+    (folder / "package").mkdir(parents=True)
+    (folder / "package/__init__.py").write_text(MODULE)
+    return Source(folders=(folder,), python=Path(sys.executable), kept=tmp_path / "cache/pycache/key")
+
+
+def imported(lent: Lent, folder: Path, more: str = "") -> str:
+    """Import the module as a probe does; what it printed."""
+    code = f"import sys; sys.path.insert(0, {str(folder)!r}); import package; print(package.SEEN); {more}"
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-X", f"pycache_prefix={lent.prefix}", "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout + done.stderr
+
+
+def pyc(lent: Lent, folder: Path) -> Path:
+    """Where a run finds the byte code of the module."""
+    (found,) = Path(f"{lent.prefix}{folder}/package").glob("__init__.*.pyc")
+    return found
+
+
+def warmed(source: Source) -> None:
+    """Run twice: the second has what the first needed, compiled apart."""
+    (folder,) = source.folders
+    for _ in range(2):
+        with bytecode.lent(source, folder, "t") as lent:
+            imported(lent, folder)
+
+
+def test_what_a_run_needed_is_there_for_the_next(source: Source) -> None:
+    """The second run finds byte code before it has compiled any, of the standard library, too."""
+    (folder,) = source.folders
+    with bytecode.lent(source, folder, "t") as lent:
+        assert not list(lent.prefix.rglob("*.pyc"))
+        imported(lent, folder, "import json")
+    with bytecode.lent(source, folder, "t") as lent:
+        assert pyc(lent, folder).is_file()
+        assert [path for path in lent.prefix.rglob("decoder.*.pyc") if "json" in path.parts]
+        before = pyc(lent, folder).stat().st_mtime_ns
+        imported(lent, folder)
+        assert pyc(lent, folder).stat().st_mtime_ns == before  # it was good as it was
+    assert not list(source.kept.glob("simmatrix-*"))
+
+
+def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_path: Path) -> None:
+    """Where a run sees the environment elsewhere its byte code lies there."""
+    warmed(source)
+    with bytecode.lent(source, tmp_path / "copy", "t") as lent:
+        assert pyc(lent, tmp_path / "copy").is_file()
+
+
+def test_what_a_run_leaves_reaches_nobody(source: Source) -> None:
+    """Poisoned byte code goes with the run that left it, also where it stands for a name that is new."""
+    (folder,) = source.folders
+    warmed(source)
+    with bytecode.lent(source, folder, "t") as lent:
+        good = pyc(lent, folder).read_bytes()
+        pyc(lent, folder).write_bytes(good[:16] + b"poison")
+        (pyc(lent, folder).parent / "other.cpython-311.pyc").write_bytes(b"poison")
+        (Path(f"{lent.prefix}/etc")).mkdir()
+        (Path(f"{lent.prefix}/etc/passwd.cpython-311.pyc")).write_bytes(b"poison")
+    with bytecode.lent(source, folder, "t") as lent:
+        assert pyc(lent, folder).read_bytes() == good
+        assert not [path for path in lent.prefix.rglob("*.pyc") if b"poison" in path.read_bytes()]
+        assert not list(lent.prefix.glob("etc/*"))
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "fifo", "folder", "deep"])
+def test_damage_is_not_used(source: Source, damage: str) -> None:
+    """Whatever became of the file, a run compiles anew, and the next finds it whole."""
+    (folder,) = source.folders
+    warmed(source)
+    code = source.kept / bytecode.CODE
+    content = code.read_bytes()
+    code.unlink()
+    match damage:
+        case "fifo":
+            os.mkfifo(code)
+        case "folder":
+            code.mkdir()
+        case _:
+            broken = {"cut": content[:-9], "flipped": content[:-9] + b"\xff" * 9, "deep": b"[" * 100_000, "empty": b""}
+            code.write_bytes(broken[damage])
+    with bytecode.lent(source, folder, "t") as lent:
+        assert imported(lent, folder).startswith("__init__.")
+        assert b"\xff" * 9 not in pyc(lent, folder).read_bytes()
+
+
+def test_forgotten_code_is_compiled_anew(source: Source) -> None:
+    """`--fresh` and `--verify` take nothing of earlier runs."""
+    warmed(source)
+    bytecode.forget(source.kept)
+    assert not (source.kept / bytecode.CODE).exists()
+    warmed(source)
+    assert (source.kept / bytecode.CODE).exists()
+
+
+def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> None:
+    """What has an error of syntax, or is gone, is no trouble."""
+    (folder,) = source.folders
+    (folder / "package/broken.py").write_text("def (\n")
+    with bytecode.lent(source, folder, "t") as lent:
+        imported(lent, folder)
+        (pyc(lent, folder).parent / "broken.cpython-311.pyc").write_bytes(b"x")
+    for _ in range(2):
+        with bytecode.lent(source, folder, "t") as lent:
+            assert imported(lent, folder).startswith("__init__.")
+            assert not list(lent.prefix.rglob("broken.*"))

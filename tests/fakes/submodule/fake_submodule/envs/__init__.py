@@ -1,0 +1,9 @@
+import fake_healthy
+import gymnasium
+
+
+class Below(fake_healthy.Healthy):
+    pass
+
+
+gymnasium.register(id="Below-v2", entry_point=Below)

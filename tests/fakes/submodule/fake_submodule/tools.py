@@ -1,0 +1,1 @@
+raise RuntimeError("a module that registers nothing is not imported")

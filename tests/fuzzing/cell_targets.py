@@ -1,0 +1,171 @@
+"""What cells and caches leave, fuzzed: replies, frames, metadata of packages, records of the state.
+
+Each is read as a run reads it. It may be refused; any exception is a fault of ours.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import random
+import re
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from fuzzing.mutating import content, mutated, mutated_json
+from fuzzing.targets import ROOT, Target
+
+from harness import environment_damage, evidence, frames, normalise, outcomes, sitepackages, upstream, wire
+from harness.hostile_data import Unreadable
+from harness.model import CellRecord, Lock, Phase, PhaseRecord
+from harness.store import Installed, Store
+
+ENDING = outcomes.Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
+RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}
+GONE = [{"pid": 77, "exit_code": 1}]
+CHECK = {"kind": "check", "outcome": "passed", "seconds": 1.5, "raised": None, "reason": None, "workers": []}
+RECORDS: list[dict[str, object]] = [
+    {"kind": "hello", "python": "3.9.1", "implementation": "CPython", "executable": "/python"},
+    {"kind": "start", "check": "single.loop"},
+    {"kind": "finding", "check": "single.space", "level": "warning", "text": "outside"},
+    {**CHECK, "check": "single.loop", "facts": {"trajectory": ["ab", "cd"], "gl": {"renderer": "x"}}},
+    {"kind": "start", "check": "vector.async.fork"},
+    {**CHECK, "check": "vector.async.fork", "outcome": "failed", "raised": RAISED, "facts": {}, "workers": GONE},
+    {"kind": "start", "check": "render.rgb_array"},
+    {"kind": "frame", "check": "render.rgb_array", "which": "first", "path": "render.rgb_array-first.npy"},
+    {"kind": "end", "modules": ["bootstrap.py"], "versions": {"numpy": "2.0.0"}},
+]
+ASKED = {str(one["check"]) for one in RECORDS if one["kind"] == "start"}
+WORKER: list[dict[str, object]] = [
+    {"kind": "reached", "check": "vector.async.fork", "stage": "step"},
+    {"kind": "raised", "check": "vector.async.fork", "raised": RAISED},
+]
+METADATA = (
+    "Metadata-Version: 2.1\nName: hx\nVersion: 1.0\nRequires-Python: >=3.8\nRequires-Dist: numpy>=1.26\n"
+    'Requires-Dist: mujoco[a,b]>=3; extra == "x" and python_version < "4"\nProvides-Extra: x\n\nText.\n'
+)
+RECORD = "hx.py,sha256=47DEQpj8HBSa-_TImW-5JCeuQeRkm5NMpJWZG3hSuFU,0\nhx/a.so,,\nhx-1.0.dist-info/RECORD,,\n"
+STORED = {"results": PhaseRecord, "locks": Lock, "installed": Installed, "cells": CellRecord}
+
+
+def jsonl(records: list[dict[str, object]], pid: int) -> str:
+    """Return records as a cell writes them."""
+    return "".join(json.dumps({"seq": number, "pid": pid, **one}) + "\n" for number, one in enumerate(records))
+
+
+def damaged(whole: bytes, chance: random.Random) -> bytes:
+    """Return bytes with one to four of them changed, cut out, doubled, or in another place."""
+    made = bytearray(whole)
+    for _ in range(chance.randrange(1, 5)):
+        place, length = chance.randrange(len(made) + 1), chance.choice((1, 1, 2, 8, 64))
+        piece = bytes(made[place : place + length])
+        match chance.randrange(5):
+            case 0:
+                made[place : place + length] = chance.randbytes(length)
+            case 1:
+                del made[place : place + length]
+            case 2:
+                made[place:place] = piece * chance.choice((1, 2, 1000))
+            case 3:
+                made[place:place] = chance.choice((b"(", b"-", b"9", b"\0", b"\n", b"PK\3\4")) * chance.choice(
+                    (1, 5000)
+                )
+            case _ if piece:
+                made[place] ^= 1 << chance.randrange(8)
+    return bytes(made)
+
+
+def _reply(chance: random.Random) -> list[str]:
+    lines = jsonl(RECORDS, 7).splitlines(keepends=True)
+    place = chance.randrange(len(lines))
+    lines[place] = mutated_json([lines[place]], chance) + "\n" * (chance.random() < 0.9)
+    whole = "".join(lines) if chance.random() < 0.8 else mutated(["".join(lines)], chance)
+    Path("reply.jsonl").write_bytes(content(whole, chance))
+    worker = jsonl(WORKER, 77)
+    worker = mutated([worker], chance) if chance.random() < 0.3 else worker
+    Path("worker-77.jsonl").write_bytes(content(worker, chance))
+    return ["reply"]
+
+
+def _read_reply(words: list[str]) -> int:
+    whole = Path("reply.jsonl").read_bytes()
+    files = {"worker-77.jsonl": Path("worker-77.jsonl").read_bytes(), "worker-77.txt": whole[:1000]}
+    reply = wire.read_reply(whole.splitlines(keepends=True), files)
+    for check in (one for one in reply.checks if one.check in ASKED):
+        record = outcomes.check_record(check, ENDING, {})
+        normalise.normalise(record.decisive or "", {"/python": "$ENV"})
+        msgspec.json.decode(msgspec.json.encode(record))
+    list(outcomes.found_beside(reply, ENDING))
+    text = whole.decode("utf-8", "replace")
+    list(evidence.written({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
+    list(upstream._tracebacks(text, "vector.async.fork"))
+    return 2 if reply.problems else 0
+
+
+def _frame(chance: random.Random) -> list[str]:
+    stream = io.BytesIO()
+    shape = chance.choice(((4, 6, 3), (1, 1, 3), (64, 48, 3), (4, 6), (4, 6, 4)))
+    array = np.zeros(shape, chance.choice((np.uint8, np.uint8, np.uint8, np.float32, np.int64)))
+    np.save(stream, array if chance.random() < 0.7 else np.asfortranarray(array))
+    whole = stream.getvalue()
+    if chance.random() < 0.3:
+        numbers = re.sub(rb"\d+(?=[,)])", lambda _: str(chance.choice((0, -1, 3, 10**6, 10**30))).encode(), whole[:128])
+        whole = numbers + whole[128:]
+    Path("frame.npy").write_bytes(damaged(whole, chance) if chance.random() < 0.9 else whole)
+    return ["frame"]
+
+
+def _keep_frame(words: list[str]) -> int:
+    return 0 if frames.keep(Path("frame.npy").read_bytes(), Path("frame.png").absolute()) else 2
+
+
+def _metadata(chance: random.Random) -> list[str]:
+    folder = Path("env/lib/python3.11/site-packages/hx-1.0.dist-info")
+    folder.mkdir(parents=True)
+    for name, text in (("METADATA", METADATA), ("RECORD", RECORD)):
+        whole = content(mutated([text], chance), chance) if chance.random() < 0.7 else damaged(text.encode(), chance)
+        (folder / name).write_bytes(whole)
+    (folder.parent / "hx.py").touch()
+    return ["env"]
+
+
+def _read_metadata(words: list[str]) -> int:
+    environment = Path("env").absolute()
+    list(environment_damage.damaged(environment, thorough=True))
+    environment_damage.replacing(environment)
+    try:
+        sitepackages.versions(environment)
+        sitepackages.modules(environment)
+        sitepackages.requiring(environment, "numpy")
+        sitepackages.unheld(environment)
+    except Unreadable:
+        return 2
+    return 0
+
+
+def _stored(chance: random.Random) -> list[str]:
+    found = sorted(ROOT.glob("reports/*/report.json"), key=lambda path: path.stat().st_size)[:2]
+    seeds = ['{"phase": "single", "outcome": "passed", "checks": [{"check": "single.loop", "outcome": "passed"}]}']
+    seeds += [path.read_text(encoding="utf-8")[:4000] for path in found]
+    Path("state/results/ab").mkdir(parents=True)
+    seed = mutated_json(seeds[:1], chance) if chance.random() < 0.7 else mutated(seeds, chance)
+    Path("state/results/ab/cd.json").write_bytes(content(seed, chance))
+    return ["state"]
+
+
+def _read_stored(words: list[str]) -> int:
+    store = Store(Path("state").absolute())
+    read = [store._load("results", "abcd", kind) for kind in STORED.values()]
+    return 0 if any(read) else 2
+
+
+CELL_TARGETS = {
+    target.name: target
+    for target in (
+        Target(name="replies", make=_reply, run=_read_reply),
+        Target(name="frames", make=_frame, run=_keep_frame),
+        Target(name="metadata", make=_metadata, run=_read_metadata),
+        Target(name="stored records", make=_stored, run=_read_stored),
+    )
+}

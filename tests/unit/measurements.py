@@ -1,0 +1,182 @@
+"""All that was measured and is committed, in one form: reports, combinations measured by hand, certificates, judges."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from packaging.utils import canonicalize_name
+
+from harness import document, knowledge, locks, rediagnosing
+from harness.evidence import causes
+from harness.model import Outcome, Phase, Verdict
+from harness.reporttypes import CaseEntry, CellEntry
+from harness.signatures import Around, Evidence, diagnose
+from harness.vocabulary import parsed_requirement, required_name
+
+ROOT = Path(__file__).parents[2]
+WELL = frozenset({Outcome.PASSED, Outcome.SKIPPED})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """One case of one combination. `versions` are those that were installed, else those asked for.
+
+    `question` are the lines that were asked for, `group` makes those comparable that differ in one package. `causes`
+    are the known failures that count, deepest first. `works` is whether all of it passed, `passed` whether at least the
+    failure that was looked for did not occur. `reason` is that of the expectation.
+    """
+
+    source: str
+    group: tuple[str, ...]
+    question: tuple[str, ...]
+    versions: Mapping[str, str] = field(hash=False)
+    python: str | None
+    causes: tuple[str, ...]
+    works: bool
+    passed: bool
+    reason: str = ""
+
+    def beside(self, name: str) -> tuple[str, ...]:
+        """Return what two measurements share that differ in this package only."""
+        return (*self.group, *(line for line in self.question if required_name(line) != name))
+
+
+@cache
+def everything() -> tuple[Measurement, ...]:
+    """Return all measurements."""
+    return (*of_reports(), *of_hand(), *of_certificates(), *of_judges())
+
+
+# --- reports ---------------------------------------------------------------------------------------------------
+
+
+def of_reports() -> Iterator[Measurement]:
+    """Yield the cases of all committed cells."""
+    for path in sorted((ROOT / "reports").glob("*/report.json")):
+        made = document.read(path.read_bytes(), str(path))
+        for cell in rediagnosing.diagnosed(made, knowledge.beside(path.parent)).cells:  # by what is known today
+            if cell.verdict not in {Verdict.UNAVAILABLE, Verdict.NOT_RUN, Verdict.INCONCLUSIVE}:
+                yield from (_of_case(path.parent, cell, case) for case in cell.cases)
+
+
+def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
+    early = any(cell.phases.get(phase) not in WELL for phase in (Phase.RESOLVE, Phase.INSTALL))
+    ended = {outcome for phase, outcome in case.phases.items() if phase is not Phase.BEHAVE}
+    works = not early and Outcome.PASSED in ended and ended <= WELL
+    lines = {case.decisive, *case.reasons.values(), *case.masked.values()}
+    mine = [one for one in cell.diagnoses if one.seen in lines]
+    known = causes({one.signature: one.masks for one in mine or cell.diagnoses})
+    asked = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
+    brought = sorted(map(str, cell.brought or ()))
+    bundled = [] if cell.change is None else [json.dumps(cell.change.change, sort_keys=True)]
+    return Measurement(
+        source=f"{cell.id}: {case.case}",
+        group=(case.case, case.api, *asked, *brought, *bundled),
+        question=tuple(sorted(cell.requirements)),
+        versions=cell.installed or _locked(folder / cell.lock if cell.lock else None) or pins(cell.requirements),
+        python=cell.python,
+        causes=() if works else known,
+        works=works,
+        passed=works,
+        reason=cell.expectation.reason if cell.expectation else "",
+    )
+
+
+def _locked(path: Path | None) -> dict[str, str]:
+    if path is None or not path.is_file():
+        return {}
+    return {name: version for name, (version, _) in locks.pinned(path.read_text(encoding="utf-8")).items()}
+
+
+def pins(lines: tuple[str, ...]) -> dict[str, str]:
+    """Return the packages of which lines ask for one version."""
+    found = {}
+    for line in lines:
+        exact = [each.version for each in parsed_requirement(line).specifier if each.operator == "=="]
+        if len(exact) == 1 and "*" not in exact[0]:
+            found[str(canonicalize_name(parsed_requirement(line).name))] = exact[0]
+    return found
+
+
+# --- by hand ---------------------------------------------------------------------------------------------------
+
+
+def of_hand() -> Iterator[Measurement]:
+    """Yield the cases of `tests/real/measured.toml`, which were measured without the harness."""
+    known = knowledge.known()
+    text = (ROOT / "tests" / "real" / "measured.toml").read_text(encoding="utf-8")
+    for number, one in enumerate(tomllib.loads(text)["combination"], start=1):
+        lines = tuple(sorted(one["requirements"]))
+        versions = {**pins(lines), **one.get("installed", {})}
+        for case in one["cases"]:
+            works = case["first_failure"] == "none"
+            around = Around(requirements=tuple(f"{name}=={it}" for name, it in versions.items()), python=one["python"])
+            seen = Evidence(phase=None if works else Phase(case["first_failure"]), told=(case.get("decisive", ""),))
+            found = () if works else diagnose(known, [seen], around)
+            yield Measurement(
+                source=f"measured.toml, combination {number}: {case['env']}",
+                group=(case["env"].replace(":", "-").replace("/", "-"), case["api"]),
+                question=lines,
+                versions=versions,
+                python=one["python"],
+                causes=causes({each.signature.id: each.signature.masks for each in found}),
+                works=works,
+                passed=works,
+            )
+
+
+# --- certificates ----------------------------------------------------------------------------------------------
+
+
+def of_certificates() -> Iterator[Measurement]:
+    """Yield the runs of all certificates along the releases of a package."""
+    for path in sorted((ROOT / "benchmarks" / "certificates").glob("*/bisect.json")):
+        made = json.loads(path.read_text(encoding="utf-8"))
+        if not made["axis"].startswith("--"):
+            yield from _of_certificate(path, made)
+
+
+def _of_certificate(path: Path, made: Mapping[str, Any]) -> Iterator[Measurement]:
+    beside = {**_locked(path.parent / "bad.lock.txt"), **_locked(path.parent / "good.lock.txt")}
+    for run in made["runs"]:
+        if run["verdict"] not in {"unresolvable", "uninstallable"}:
+            yield Measurement(
+                source=f"{path.parent.name}, run {run['number']}",
+                group=(path.parent.name,),
+                question=(),
+                versions={**beside, made["axis"]: run["candidate"]},
+                python=run["python"],
+                causes=tuple(run["causes"]),
+                works=run["why"] == "whole" and run["verdict"] == "works",
+                passed=run["answer"] == "good",
+            )
+
+
+# --- judges ----------------------------------------------------------------------------------------------------
+
+
+def of_judges() -> Iterator[Measurement]:
+    """Yield the failing combinations of `benchmarks/judged.toml`, with the causes that were read from their logs."""
+    truths = tomllib.loads((ROOT / "benchmarks" / "judged-truth.toml").read_text(encoding="utf-8"))["truth"]
+    asked = tomllib.loads((ROOT / "benchmarks" / "judged.toml").read_text(encoding="utf-8"))["axes"]["what"]
+    for truth in truths:
+        python, _, name = truth["cell"].partition("_")
+        one = asked.get(name) or asked.get(f"{name}-{python}")
+        if one and truth["named"]:
+            lines = tuple(sorted(one["requirements"]))
+            yield Measurement(
+                source=f"judged-truth.toml: {truth['cell']}",
+                group=tuple(case.get("env", "") for case in one["cases"]),
+                question=lines,
+                versions=pins(lines),
+                python=python.removeprefix("py"),
+                causes=tuple(truth["named"]),
+                works=False,
+                passed=False,
+            )

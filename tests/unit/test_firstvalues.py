@@ -1,0 +1,97 @@
+"""Values that clash only with the newest release of another axis are told from those that a project cannot have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from specimens import cell, step
+
+from harness import firstvalues
+from harness.commands import firstdraft
+from harness.drafts import Range
+from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.store import Store
+from harness.vocabulary import Rule
+
+PYTHON = Interpreter(path="/python", version="3.11.7", implementation="cpython", identity="one")
+LOCK = Lock(pins=(), requirements="", sha256="", instant="")
+
+
+def planned(**versions: str) -> Cell:
+    """A cell with these versions of packages as its axes."""
+    axes = {"python": "3.11", **versions}
+    question = Question(requirements=tuple(f"{name}=={version}" for name, version in versions.items()))
+    return replace(cell(), axes=axes, python=axes["python"], question=question)
+
+
+class Resolver:
+    """Resolves all but some combinations: those of which every requirement is asked for."""
+
+    refused: tuple[tuple[str, ...], ...] = ()
+    outcome = Outcome.FAILED
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def lock_of(self, asked: Cell, _: Interpreter) -> tuple[Lock | None, Step]:
+        """As the runner does."""
+        there = {*asked.question.requirements, f"python=={asked.python}"}
+        refused = any({*lines} <= there for lines in self.refused)
+        return (None, step(Phase.RESOLVE, self.outcome)) if refused else (LOCK, step(Phase.RESOLVE))
+
+
+CELLS = (
+    planned(sim="3", gymnasium="1"),
+    planned(sim="3", gymnasium="0.28"),
+    planned(sim="3", gymnasium="0.26"),
+    planned(sim="2", gymnasium="1"),
+    planned(sim="3", gymnasium="1", python="3.9"),
+)
+
+
+@pytest.mark.parametrize(
+    ("refused", "outcome", "expected"),
+    [
+        ((("gymnasium==0.28", "sim==3"),), Outcome.FAILED, {"gymnasium": ("0.28",)}),
+        ((("gymnasium==0.28",),), Outcome.FAILED, {}),
+        ((("gymnasium==1", "sim==2"), ("gymnasium==0.26", "sim==3")), Outcome.FAILED,
+         {"gymnasium": ("0.26",), "sim": ("2",)}),
+        ((("gymnasium==1", "sim==3"),), Outcome.FAILED, {}),
+        ((("gymnasium==0.28", "sim==3"),), Outcome.INFRA, {}),
+        ((("gymnasium==1", "python==3.9"),), Outcome.FAILED, {"python": ("3.9",)}),
+        ((("python==3.9",),), Outcome.FAILED, {}),
+    ],
+    ids=["beside the newest sim", "beside nothing", "both axes", "the newest of all", "no network", "an old Python",
+         "a Python that the project cannot have"],
+)  # fmt: skip
+def test_values_that_clash_with_the_newest_of_another_axis(
+    monkeypatch: pytest.MonkeyPatch,
+    refused: tuple[tuple[str, ...], ...],
+    outcome: Outcome,
+    expected: Mapping[str, tuple[str, ...]],
+) -> None:
+    """What does not resolve without the other pins either stays: that is something to know of the project."""
+    monkeypatch.setattr(Resolver, "refused", refused)
+    monkeypatch.setattr(Resolver, "outcome", outcome)
+    monkeypatch.setattr(firstvalues, "Runner", Resolver)
+    monkeypatch.setattr(firstvalues.interpreters, "find", lambda _: PYTHON)
+
+    found = firstvalues.clashing(CELLS, ("gymnasium", "sim"), Store(Path("nowhere")), None)  # type: ignore[arg-type]
+
+    assert found == expected
+
+
+def test_a_range_without_values_that_clash_says_so() -> None:
+    """They are left out one by one, beside what was left out before."""
+    wanted = Range(package="gymnasium", range=">=0.26", rule=Rule.LATEST_PATCH, note="Left out: 0.27.")
+
+    found = firstdraft._without(wanted, ("0.28.1",))
+
+    assert found.range == ">=0.26,!=0.28.1"
+    assert found.note == (
+        "Left out: 0.27. Left out, not installable beside the newest release of the other axes: 0.28.1."
+    )
+    assert firstdraft._without(wanted, ()) is wanted

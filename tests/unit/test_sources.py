@@ -1,0 +1,90 @@
+"""Which of our own files a stored result or a report depends on: all that are imported, found and not listed."""
+
+from __future__ import annotations
+
+import ast
+from importlib.util import resolve_name
+from pathlib import Path
+
+import pytest
+
+import harness
+from harness import sources
+from harness.commands import standing
+
+PACKAGE = Path(harness.__file__).parent
+
+
+def parsed(module: str) -> set[str]:
+    """Find what a module imports, itself or not, as the compiler reads it."""
+    found: set[str] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        place = PACKAGE.parent / name.replace(".", "/")
+        path = next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)
+        if not name.startswith("harness") or path is None or name in found:
+            continue
+        found.add(name)
+        waiting.append(name.rpartition(".")[0])
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                waiting += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+                base = resolve_name("." * node.level + (node.module or ""), package)
+                waiting += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+    return found
+
+
+@pytest.mark.parametrize("module", ["harness.cellrun", "harness.suites", "harness.commands.reporting"])
+def test_nothing_that_is_imported_is_missed(module: str) -> None:
+    """The quick reading of import lines finds what the compiler finds."""
+    assert set(sources.imported(module)) == parsed(module)
+
+
+@pytest.mark.parametrize(
+    "module", ["standalone.lines", "normalise", "outcomes", "misleading", "wire", "nativesays", "cellrun", "verdict"]
+)
+def test_what_judges_a_probe_is_part_of_its_key(module: str) -> None:
+    """A result is measured again when any module changes that had a say in its outcome, line or findings."""
+    assert f"harness.{module}" in sources.imported("harness.cellrun")
+
+
+@pytest.mark.parametrize("module", ["standalone.lines", "pytestsays", "normalise", "outcomes"])
+def test_what_judges_a_suite_is_part_of_its_key(module: str) -> None:
+    """The same for the package's own tests."""
+    assert f"harness.{module}" in sources.imported("harness.suites")
+
+
+def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is imported by what is imported counts, at the top or inside a function; what is not, does not."""
+    package = tmp_path / "harness"
+    (package / "inner").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "inner" / "__init__.py").write_text("")
+    (package / "judge.py").write_text("from harness import (\n    words,  # as they are said\n)\n")
+    (package / "words.py").write_text("def said():\n    from harness.inner.lines import LINE\n    return LINE\n")
+    (package / "inner" / "lines.py").write_text("LINE = 1\n")
+    (package / "other.py").write_text("")
+    monkeypatch.setattr(sources, "PACKAGE", package)
+
+    def digest() -> str:
+        sources.digest.cache_clear()
+        return sources.digest("harness.judge")
+
+    first = digest()
+    (package / "other.py").write_text("# changed\n")
+    assert digest() == first
+    (package / "inner" / "lines.py").write_text("LINE = 2\n")
+    assert digest() != first
+    sources.digest.cache_clear()
+
+
+def test_a_report_depends_on_all_that_it_is_made_with() -> None:
+    """What renders, judges or matches is among the files whose change makes a report anew, and so are templates."""
+    files = set(standing.made_with())
+
+    assert set(sources.imported("harness.commands.reporting").values()) <= files
+    assert PACKAGE / "standalone" / "matching.py" in files
+    assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "failure.py", "outcomes.py"}

@@ -1,0 +1,220 @@
+"""Squares of the small table: which cells stand in them, and what they say was tried."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import pytest
+from specimens import GENERATED, MACHINES, case, cell, record
+
+from harness import document, matrixfile, plan, present, rediagnosing, squares, tables
+from harness.model import Cell, CellRecord, Change, Outcome, Phase, Plan, Role, Step, Tried, Verdict
+from harness.reporttypes import Document
+from harness.tabletypes import Pivot, Square
+
+AXES = ("python", "mujoco")
+
+
+def at(python: str, mujoco: str, label: str = "", cases: tuple[str, ...] = ("ant",), **more: str) -> Cell:
+    """A cell of a matrix of Pythons and MuJoCos."""
+    axes = {"python": python, "mujoco": mujoco, **more}
+    return cell(label or f"py{python}-mujoco{mujoco}", cases, axes=axes, python=python)
+
+
+def ran(of: Cell, *outcomes: str, **more: Any) -> CellRecord:
+    """A record of a cell, with the letters of each of its cases."""
+    cases = [case(letters, one.id) for letters, one in zip(outcomes, of.cases, strict=True)]
+    return record(*cases, of=of, **{"python": f"{of.python}.1", **more})
+
+
+def made(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Document:
+    """The document of a matrix."""
+    planned = Plan(matrix="quick", cells=tuple(one.cell for one in records), axes=axes, variants=variants)
+    return document.build(records, [planned], MACHINES, GENERATED)
+
+
+def pivot(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Pivot:
+    """The table of these, MuJoCo down and Python across."""
+    found = tables.report(made(*records, variants=variants, axes=axes), ("mujoco", "python")).sheets[0].pivot
+    assert found is not None
+    return found
+
+
+def only(found: Pivot) -> tuple[Square, ...]:
+    """The one square that is not empty."""
+    (square,) = [square for row in found.squares for square in row if square]
+    return square
+
+
+MANY = tuple(f"task{number}" for number in range(11))
+
+
+class TestTasks:
+    @pytest.mark.parametrize(("failing", "shown"), [(1, "◐ 10/11"), (3, "◐ 8/11")])
+    def test_one_failing_task_is_told_from_three(self, failing: int, shown: str) -> None:
+        """Of a partial cell the square says how many tasks passed of those tried."""
+        letters = ["pppp"] * (11 - failing) + ["pfnn"] * failing
+        found = pivot(ran(at("3.11", "3.3.7", cases=MANY), *letters))
+
+        assert present.mark(found, only(found)[0]) == shown
+
+    def test_a_task_that_misleads_did_not_pass(self) -> None:
+        """It raised nothing, and it is not counted among those that passed."""
+        whole = made(ran(at("3.11", "3.3.7"), "pppp"))
+        wrong = msgspec.structs.replace(whole.cells[0].cases[0], misleads=("render.camera",))
+
+        assert squares.tasks([whole.cells[0]]) == (1, 1)
+        assert squares.tasks([msgspec.structs.replace(whole.cells[0], cases=(wrong,))]) == (0, 1)
+
+    def test_what_this_machine_lacks_fails_no_task(self) -> None:
+        """A task without rendering passed as far as it can be told; one that was never reached was not tried."""
+        found = made(ran(at("3.11", "3.3.7", cases=("a", "b")), "pppu", "nnnn"))
+
+        assert squares.tasks(found.cells) == (1, 1)
+
+    def test_a_task_has_to_pass_in_every_cell_of_the_square(self) -> None:
+        """Cells of one verdict are counted together by their tasks, not by themselves."""
+        found = made(
+            ran(at("3.10", "3.3.7", cases=("a", "b")), "pppp", "pfnn"),
+            ran(at("3.11", "3.3.7", cases=("a", "b")), "pfnn", "pppp"),
+        )
+
+        assert squares.tasks(found.cells) == (0, 2)
+
+
+class TestRoles:
+    def test_only_main_cells_stand_in_a_square(self) -> None:
+        """A side condition and a change that fail leave the square of a working cell green, and it says so."""
+        main, side = at("3.11", "3.3.7"), at("3.11", "3.3.7", "py3.11-beside", gym="0.21")
+        tried = Tried(name="older", reason="why", change=Change(requirements=("numpy<1",)))
+        changed = replace(main, id="quick/py3.11-mujoco3.3.7-with-older", base=main.id, tried=tried)
+        found = pivot(ran(main, "pppp"), ran(side, "pfnn"), ran(changed, "pfnn"), variants=frozenset({side.id}))
+
+        (one,) = only(found)
+        assert (one.verdict, one.varies, one.fixed) == (Verdict.WORKS, True, False)
+        assert "`*`: fails under a side condition, listed below as variant." in present.legend(found)
+
+    @pytest.mark.parametrize("by", ["change", "variant"])
+    def test_a_red_square_says_that_a_change_makes_it_work(self, by: str) -> None:
+        """Whether the matrix names that as a side condition, or it was tried as a change."""
+        main = at("3.11", "3.3.7")
+        tried = Tried(name="cure", reason="why", change=Change(requirements=("numpy<2",)))
+        other = replace(main, id="quick/other", **({"base": main.id, "tried": tried} if by == "change" else {}))
+        found = pivot(
+            ran(main, "pfnn"), ran(other, "pppp"), variants=frozenset({other.id} - {by == "change" and other.id})
+        )
+
+        assert present.mark(found, only(found)[0]) == "✘→✔ 0/1"
+        assert "→✔: works with a change that is listed below." in present.legend(found)
+
+    def test_role_of_each_cell_is_in_the_document(self) -> None:
+        """Main, side condition, change, and the remedy that the harness tried."""
+        main, side = at("3.11", "3.3.7"), at("3.11", "2.3.7")
+        what_if = Tried(name="older", reason="why", change=Change(requirements=("numpy<1",)))
+        repair = replace(what_if, name="cure", proving=True)
+        cells = (
+            main,
+            side,
+            replace(main, id="quick/a", base=main.id, tried=what_if),
+            replace(main, id="quick/b", base=main.id, tried=repair),
+        )
+        found = made(*(ran(one, "pppp") for one in cells), variants=frozenset({side.id}))
+
+        assert [one.role for one in found.cells] == [Role.MAIN, Role.VARIANT, Role.WHAT_IF, Role.REPAIR]
+
+    def test_roles_of_a_stored_report_are_those_of_its_matrix(self) -> None:
+        """A report of another time gets the roles, the table's axes and the title that the matrix has now."""
+        main, side = at("3.11", "3.3.7"), at("3.11", "2.3.7")
+        stored = made(ran(main, "pppp"), ran(side, "pppp"))
+        planned = Plan(
+            matrix="quick", cells=(main, side), axes=AXES, variants=frozenset({side.id}), title="a title",
+            pivot=("mujoco", "python"),
+        )  # fmt: skip
+        found = rediagnosing.placed(stored, planned)
+
+        assert [one.role for one in found.cells] == [Role.MAIN, Role.VARIANT]
+        assert (found.matrices["quick"].title, found.matrices["quick"].pivot) == ("a title", ("mujoco", "python"))
+        assert rediagnosing.placed(stored, replace(planned, axes=("python", "numpy"))) == stored
+
+    def test_side_conditions_of_a_matrix(self) -> None:
+        """Cells that a `variant` names are known by their ids; one that names none is out of date."""
+        text = (
+            'axes = { python = ["3.11"], mujoco = ["2.3.7", "3.3.7"] }\n'
+            '[[cases]]\nenv = "Ant-v5"\napi = "gymnasium"\n'
+            '[[variant]]\nwhen = { mujoco = "<3" }\nreason = "old"\n'
+            '[[variant]]\nwhen = { mujoco = ">4" }\nreason = "newer"\n'
+        )
+        planned = plan.expand(matrixfile.read(text, "demo.toml"), host_python="3.11.7")
+
+        assert [one.id in planned.variants for one in planned.cells] == [True, False]
+        assert planned.stale == ('demo.toml: variant[1] matches no cell (reason: "newer")',)
+
+
+class TestWhere:
+    def test_python_that_is_red_alone(self) -> None:
+        """Of a square with two verdicts each has its Pythons."""
+        step = Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive="no wheel", log="log")
+        cells = [at(python, "3.17.0", f"py{python}", numpy="2.4.6") for python in ("3.11", "3.12", "3.13")]
+        records = [
+            ran(cells[0], "pppp"),
+            ran(cells[1], "pppp"),
+            replace(record(of=cells[2], python="3.13.1"), install=step),
+        ]
+        found = tables.report(made(*records, axes=(*AXES, "numpy")), ("mujoco", "numpy")).sheets[0].pivot
+
+        assert found is not None
+        assert [(one.verdict, one.pythons, one.where) for one in only(found)] == [
+            (Verdict.UNINSTALLABLE, ("3.13",), ()),
+            (Verdict.WORKS, ("3.11", "3.12"), ()),
+        ]
+        assert present.small_table(found).splitlines()[2] == (
+            "| 3.17.0 | ⊘<br><sub>3.13</sub><br>✔\N{NO-BREAK SPACE}1/1<br><sub>3.11, 3.12</sub> |"
+        )
+
+    def test_what_else_differs_is_said(self) -> None:
+        """A red cell on another Python with another numpy is not put down to the Python alone."""
+        records = [
+            ran(at("3.9", "3.3.7", "a", numpy="1.26.4"), "pppp"),
+            ran(at("3.10", "3.3.7", "b", numpy="2.0.2"), "pfnn"),
+        ]
+        records += [ran(at("3.9", "2.3.7", "c", numpy="1.26.4", GL="egl"), "pppp")]
+        found = tables.report(made(*records, axes=(*AXES, "numpy", "GL")), ("mujoco", "GL")).sheets[0].pivot
+
+        assert found is not None
+        assert [one.where for one in found.squares[1][0]] == [("numpy 2.0.2",), ("numpy 1.26.4",)]
+
+    def test_unavailable_never_makes_a_square_red(self) -> None:
+        """Beside a verdict about the packages it stands last, with its Python."""
+        works, lacking = at("3.11", "3.3.7", "a", gl="egl"), at("3.12", "3.3.7", "b", gl="egl")
+        absent = CellRecord(cell=lacking, machine="linux-x86_64", unavailable="no torch", measured=GENERATED)
+        found = tables.report(made(ran(works, "pppp"), absent, axes=(*AXES, "gl")), ("mujoco", "gl")).sheets[0].pivot
+
+        assert found is not None
+        assert [(one.verdict, one.pythons) for one in only(found)] == [
+            (Verdict.WORKS, ("3.11",)),
+            (Verdict.UNAVAILABLE, ("3.12",)),
+        ]
+
+    def test_a_known_silent_defect_that_was_not_excluded(self) -> None:
+        """A green cell that nothing checked for it is not plainly green."""
+        whole = made(ran(at("3.11", "3.3.7"), "pppp"))
+        doubted = msgspec.structs.replace(whole.cells[0], unverified=("silent:some-id",))
+        found = tables.report(msgspec.structs.replace(whole, cells=(doubted,)), ("mujoco", "python")).sheets[0].pivot
+
+        assert found is not None
+        assert present.mark(found, only(found)[0]) == "✔? 1/1"
+        (sheet,) = tables.report(msgspec.structs.replace(whole, cells=(doubted,))).sheets
+        assert present.result(sheet).startswith(
+            "0 of 1 combination work. 1 more raise nothing, but a known silent defect was not excluded."
+        )
+
+
+def test_the_axis_of_more_values_goes_down() -> None:
+    """A table grows downwards, for a page and a terminal end at the right."""
+    wide = [ran(at("3.11", version), "pppp") for version in ("3.1.0", "3.2.0", "3.3.0")]
+    found = tables.report(made(*wide, ran(at("3.12", "3.3.0"), "pppp"))).sheets[0].pivot
+
+    assert found is not None
+    assert (found.down, found.across) == ("mujoco", "python")
