@@ -128,7 +128,7 @@ def as_folder(text: str) -> str:
 
 
 class Detail(NamedTuple):
-    """What a question says besides its requirements: the word of an option, its value, and what an id cannot show."""
+    """A part of a question besides its requirements: the option's word, its value, and what an id cannot show."""
 
     word: str
     value: str = ""

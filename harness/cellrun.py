@@ -421,7 +421,7 @@ class _Measurement:
 
 
 def _compared(reply: CheckReply) -> bool:
-    """Whether a check that no case asks for, since it follows another, compared the case with its specification."""
+    """Tell whether a check that follows another one compared the case with its specification."""
     return reply.check in MISLEADING and reply.outcome is not None
 
 

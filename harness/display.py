@@ -40,7 +40,7 @@ SERVERS = (
     "__EGL_",
     "__GLX_",
 )
-"""How the variables begin that a server gets of the caller's: tokens are none of its business."""
+"""Prefixes of variables of the caller's that a display server inherits; its tokens are left out."""
 
 SOCKETS = Path("/tmp/.X11-unix")
 PATIENCE_SECONDS, POLL_SECONDS = 20.0, 0.005

@@ -49,7 +49,7 @@ class Layer:
 
 
 def layer(report: Plain, text: Callable[[str], str | None]) -> Layer:
-    """What a report document measured; `text` gives that of a file that the document names, None if it is gone."""
+    """Return what a report document measured; `text` reads a file that the document names, None if it is gone."""
     cells = [cell for cell in report["cells"] if cell["verdict"] not in UNTOLD and cell["machine"] and cell["measured"]]
     texts = {name: text(name) for name in {cell["lock"] for cell in cells if cell["lock"]}}
     named = {name: _sha256(content) for name, content in texts.items() if content and _is_lock(content)}

@@ -181,7 +181,7 @@ def _cleared(path: Path) -> bool:
 
 
 def stands(environment: Environment, *, thorough: bool = False) -> bool:
-    """Whether nobody took it away, and its files are as they were installed."""
+    """Tell whether an environment is still there, with its files as they were installed."""
     stamp = _usable(environment.path)
     return stamp is not None and not {*damaged(environment.path, thorough=thorough)} - {*stamp.odd}
 
@@ -271,7 +271,7 @@ def _usable(path: Path) -> _Stamp | None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _How:
-    """How an environment is made; `below` is one that it leads on to."""
+    """The way to make an environment; `below` is another one that it leads on to."""
 
     offline: bool
     thorough: bool = False

@@ -8,7 +8,7 @@ SHORTAGES = frozenset(
     getattr(errno, f"E{name}")
     for name in ("NOSPC", "DQUOT", "ROFS", "IO", "ACCES", "PERM", "MFILE", "NFILE", "NOMEM", "AGAIN")
 )
-"""What the system answers when it is full, broken, forbids something or has too little left: no bug of ours."""
+"""Error numbers of a system that is full, broken, forbids something or lacks something: no bug of ours."""
 
 
 def in_the_way(error: Exception) -> str | None:

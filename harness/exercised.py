@@ -1,4 +1,4 @@
-"""What the environments of a cell really ran: packages whose code was called, and ids that something registers."""
+"""Tells what the environments of a cell ran: packages whose code was called, and registered ids."""
 
 from __future__ import annotations
 

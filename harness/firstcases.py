@@ -47,7 +47,7 @@ class FirstCases:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Listed:
-    """What a cell told: environments, imports that failed, or why nothing could be asked."""
+    """The answer of a cell: its environments, the imports that failed, or why nothing could be asked."""
 
     found: tuple[Candidate, ...] = ()
     failed: tuple[tuple[str, str], ...] = ()

@@ -15,7 +15,7 @@ ARRAY = re.compile(
     rb"\{'descr': '\|u1', 'fortran_order': (True|False), 'shape': \((\d{1,9}), (\d{1,9}), 3\), \} *\n",
     re.DOTALL,
 )
-"""How an `.npy` of bytes with three channels begins, as every numpy writes it: no other is looked into."""
+"""The first bytes of an `.npy` of bytes with three channels, as every numpy writes it; no other file is read."""
 
 
 def keep(content: bytes, picture: Path) -> bool:

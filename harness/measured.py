@@ -37,7 +37,7 @@ def load() -> dict[str, Any]:
 
 
 def shipped() -> dict[str, Any]:
-    """What comes with the harness alone; of a checkout it is distilled once for each state of its reports."""
+    """Return the results that come with the harness; a checkout distils them once for each state of its reports."""
     if PACKED.is_file():
         content = gzip.decompress(PACKED.read_bytes())
     else:

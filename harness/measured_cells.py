@@ -46,13 +46,13 @@ class Wanted:
         return cls(name=required_name(text), versions=found.specifier, text=text)
 
     def fits(self, version: str | None) -> bool:
-        """Whether a version is one of those."""
+        """Tell whether a version is one of those."""
         return version is not None and self.versions.contains(version, prereleases=True)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Query:
-    """What was asked: packages, a Python (`3.11` or `3.11.7`), phases that have to have passed, an environment."""
+    """A question: packages, a Python (`3.11` or `3.11.7`), phases that have to have passed, an environment."""
 
     wanted: tuple[Wanted, ...]
     python: str | None = None
@@ -198,12 +198,12 @@ def _has(one: Known, env: str | None) -> bool:
 
 
 def _is(case: Plain, env: str) -> bool:
-    """Whether a case is of an environment, its id with or without what stands before it."""
+    """Tell whether a case is of an environment, its id with or without its namespace."""
     return env == case["env"] or env == (case["env"] or "").partition(":")[2]
 
 
 def passed(one: Known, query: Query) -> bool:
-    """Whether what was needed passed: in the environment asked for, if one was."""
+    """Tell whether all that was needed passed: in the environment asked for, if one was."""
     cases = [case["phases"] for case in one.cell["cases"] if query.env and _is(case, query.env)]
     return all(phases.get(phase) == PASSED for phases in cases or [one.cell["phases"]] for phase in query.needs)
 

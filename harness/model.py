@@ -68,7 +68,7 @@ class Verdict(StrEnum):
 
 
 class Role(StrEnum):
-    """What a cell is measured for; squares of tables hold main cells alone."""
+    """The purpose of a cell; squares of tables hold main cells alone."""
 
     MAIN = "main"
     VARIANT = "variant"

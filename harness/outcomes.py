@@ -14,7 +14,7 @@ VIOLATION = "ContractViolation"
 """The type of what a check raises by which something contradicts what it promises."""
 
 UNMEASURED = "could not be measured"
-"""How the reason begins for which a misleading check shows nothing, and refutes nothing either."""
+"""The first words of the reason of a misleading check that shows nothing, and refutes nothing either."""
 
 NEEDS = {Phase.SINGLE: Phase.IMPORT} | dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.INTEROP), Phase.SINGLE)
 """The phase without which another says nothing new."""
@@ -45,7 +45,7 @@ SHOT = "killed by SIGKILL from outside: a service or a person ended it, perhaps 
 
 SIGKILLED = re.compile(r"^(worker )?killed by SIGKILL")
 SHARED_MEMORY = re.compile(r"/dev/shm|_posixshmem|\bSemLock\b|\bshm_open\b|/multiprocessing/(?:heap|synchronize)\.py")
-"""What fails where a machine has no /dev/shm: shared memory, and the locks and queues of multiprocessing."""
+"""Errors on a machine without /dev/shm: of shared memory, and of the locks and queues of multiprocessing."""
 
 PYGLET_CODE = re.compile(r"/pyglet/")
 IGNORED = re.compile(r"^Traceback \(most recent call last\):\n(?:^[ \t].*\n)+\S.*$(?:\n[ \t].*$)*", re.MULTILINE)
@@ -178,12 +178,12 @@ def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
 
 
 def shot(record: CheckRecord) -> bool:
-    """Whether somebody outside ended the process of a check, or a worker of it."""
+    """Tell whether somebody outside ended the process of a check, or a worker of it."""
     return record.outcome is Outcome.INFRA and SHOT in (record.decisive or "")
 
 
 def machine_trouble(text: str, decisive: str, least_room_mb: int | None) -> bool:
-    """Whether a command failed for want of something that this machine lacks, by all that it printed.
+    """Tell whether a command failed because this machine lacks something, by all that it printed.
 
     A full disk that is only mentioned must have been one; so must a read-only one be what it failed by.
     """
@@ -195,7 +195,7 @@ def machine_trouble(text: str, decisive: str, least_room_mb: int | None) -> bool
 
 
 def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
-    """What this machine was short of when a check failed or died, perhaps unable to say so; or who ended it."""
+    """Return what this machine was short of when a check failed or died, or who ended it; None if nothing shows it."""
     killed = SIGKILLED.match(decisive)
     if killed:
         return f"{killed[1] or ''}{SHOT}"
@@ -212,7 +212,7 @@ def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
 
 
 def _made_up(reply: CheckReply, ending: Ending) -> bool:
-    """Whether a package says of itself that a disk is full: none was, and no call of the system said so."""
+    """Tell whether a package only claims that a disk is full: none was, and no call of the system said so."""
     if not reply.raised or reply.workers or (ending.least_room_mb or 0) < ROOMY_MB:
         return False
     return not reply.raised.type.endswith(("OSError", "IOError")) and "rrno" not in reply.raised.message
@@ -228,7 +228,7 @@ def _drawing(reply: CheckReply) -> str | None:
 
 
 def _draws(reply: CheckReply, ending: Ending) -> bool:
-    """Whether a check failed by drawing: with nothing to see, or in the code of a library that draws."""
+    """Tell whether a check failed by drawing: with nothing to see, or in the code of a library that draws."""
     told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
     if phase_of(reply.check) is Phase.RENDER and (not reply.raised or reply.raised.message.startswith(BLANK)):
         return True

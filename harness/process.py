@@ -130,7 +130,7 @@ class Completed:
 
     @property
     def shot(self) -> bool:
-        """Whether SIGKILL ended it that nobody owns up to: a service or a person short of memory, hardly itself."""
+        """True where an unknown sender ended it by SIGKILL: a service or a person short of memory, hardly itself."""
         return self.signal == signal.SIGKILL and not (self.killed or self.timed_out or self.out_of_memory)
 
 

@@ -18,7 +18,7 @@ MISLEADS = "misleads"
 
 
 class Nearby(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known where nothing fits: `where` says how it is not what was asked for."""
+    """Measured combinations near the one asked for; `where` says how they differ from it."""
 
     where: str
     combinations: tuple[Combination, ...]

@@ -23,7 +23,7 @@ from harness.vocabulary import settings
 Plain = Mapping[str, Any]
 
 NUMPY = "numpy"
-"""What arrays of all packages are made of, so that its version is never left open."""
+"""The package of the arrays that all others pass around: its version is never left open."""
 
 
 class Combination(msgspec.Struct, frozen=True, kw_only=True):

@@ -130,7 +130,7 @@ class EditEntry(msgspec.Struct, frozen=True, kw_only=True, rename={"old": "from"
 
 
 class RepairEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What was changed of a release, so that anybody can make the same wheel, from its wheel or its sdist."""
+    """The changes of a repaired release, enough for anybody to make the same wheel, from its wheel or its sdist."""
 
     package: str
     version: str
@@ -173,7 +173,7 @@ class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def not_run(self) -> bool:
-        """Whether the tests were asked for and could not be run."""
+        """True where the tests were asked for and could not be run."""
         return self.outcome is Outcome.NOT_REACHED and self.decisive is not None
 
 

@@ -1,4 +1,4 @@
-"""Where the known issues lie: `matrices/signatures/`, or the folder that `HARNESS_SIGNATURES` names."""
+"""Finds the folder of the known issues: `matrices/signatures/`, or the one that `HARNESS_SIGNATURES` names."""
 
 from __future__ import annotations
 

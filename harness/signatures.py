@@ -202,7 +202,7 @@ class Signature(Table, frozen=True, kw_only=True):
 
     @property
     def loud(self) -> bool:
-        """Whether something is written by which it can be told."""
+        """True where it prints something by which it can be recognised."""
         return bool(self.pattern or self.signal)
 
     @property

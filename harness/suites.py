@@ -216,7 +216,7 @@ def _run(bench: Bench, seconds: float) -> _Ran:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a run works: its scratch folder, the copy of the source, and the environment as it sees it."""
+    """The folders of a run: its scratch folder, the copy of the source, and the environment as it sees it."""
 
     scratch: Path
     source: Path

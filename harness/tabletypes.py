@@ -112,7 +112,7 @@ class Cause:
 
 
 class Effect(StrEnum):
-    """What a change did to a cell."""
+    """The effect of a change on a cell."""
 
     CURES = "cures"
     PARTLY = "cures part of it"
@@ -249,7 +249,7 @@ class Sheet:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
-    """What a presentation needs: a sheet per matrix, and what they share.
+    """A whole report, ready to be presented: a sheet per matrix, and what they share.
 
     `measured` are the first and the last day of measuring, `platforms` the machines in a few words each, `uncovered`
     the platforms that none of them is.

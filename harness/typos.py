@@ -162,7 +162,7 @@ MOST_LISTED = 16 << 20
 
 
 class _Memory:
-    """What an index listed of packages before, in the cache folder."""
+    """Earlier listings of packages by an index, in the cache folder."""
 
     def __init__(self, settings: IndexSettings) -> None:
         places = sha256(repr(combined(settings)).encode()).hexdigest()[:12]

@@ -33,7 +33,7 @@ MALFORMED = re.compile(
     r"|unsafe (?:member path|symbolic-link target|hard-link target)|cannot extract unsupported member type"
     r"|failed to open file `[^`]*/\.tmp[^`/]*/[^`/]+\.dist-info/RECORD`"
 )
-"""What uv refuses in an archive that came whole: no index has made that of it, and no disk."""
+"""Errors of uv about an archive that arrived whole: no index and no disk causes them."""
 
 NO_PROJECT = re.compile(
     r"Failed to (?:download and )?build `[^`]+==[^`]*`\n.*does not appear to be a Python project", re.S

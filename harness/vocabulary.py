@@ -428,7 +428,7 @@ def matcher(kind: Kind, pattern: str) -> Callable[[str], bool]:
 
 
 def _fits(pieces: Sequence[str], value: str) -> bool:
-    """Whether a value is these pieces with any text between them, `?` standing for any character.
+    """Tell whether a value is these pieces with any text between them, `?` standing for any character.
 
     Each piece is taken where it fits first: no way back, as a regular expression would look for.
     """
@@ -465,7 +465,7 @@ def _specifiers(kind: Kind, pattern: str) -> SpecifierSet:
 
 
 CHANGING = re.compile(r"\bline \d+|\d+(?:\.\d+)+")
-"""What differs in two lines about the same failure: lines of files, and versions."""
+"""Parts that differ between two lines about the same failure: line numbers, and versions."""
 
 READERS = {
     "DISPLAY": None,

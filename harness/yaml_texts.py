@@ -1,4 +1,4 @@
-"""What no YAML reader can take, as the sentence of a user."""
+"""Turns the errors of YAML readers into bad input that names the file and the line."""
 
 from __future__ import annotations
 

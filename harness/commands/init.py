@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass
 class _Files:
-    """What was written, what was there already, the cells of each matrix, and what could not be found out."""
+    """The files of a first matrix: written ones, ones that were there, the cells of each matrix, and open questions."""
 
     say: Callable[[str], None]
     written: list[str] = field(default_factory=list)

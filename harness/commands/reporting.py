@@ -274,7 +274,7 @@ def _same(there: os.stat_result, target: str | Path) -> bool:
 
 
 def seen_from(folder: Path, state: Path) -> document.Locate:
-    """How files that stay in the state are named from a report's folder."""
+    """Return the function that names files of the state as they are seen from a report's folder."""
     return lambda path: os.path.relpath(state / path, folder)
 
 

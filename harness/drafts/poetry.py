@@ -1,4 +1,4 @@
-"""What `[tool.poetry]` says of a project, in the words of a `[project]` table."""
+"""Reads `[tool.poetry]` as if it were a `[project]` table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which extras and dependency groups the tests of a project need, and where its tests lie."""
+"""Finds the extras and dependency groups that the tests of a project need, and the folder of its tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which releases of a range can be values of an axis: those that install without a build on the Python of the cells."""
+"""Chooses releases of a range as values of an axis: those that install without a build on the Python of the cells."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class Suite(Adapter):
         return [found.module] if found else list(self.imports)
 
     def knows(self, case):
-        """Whether the suite has the task, or it is a callable of the user's."""
+        """Tell whether the suite has the task, or it is a callable of the user's."""
         return own(case) is not None or super().knows(case)
 
     def names(self):

@@ -33,7 +33,7 @@ class PettingZoo(Adapter):
         return [*self.imports, *([module] if found or self.knows(case) else [])]
 
     def knows(self, case):
-        """Whether PettingZoo has the module, or it is a callable of the user's."""
+        """Tell whether PettingZoo has the module, or it is a callable of the user's."""
         return own(case) is not None or _module(case).partition(".")[2].replace(".", "/") in self.names()
 
     def names(self):

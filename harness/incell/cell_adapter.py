@@ -15,7 +15,7 @@ class Adapter:
     """Modules to import before anything else."""
 
     one_reward = False
-    """Whether environments in batches have room for one number as the reward of each."""
+    """True where a batch has room for one number only as the reward of each environment."""
 
     def modules(self, case):
         """Names of modules to import first for a case."""
@@ -156,7 +156,7 @@ class Environment:
             return self.draw()
 
     def rewards(self):
-        """How many numbers a reward is, as far as that is declared."""
+        """Return how many numbers a reward has: one, unless something is declared."""
         return 1
 
     def seed_actions(self, seed):

@@ -14,7 +14,7 @@ FRAMES = 60
 """Pictures in which a tracking camera has to come to the body that it follows."""
 
 MIDDLE = 0.5
-"""How far from the middle a followed body may be, as a part of half the picture's height."""
+"""The largest distance of a followed body from the middle of its picture, as a fraction of half its height."""
 
 
 @misleading
@@ -52,7 +52,7 @@ def camera(probe, facts):
 
 
 class Drawn:
-    """What MuJoCo made a scene of: the camera and its pose, the options, and things by kind and number."""
+    """A scene as MuJoCo was asked to draw it: the camera and its pose, the options, and things by kind and number."""
 
     def __init__(self, m, d, opt, pert, cam, catmask, scn):  # noqa: PLR0913, PLR0917 - as the bindings name them
         self.kind = int(cam.type)
@@ -84,7 +84,7 @@ def _drawn(probe):
 
 
 def _moves(found):
-    """Whether a tracking camera still comes to its body: before MuJoCo 3, by a fifth of the way in each picture."""
+    """Tell whether a tracking camera still moves to its body: before MuJoCo 3, a fifth of the way in each picture."""
     before = found[-2].lookat if len(found) > 1 else None
     return found[-1].kind == TRACKING and (before is None or not np.allclose(before, found[-1].lookat, atol=1e-3))
 

@@ -10,10 +10,10 @@ POSES = 1000
 """Poses of the robot that are tried, in search of those in which it touches an object."""
 
 TRIALS, ENOUGH = 5, 3
-"""How many trials there are at most, and how many in which nothing is pushed show something."""
+"""The largest number of trials, and how many of those in which nothing is pushed decide."""
 
 DEPTHS = (0.003, 0.02)
-"""How deep (m) the robot and the object overlap at the start of a trial."""
+"""Depths (m) by which the robot and the object overlap at the start of a trial."""
 
 SECONDS = 1.0
 MOST_STEPS = 1000
@@ -54,7 +54,7 @@ def contact(probe, facts):
 
 
 def _pushed(before, after, moved):
-    """Whether the overlap became less, or the object has moved."""
+    """Tell whether the overlap became less, or the object has moved."""
     return after < 0.95 * before or moved > 0.05 * before
 
 
@@ -102,7 +102,7 @@ class Scene:
         return range(first, first + int(self.model.body_jntnum[body]))
 
     def _pushable(self, body):
-        """Whether a body stands by itself, slides or floats, and is tied to nothing."""
+        """Tell whether a body stands by itself, slides or floats, and is tied to nothing."""
         model = self.model
         if body in self.robot or int(model.body_parentid[body]) != 0:
             return False
@@ -151,7 +151,7 @@ class Scene:
         return [self.data.contact[number] for number in range(self.data.ncon)]
 
     def _between(self, item, body):
-        """Whether a contact is one of the object and the robot."""
+        """Tell whether a contact is one of the object and the robot."""
         bodies = {int(self.model.geom_bodyid[item.geom1]), int(self.model.geom_bodyid[item.geom2])}
         return body in bodies and bodies - {body} <= self.robot
 

@@ -178,7 +178,7 @@ class Modern(Environment):
         return (result[0], result[1], *ends)
 
     def rewards(self):
-        """How many numbers a reward is: as it was, else as far as that is declared."""
+        """Return how many numbers a reward is: as measured before, else as declared."""
         if self.examiner.rewards is not None:
             return self.examiner.rewards
         number = self.examiner.agents or 1
@@ -212,7 +212,7 @@ class Modern(Environment):
 
 
 def _called_without(error):
-    """Whether make() called the environment itself without an argument that it requires."""
+    """Tell whether make() called the environment itself without an argument that it requires."""
     if " missing " not in str(error):
         return False
     step = error.__traceback__

@@ -1,4 +1,4 @@
-"""What our own code calls, taken before any library is imported: a library may replace what a module holds.
+"""Keeps the functions that our own code calls, from before any library is imported, since a library may replace them.
 
 A library that puts another encoder in the place of `json.dumps`, or its own number in the place of `os.getpid`, does
 nothing wrong. It is not to change what is said of it, either.

@@ -14,7 +14,7 @@ LOOP = re.compile(r"\b(?:parallel_env|raw_env)\b")
 VERSIONED = re.compile(r"_v\d+$")
 REGISTRIES = ("gymnasium", "gym")
 MAKERS = ("parallel_env", "env")
-"""How a module of PettingZoo's kind calls what makes its environment; the second one acts in turns."""
+"""Names of functions that make an environment in a module of PettingZoo's kind; the second makes turn-based ones."""
 
 
 def suited(tops):

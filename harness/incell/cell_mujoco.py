@@ -67,7 +67,7 @@ def vectors(kind):
 
 
 def written(kind, name):
-    """Whether the items of such a property, read back one by one, are what was written."""
+    """Tell whether the items of such a property, read back one by one, are the ones that were written."""
     view = getattr(kind(), name)
     values = np.arange(1, view.size + 1).astype(view.dtype)
     view[...] = values.reshape(view.shape)
@@ -105,7 +105,7 @@ def _address(view):
 
 
 class Simulation:
-    """What an environment simulates: a copy of its model, and of what it holds of its start pose.
+    """A copy of the model that an environment simulates, and of its start pose.
 
     `held` is its own `initial_qpos` after the resets, `starts` the joints' positions after each of them; both are None
     where the environment documents no such thing. `settles` is whether its resets step the simulation.
@@ -151,6 +151,6 @@ def _simulation(probe):
 
 
 def documents(kind, argument):
-    """Whether a class, or one that it is made of, says in its documentation what this argument is."""
+    """Tell whether the documentation of a class, or of one that it is made of, explains this argument."""
     texts = [text for part in kind.__mro__ for text in (part.__doc__, getattr(part.__init__, "__doc__", None)) if text]
     return any(argument + " (" in text or argument + ":" in text for text in texts)

@@ -42,6 +42,6 @@ def imported(name):
 
 
 def _plain(function):
-    """Whether it is a function that needs no argument."""
+    """Tell whether it is a function that needs no argument."""
     code = getattr(function, "__code__", None)
     return code is not None and code.co_argcount <= len(function.__defaults__ or ()) and not code.co_kwonlyargcount

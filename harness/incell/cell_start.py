@@ -5,7 +5,7 @@ from .cell_misleading import misleading
 from .cell_mujoco import bindings, simulation
 
 FAR = 0.05
-"""How far (in m, or rad) a joint may be from where it begins."""
+"""The largest distance (m, or rad) of a joint from its documented start."""
 
 
 @misleading

@@ -1,4 +1,4 @@
-"""Which installed packages an environment really runs: whose code is called, and what it loads by itself.
+"""Finds the installed packages that an environment really runs: code that is called, and files that it loads.
 
 A package that only lies there, or that only we imported to look for environments, is none of them.
 """
@@ -80,7 +80,7 @@ def _name(place):
 
 
 def _holds(place, files):
-    """Whether one of these files is a distribution's."""
+    """Tell whether one of these files belongs to a distribution."""
     folder = os.path.dirname(place)
     for line in _lines(os.path.join(place, "RECORD")):
         path = line[1:].partition('"')[0] if line.startswith('"') else line.partition(",")[0]

@@ -23,10 +23,10 @@ class Examiner:
             self.reward_shape = tuple(getattr(declared, "shape", None) or ())
             self.agents = self._agents(env.action_space)
         self.rewards = None
-        """How many numbers a reward was."""
+        """The number of values of the last reward."""
 
     def _agents(self, actions):
-        """How many agents share an environment: the parts of both its spaces, 0 where these are no such tuples."""
+        """Return how many agents share an environment: the parts of both its spaces, 0 unless these are such tuples."""
         both = [getattr(space, "spaces", None) for space in (self.space, actions)]
         several = all(isinstance(space, self.spaces.Tuple) for space in (self.space, actions))
         return len(both[0]) if several and len(both[0]) == len(both[1]) else 0
@@ -162,7 +162,7 @@ def array_of(value, shape, dtype, where, told, promise="space", *, within=None):
 
 
 def _holds(dtype, array):
-    """Whether a dtype has room for these values, to the digits that it has."""
+    """Tell whether a dtype can hold these values, to the digits that it has."""
     import numpy as np
 
     if np.can_cast(array.dtype, dtype, "same_kind"):

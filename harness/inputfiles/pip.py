@@ -81,7 +81,7 @@ def _options(line: str, where: str) -> Iterator[tuple[str, str]]:
 
 
 def _bare(found: re.Match[str]) -> str:
-    """What stands between quotes, or behind a backslash."""
+    """Return the text between quotes, or after a backslash."""
     if found[1] is not None:
         return found[1]
     return found[3] if found[2] is None else re.sub(r'\\(["\\])', r"\1", found[2])

@@ -17,7 +17,7 @@ WINDOWS = 16
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Look:
-    """What one candidate came to. `failure` is equal for two candidates that fail in the same way."""
+    """The result of one candidate. `failure` is equal for two candidates that fail in the same way."""
 
     answer: Answer
     failure: Hashable = None

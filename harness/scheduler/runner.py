@@ -405,7 +405,7 @@ class Runner:
         )
 
     def _stand(self, *used: Environment) -> bool:
-        """Whether environments are as they were installed. Those that are asked for next are, where one is not."""
+        """Tell whether environments are as they were installed; if one is not, later requests get a new one."""
         from harness import bytecode, environments  # noqa: PLC0415 - start-up
 
         if all(environments.stands(one) for one in used):

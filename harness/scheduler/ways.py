@@ -72,7 +72,7 @@ def _fails(case: CaseRecord) -> bool:
 
 
 def _no_worse(before: Iterable[CaseRecord], after: Iterable[CaseRecord]) -> bool:
-    """Whether each phase that passed still does."""
+    """Tell whether each phase that passed still does."""
     known = {(case.case, phase.phase): phase for case in after for phase in case.phases}
     return all(_passed(known.get((case.case, one.phase))) for case in before for one in case.phases if _passed(one))
 

@@ -45,7 +45,7 @@ class Known(NamedTuple):
 
     @property
     def loud(self) -> bool:
-        """Whether something is written by which it can be told."""
+        """True where it prints something by which it can be recognised."""
         return bool(self.pattern or self.signal)
 
 

@@ -9,7 +9,7 @@ import stat
 from typing import BinaryIO
 
 INHERITED = re.compile(r"/dev/(?:stdin|fd/\d+)|/proc/self/fd/\d+")
-"""How a shell names a pipe that it made for this command, as in `<(pip freeze)`."""
+"""Names that a shell gives to a pipe that it made for this command, as in `<(pip freeze)`."""
 
 NAMED_PIPE = "it is a named pipe, which may never end; give a file, or a pipe of the shell such as <(pip freeze)"
 DEVICE = "it is a device, not a file"

@@ -9,7 +9,7 @@ PREFIX = "silent:"
 """Stands before the id of such an issue in `unverified`."""
 PASSED = "passed"
 SHOWING = frozenset(("failed", "flaky"))
-"""How a misleading check ends that shows an issue."""
+"""Outcomes of a misleading check that show an issue."""
 
 
 class Exercised(NamedTuple):

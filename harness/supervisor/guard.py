@@ -100,7 +100,7 @@ def report_of(keeper: int, told: int) -> tuple[bytes, int]:
 
 
 def stopped(pid: int) -> bool:
-    """Whether a child was stopped; one that has ended is left to be waited for."""
+    """Tell whether a child was stopped; one that has ended is left to be waited for."""
     try:
         found = os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:

@@ -1,4 +1,4 @@
-"""How much memory the processes below this one hold, and what the kernel ended for want of it."""
+"""Measures the memory of the processes below this one, and counts those that the kernel ended for want of memory."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def umount(target: str) -> None:
 
 
 def shares_objects(order: dict[str, Any]) -> bool:
-    """Whether System V objects of the command are the host's: it hands pictures to an X server in shared memory."""
+    """Tell whether a command shares the host's System V objects, through which it hands pictures to an X server."""
     return order["sandbox"] == "subreaper" or "DISPLAY" in order["env"] or not os.path.exists("/proc/self/ns/ipc")
 
 

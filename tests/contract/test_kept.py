@@ -1,4 +1,4 @@
-"""What a library replaces in the standard library, or in our own modules, under every Python present."""
+"""Tests libraries that replace functions of the standard library, or of ours, under every Python present."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ REPLACING = {
 
 @pytest.mark.parametrize("what", REPLACING)
 def test_a_replaced_function_of_ours_is_a_finding(what: str, probe, tmp_path: Path) -> None:
-    """What was put in the place of our own functions is named, where it is not hidden with care."""
+    """A replaced function of ours is named, unless the replacement is hidden with care."""
     find = "import sys; m = {n.rpartition('.')[2]: v for n, v in list(sys.modules.items()) if '_simmatrix_cell' in n}\n"
     (tmp_path / "replacing.py").write_text(find + REPLACING[what])
     found = probe(sys.executable, importing("replacing")).findings
@@ -103,7 +103,7 @@ def encoded(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.parametrize("value", VALUES, ids=repr)
 def test_values_are_json(value: object, encoded) -> None:
-    """What is JSON is written as the standard library writes it."""
+    """JSON values are written as the standard library writes them."""
     assert encoded(value) == json.dumps(value)
 
 

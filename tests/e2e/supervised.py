@@ -24,7 +24,7 @@ Build = Callable[..., Command]
 
 
 def missing(sandbox: str) -> bool:
-    """Whether this machine refuses a sandbox."""
+    """Tell whether this machine refuses a sandbox."""
     return sandbox != "subreaper" and not process._holds(sandbox)
 
 
@@ -90,12 +90,12 @@ def eventually(condition: Callable[[], object]) -> bool:
 
 
 def gone(word: str) -> bool:
-    """Whether no process with the word is left, after the little while a kill may take."""
+    """Tell whether no process with the word is left, after the little while a kill may take."""
     return eventually(lambda: not found(word))
 
 
 def ending(done: Completed) -> tuple[int | None, int | None, bool, bool, str | None]:
-    """What tells one end from another."""
+    """Return the values by which two ends of a process can be told apart."""
     return done.exit_code, done.signal, done.timed_out, done.out_of_memory, done.killed
 
 

@@ -38,7 +38,7 @@ def imported(lent: Lent, folder: Path, more: str = "") -> str:
 
 
 def pyc(lent: Lent, folder: Path) -> Path:
-    """Where a run finds the byte code of the module."""
+    """Return the place in which a run finds the byte code of the module."""
     (found,) = Path(f"{lent.prefix}{folder}/package").glob("__init__.*.pyc")
     return found
 
@@ -67,7 +67,7 @@ def test_what_a_run_needed_is_there_for_the_next(source: Source) -> None:
 
 
 def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_path: Path) -> None:
-    """Where a run sees the environment elsewhere its byte code lies there."""
+    """A run that sees the environment elsewhere finds its byte code there."""
     warmed(source)
     with bytecode.lent(source, tmp_path / "copy", "t") as lent:
         assert pyc(lent, tmp_path / "copy").is_file()
@@ -120,7 +120,7 @@ def test_forgotten_code_is_compiled_anew(source: Source) -> None:
 
 
 def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> None:
-    """What has an error of syntax, or is gone, is no trouble."""
+    """A module with an error of syntax, or one that is gone, is no trouble."""
     (folder,) = source.folders
     (folder / "package/broken.py").write_text("def (\n")
     with bytecode.lent(source, folder, "t") as lent:

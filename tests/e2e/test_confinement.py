@@ -1,4 +1,4 @@
-"""What a command under the supervisor cannot do to the user, nor leave behind, whoever runs the harness."""
+"""Tests what a command under the supervisor can do to the user or leave behind, whoever runs the harness."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ print("still here")
     def test_device_of_a_gpu(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, driver: bool, device: bool, made: bool
     ) -> None:
-        """What CUDA's library would have the driver make at its first use is made before the rights for that go."""
+        """The device files of CUDA's library are made before the rights for that go."""
         for name, there in (("DRIVER", driver), ("DEVICE", device)):
             monkeypatch.setattr(rights, name, str(tmp_path / name))
             if there:
@@ -238,7 +238,7 @@ class TestMemoryWithoutPages:
         assert ending(done) == (None, signal.SIGKILL, False, True, None)
 
     def test_dev_shm(self, python: Build, marker: str) -> None:
-        """What lies in /dev/shm counts, too: it is no second allowance."""
+        """Files in /dev/shm count, too: it is no second allowance."""
         if missing("pid+overlay"):
             pytest.skip("unavailable: pid+overlay")
         code = """
@@ -297,7 +297,7 @@ class TestStopped:
         assert done.killed == "limit of 2 s"
 
     def test_keeper_of_a_dead_harness(self, sandbox: str, tmp_path: Path, marker: str) -> None:
-        """When the harness is killed while a keeper is stopped, nothing stays."""
+        """A harness that is killed while a keeper is stopped leaves nothing."""
         (tmp_path / "home").mkdir()
         script = tmp_path / "harness.py"
         script.write_text(WAITING.format(checkout=str(CHECKOUT), folder=str(tmp_path), daemon=DAEMON))
@@ -330,7 +330,7 @@ with start(command) as running:
 
 class TestKilled:
     def test_guard_and_keeper(self, sandbox: str, python: Build, marker: str) -> None:
-        """When both are killed at once, neither the command nor its daemon goes on."""
+        """After both are killed at once, neither the command nor its daemon goes on."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
             assert eventually(lambda: len(found(marker)) == 2)
             keeper = keeper_of(running)

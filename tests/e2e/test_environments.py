@@ -344,7 +344,7 @@ class TestDownloads:
 
 class TestDamage:
     def test_changed_files(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
-        """What a cell wrote over, or removed, is found by the hashes of RECORD, each with its package."""
+        """Files that a cell wrote over, or removed, are found by the hashes of RECORD, each with its package."""
         environment = made(ensure(lock("fake-needs-plain")))
         assert environments.stands(environment, thorough=True)
         changed, gone = site(environment) / "fake_plain.py", site(environment) / "fake_needs_plain.py"
@@ -394,7 +394,7 @@ class TestDamage:
         assert (again.reused, config.is_file(), environments.stands(again)) == (False, True, True)
 
     def test_uv_s_cache_is_doubted(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
-        """What uv unpacked long ago and a disk damaged since is unpacked anew, and looked at again."""
+        """A wheel that a disk damaged in uv's cache is unpacked anew, and looked at again."""
         first = made(ensure(lock("fake-plain")))
         good = (site(first) / "fake_plain.py").read_bytes()
         for kept in (uvcli.shared_cache() / "archive-v0").glob("*/fake_plain.py"):

@@ -1,4 +1,4 @@
-"""What cells and caches leave, fuzzed: replies, frames, metadata of packages, records of the state.
+"""Fuzzes the files that cells and caches leave: replies, frames, metadata of packages, records of the state.
 
 Each is read as a run reads it. It may be refused; any exception is a fault of ours.
 """

@@ -30,7 +30,7 @@ FOREIGN = {"subprocess.Popen", "os.exec", "os.posix_spawn", "os.fork", "os.syste
 
 @dataclass
 class Fuzzed:
-    """What came of a target's inputs: how many, their exit codes, the slowest, and what broke a promise."""
+    """The results of a target's inputs: their number, exit codes, the slowest, and broken promises."""
 
     name: str
     count: int = 0

@@ -22,7 +22,7 @@ ATOMS = (
     "-r", "-e .", "--hash=sha256:0", "-c x", "&a", "*a", "<<: *a", "!!python/x",
     "| ", "- ", "? ", "```", "![x](http://x)", "\n", "\r", "\t", "\n[", "[[cases]]\n", "[axes]\n",
 )  # fmt: skip
-"""What takes the place of a token: limits, other types, syntax of every format, what terminals and pages obey."""
+"""Replacements of a token: limits, other types, syntax of every format, characters that terminals and pages obey."""
 
 
 def mutated(seeds: Sequence[str], chance: random.Random) -> str:

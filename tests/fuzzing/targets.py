@@ -1,4 +1,4 @@
-"""What is fuzzed: each target takes one mutated input in a folder of its own and returns an exit code.
+"""Fuzzing targets: each takes one mutated input in a folder of its own and returns an exit code.
 
 An input may be refused in a sentence (`HarnessError`, an exit code other than 4). Any other exception, a write outside
 the folder, a process or a connection is a fault of ours.

@@ -1,4 +1,4 @@
-"""What a case promises, measured on real releases: each check on a right one and on a wrong one.
+"""Measures the promises of a case on real releases: each check on a right one and on a wrong one.
 
 The wrong ones raise nothing: their loops run, and a picture, a pose or a contact is another than was promised.
 """
@@ -161,7 +161,7 @@ def test_a_robot_starts_where_it_says(site: str, env: str, outcome: Outcome, tri
     ],
 )
 def test_a_robot_pushes_what_it_touches(site: str, env: str, imports: tuple[str, ...], outcome: Outcome, tried) -> None:
-    """What a robot overlaps with is pushed out of it; an ant has nothing to push."""
+    """An object that a robot overlaps with is pushed out of it; an ant has nothing to push."""
     contact = tried(site, env, imports=imports)["single.contact"]
     assert contact.outcome is outcome, (line(contact), contact.facts)
 

@@ -270,5 +270,5 @@ def test_a_file_with_thousands_of_tables_is_read_once() -> None:
 
 @pytest.mark.parametrize("text", ["\U0001f600", "a\x7fb", 'quo"te', "back\\slash", "tab\tnew\nline", "é\x00\x1b"])
 def test_any_text_can_be_expected(text: str) -> None:
-    """What is written is read again as it is."""
+    """Any text that is written is read again as it is."""
     assert tomllib.loads(f"x = {accepting._string(text)}") == {"x": text}

@@ -26,14 +26,14 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 ADVICE = re.compile(r"\b(?:take|ask for|build it with) (.*)")
-"""What the reason of an expectation tells the reader to install."""
+"""The part of an expectation's reason that tells the reader what to install."""
 ENOUGH = 30
 """Expectations that advise bounds."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """What is said to cure a failure. `bounds` are those that may not be too tight or too loose, by package.
+    """A claimed cure of a failure. `bounds` are those that may not be too tight or too loose, by package.
 
     `whole` is whether they are all that has to hold. `reds` fail of it, and `holds` says whether the conditions, apart
     from one package, are met.
@@ -163,7 +163,7 @@ def test_bounds_of_known_failures(one: Signature) -> None:
 
 
 def test_bounds_of_expectations() -> None:
-    """What an expectation advises excludes no release that works, and no cell that fails follows it already."""
+    """The advice of an expectation excludes no release that works, and no cell that fails follows it already."""
     claims = dict(of_expectations())
     assert len(claims) >= ENOUGH
     found = {text: {*contradictions(claim), *failing_within(claim, any_of=True)} for text, claim in claims.items()}

@@ -1,4 +1,4 @@
-"""What a terminal would obey is in no text that is printed."""
+"""Tests that no printed text holds characters that a terminal obeys."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_nothing_that_is_printed_moves_the_cursor() -> None:
 
 
 def test_a_reader_that_has_gone_is_no_error() -> None:
-    """What is written after the end of a pipe goes nowhere."""
+    """Output after the end of a pipe goes nowhere."""
     with guarded() as reading:
         os.close(reading)
         print("much " * 100_000)

@@ -17,7 +17,7 @@ def test_rows_and_names_are_unique() -> None:
 
 
 def test_every_fault_says_what_is_done_and_what_is_promised() -> None:
-    """What is done, the promise, and the deadline are there, within what a table and a patient reader can take."""
+    """Deed, promise and deadline are there, short enough for a table and a patient reader."""
     for fault in faults.declared():
         assert fault.done.strip()
         assert fault.promise.strip()

@@ -149,7 +149,7 @@ SETUPTOOLS = '[build-system]\nrequires = ["setuptools"]\nbuild-backend = "setupt
     ],
 )
 def test_a_matrix_does_not_become_a_package(texts: tuple[str, str, str], src: bool, expected: str) -> None:
-    """Where setuptools looks for packages itself, the folder of a first matrix has a name that it passes by."""
+    """The folder of a first matrix has a name that setuptools passes by."""
     assert drafts.matrix_folder(*texts, src=src) == expected
 
 
@@ -302,7 +302,7 @@ OLD, NEW, ANY = "cp36-cp36m-manylinux1_x86_64", "cp311-cp311-manylinux1_x86_64",
 def test_values_that_cannot_work_are_left_out(
     range_: str, rule: Rule, offers: tuple[Offer, ...], expected: str, note: str | None
 ) -> None:
-    """What has no wheel for the Python of the cells is no value, and the note names it."""
+    """A release without a wheel for the Python of the cells is no value, and the note names it."""
     found = narrowed(Range(package="sim", range=range_, rule=rule), offers, "3.11")
 
     assert (found.range, found.note) == (expected, note)

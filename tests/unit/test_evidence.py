@@ -92,7 +92,7 @@ def test_a_step_of_the_host_and_a_signal() -> None:
 
 @pytest.mark.parametrize(("locked", "found"), [(("gymnasium==1.2.3",), ["xml"]), (("gymnasium==2.0",), []), ((), [])])
 def test_what_a_lock_holds_takes_part(locked: tuple[str, ...], found: list[str]) -> None:
-    """Where an install failed, nothing is installed, and packages that nobody named are those of the lock."""
+    """After a failed install, packages that nobody named are those of the lock."""
     (one,) = (each for each in KNOWN if each.id == "xml")
     generic = msgspec.structs.replace(one, generic=True, phases=(Phase.INSTALL,))
     failed = step(Phase.INSTALL, Outcome.FAILED, "XML Error")
@@ -194,7 +194,7 @@ def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.Mon
 
 
 def test_the_cause_of_a_suite_without_an_environment() -> None:
-    """What the failed build of its packages wrote is compared with known failures; those of the cell stay its own."""
+    """The log of the failed build is compared with known failures; those of the cell stay its own."""
     swig = """
 [[signature]]
 id = "no-swig"

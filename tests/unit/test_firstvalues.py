@@ -73,7 +73,7 @@ def test_values_that_clash_with_the_newest_of_another_axis(
     outcome: Outcome,
     expected: Mapping[str, tuple[str, ...]],
 ) -> None:
-    """What does not resolve without the other pins either stays: that is something to know of the project."""
+    """A package that does not resolve even without the other pins stays: the project's user has to know."""
     monkeypatch.setattr(Resolver, "refused", refused)
     monkeypatch.setattr(Resolver, "outcome", outcome)
     monkeypatch.setattr(firstvalues, "Runner", Resolver)

@@ -79,7 +79,7 @@ def test_what_cannot_be_written_is_said(tmp_path: Path, name: str, why: str) -> 
 
 
 def test_a_device_stays_a_device(tmp_path: Path) -> None:
-    """What is written to a device or a pipe goes into it: `--out /dev/null` as root does not replace it by a file."""
+    """Output goes into a device or a pipe: `--out /dev/null` as root does not replace it by a file."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)

@@ -1,4 +1,4 @@
-"""Where a good end lies between bad ones, and what was not tried."""
+"""Tests the search for a good end between bad ones, and the count of what was not tried."""
 
 from __future__ import annotations
 

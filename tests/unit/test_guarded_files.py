@@ -1,4 +1,4 @@
-"""What others left is read only if it is a regular file, at most so far, and without following a link or blocking."""
+"""Tests the reader of foreign files: regular ones only, up to a size, without following a link or blocking."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_whatever_a_decoder_raises_is_one_error(
 
 
 def test_a_process_without_descriptors_blames_no_file() -> None:
-    """That nothing can be opened any more says nothing of the file."""
+    """A process that can open nothing any more says nothing of the file."""
     with pytest.raises(OSError, match="Too many"), hostile_data.understanding():
         raise OSError(errno.EMFILE, "Too many open files")
     with pytest.raises(Absent), hostile_data.understanding():
@@ -149,7 +149,7 @@ def test_interrupts_are_no_fault_of_a_file() -> None:
 
 
 def test_depth_is_bounded() -> None:
-    """What recursive readers would end at is refused before them."""
+    """Data too deep for recursive readers are refused before they are read."""
     plain: object = 1
     for _ in range(hostile_data.DEEPEST):
         plain = {"a": [plain]} if _ % 2 else (plain,)
@@ -179,7 +179,7 @@ class TestRemoval:
         assert not top.exists()
 
     def test_links_are_not_followed(self, tmp_path: Path) -> None:
-        """What a link leads to stays."""
+        """The target of a link stays."""
         (tmp_path / "kept").mkdir()
         (tmp_path / "kept" / "file").touch()
         (tmp_path / "top" / "inner").mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""What counts as progress of a repair."""
+"""Tests what counts as progress of a repair."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ WIDTH = 80
 
 
 def test_without_a_verb_all_are_listed_by_purpose(capsys: pytest.CaptureFixture[str]) -> None:
-    """That is no mistake: it exits with 0, and fits a terminal."""
+    """The list exits with 0, and fits a terminal."""
     with pytest.raises(SystemExit) as ended:
         main([])
     lines = capsys.readouterr().out.splitlines()

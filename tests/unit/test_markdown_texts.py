@@ -35,7 +35,7 @@ def test_nothing_is_live(made: Callable[[str], str], text: str, shown: str) -> N
 
 
 def test_a_backslash_takes_no_backtick() -> None:
-    """What would make the opening of a code span a character is a character itself."""
+    """A backslash before a backtick is kept as a character of its own."""
     assert prose("\\`![p](u)`") == "\\\\`![p](u)`"
     assert table_cell("\\`a`|") == "\\\\`a`\\|"
 

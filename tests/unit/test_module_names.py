@@ -9,7 +9,7 @@ TESTS = Path(__file__).parents[1]
 
 
 def test_no_two_test_modules_share_a_name() -> None:
-    """Where two do, collection stops at the second."""
+    """Collection would stop at the second one."""
     names = Counter(path.name for path in TESTS.rglob("test_*.py") if "fakes" not in path.parts)
 
     assert [name for name, count in names.items() if count > 1] == []

@@ -214,7 +214,7 @@ class TestDisks:
     def test_a_package_that_says_that_one_is_full(
         self, type: str, message: str, room: int | None, outcome: Outcome
     ) -> None:
-        """Where every disk had room all the time, and no call of the system failed, its own words excuse nothing."""
+        """A package's own words excuse nothing where every disk had room and no call of the system failed."""
         told = raised(message, check="single.loop", type=type)
 
         assert check_record(told, Ending(exit_code=0, least_room_mb=room), {}).outcome is outcome
@@ -236,7 +236,7 @@ class TestDisks:
 
 @pytest.mark.parametrize(("shares", "outcome"), [(True, Outcome.FAILED), (False, Outcome.INFRA)])
 def test_no_shared_memory(shares: bool, outcome: Outcome) -> None:
-    """Where a machine has no /dev/shm, no package is blamed for that."""
+    """No package is blamed for a machine without /dev/shm."""
     told = raised("[Errno 2] No such file or directory: '/dev/shm'", check="vector.async", type="FileNotFoundError")
 
     record = check_record(told, Ending(exit_code=0, shares_memory=shares), {})

@@ -184,7 +184,7 @@ def test_committed_reports_can_be_read_at_every_width(path: Path, width: int) ->
 def test_terminal_has_the_width_that_columns_says(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where the output is no terminal COLUMNS is the width; without it, 100."""
+    """COLUMNS is the width of an output that is no terminal; without it, 100."""
     widths = []
     for columns in ("140", "80", "", "wide"):
         monkeypatch.setenv("COLUMNS", columns)
@@ -212,7 +212,7 @@ def test_terminal_has_a_sane_width(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     ],
 )
 def test_code_is_shown_as_it_is_typed(text: str, cell: str) -> None:
-    """What people copy out of a code span has no HTML in it; prose begins no tag, and ends no cell of a table."""
+    """A code span holds no HTML, since people copy it; prose begins no tag, and ends no cell of a table."""
     assert present.table_cell(text) == cell
 
 

@@ -296,7 +296,7 @@ def test_what_was_only_installed_is_never_good(world: World) -> None:
 
 
 def test_what_the_cell_noted_counts(world: World) -> None:
-    """Where a cell noted what it ran, a package that is only named is none of it."""
+    """A package that is only named is not among those that a cell noted as run."""
     case = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None, "exercised": ["aa"]}
     world.add("3.11", {"aa": "1.0", "bb": "1.0"}, cases=[case])
 

@@ -39,7 +39,7 @@ NAME = "silent:camera-elsewhere"
 
 
 def known() -> Knowledge:
-    """What is looked up in these tests."""
+    """Return the known issues of these tests."""
     return Knowledge(signatures=lambda: KNOWN)
 
 
@@ -153,7 +153,7 @@ def committed() -> list[Document]:
 
 
 def there(one: Signature, entry: CellEntry) -> bool:
-    """Whether all packages of a known issue are installed in versions that fit, read by `packaging` alone."""
+    """Tell whether all packages of a known issue are installed in versions that fit, read by `packaging` alone."""
     installed = entry.installed or {}
     parts = [[Requirement(text) for text in part.requirements] for part in one.packages]
     fits = [
@@ -163,7 +163,7 @@ def there(one: Signature, entry: CellEntry) -> bool:
 
 
 def spoken_of(one: Signature, tested: CaseEntry) -> bool:
-    """Whether a known issue speaks of a case in which something passed that it would show in."""
+    """Tell whether a known issue speaks of a case in which something passed that it would show in."""
     plain = (tested.env or "").rpartition(":")[2]
     named = [pattern for pattern in one.envs if not pattern.startswith("!")]
     left_out = [pattern[1:] for pattern in one.envs if pattern.startswith("!")]

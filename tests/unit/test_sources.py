@@ -1,4 +1,4 @@
-"""Which of our own files a stored result or a report depends on: all that are imported, found and not listed."""
+"""Tests which of our files a stored result or a report depends on: all imported ones, found and not listed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_what_judges_a_suite_is_part_of_its_key(module: str) -> None:
 
 
 def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is imported by what is imported counts, at the top or inside a function; what is not, does not."""
+    """Imports of imports count, at the top or inside a function; other modules do not."""
     package = tmp_path / "harness"
     (package / "inner").mkdir(parents=True)
     (package / "__init__.py").write_text("")
@@ -82,7 +82,7 @@ def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatc
 
 
 def test_a_report_depends_on_all_that_it_is_made_with() -> None:
-    """What renders, judges or matches is among the files whose change makes a report anew, and so are templates."""
+    """A change of a module that renders, judges or matches, or of a template, makes a report anew."""
     files = set(standing.made_with())
 
     assert set(sources.imported("harness.commands.reporting").values()) <= files

@@ -1,4 +1,4 @@
-"""What the unit tests are fed with is what the harness itself writes."""
+"""Tests that the data of the unit tests are what the harness itself writes."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class TestRoles:
 
     @pytest.mark.parametrize("by", ["change", "variant"])
     def test_a_red_square_says_that_a_change_makes_it_work(self, by: str) -> None:
-        """Whether the matrix names that as a side condition, or it was tried as a change."""
+        """Both count: a side condition that the matrix names, and a change that was tried."""
         main = at("3.11", "3.3.7")
         tried = Tried(name="cure", reason="why", change=Change(requirements=("numpy<2",)))
         other = replace(main, id="quick/other", **({"base": main.id, "tried": tried} if by == "change" else {}))

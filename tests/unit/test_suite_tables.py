@@ -65,7 +65,7 @@ NOT_RUN = SuiteEntry(
     ],
 )
 def test_words_of_a_suite(result: SuiteEntry | None, words: str) -> None:
-    """How many of all passed; why it could not run."""
+    """A suite's words are how many of all passed, or why it could not run."""
     assert suite_tables.tests(cell("1.4.0", result)) == words
 
 

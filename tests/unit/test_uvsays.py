@@ -335,7 +335,7 @@ def test_what_is_wrong_in_a_whole_archive_is_its_package_s(
     ids=["no RECORD", "no project"],
 )
 def test_random_names_of_folders_are_not_told(cause: str, told: str) -> None:
-    """What lies in uv's cache for a moment has no name of its own in a decisive line."""
+    """Folders that uv's cache holds for a moment have no name of their own in a decisive line."""
     step = uvsays.failure(f"error: Failed to download and build `odd==1.0`\n  cause: {cause}\n", Phase.RESOLVE)
 
     assert step.outcome is Outcome.FAILED
@@ -352,7 +352,7 @@ BROKEN = [
 
 @pytest.mark.parametrize("cause", BROKEN)
 def test_an_archive_that_is_not_whole_is_nobody_s(cause: str) -> None:
-    """What a cut download, a broken mirror or a login page leaves behind says nothing of a package."""
+    """A cut download, a broken mirror or a login page says nothing of a package."""
     text = f"error: Failed to download `odd==1.0`\n  cause: Failed to extract archive: odd.whl\n  cause: {cause}\n"
 
     assert uvsays.failure(text, Phase.INSTALL).outcome is Outcome.INFRA

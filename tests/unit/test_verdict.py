@@ -505,7 +505,7 @@ def test_a_process_that_dies_in_a_misleading_check_is_a_failure() -> None:
 
 
 def test_a_control_that_fails_the_same_misleading_check_makes_it_inconclusive() -> None:
-    """Where the known-good lock shows the same, the check or this machine is at fault."""
+    """A known-good lock that shows the same puts the blame on the check or on this machine."""
     seen = record(drawn(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
     same = ControlRecord(control="control gymnasium-1", failed={"render.camera": "lookat"})
     other = ControlRecord(control="control gymnasium-1", failed={"single.contact": "passed through"})

@@ -109,7 +109,7 @@ def test_what_is_only_not_refuted_is_no_cure() -> None:
 
 
 def test_a_bisection_asks_for_the_same_misleading() -> None:
-    """What misleads alike is bad, what passes the check is good, and of what was not refuted nothing is known."""
+    """A candidate that misleads alike is bad, one that passes the check is good, and one not refuted is unknown."""
     asked = Predicate(failure=drawn(Outcome.FAILED).failure)
 
     assert asked.of(drawn(Outcome.FAILED)).answer is Answer.BAD

@@ -44,7 +44,7 @@ class Knowledge(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What the command line asks for, from where. `rendering` is a look at libraries, all that can be done alone.
+    """The request of a command line. `rendering` looks at libraries only, which is all that can be done alone.
 
     `running` is the Python that runs us, where that is the one that is meant.
     """

@@ -101,7 +101,7 @@ def _green(measured: Told, env: Optional[str]) -> Iterator[Tuple[Told, Dict[str,
 
 
 def _shares(issues: Sequence[Any], cell: Told, lock: Mapping[str, str]) -> bool:
-    """Whether the versions of a cell run into one of these known failures, as those that are installed here do."""
+    """Tell whether the versions of a cell run into one of these known failures, as those that are installed here do."""
     bounded = [one._replace(silent=True) for one in issues if any(map(_bounded, one.packages))]
     return bool(matching.lurking(bounded, Around(installed=lock, python=cell["python"])))
 

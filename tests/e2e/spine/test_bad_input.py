@@ -33,7 +33,7 @@ def test_a_product_that_nobody_could_measure_is_refused_at_once(desk: Desk) -> N
 
 
 def test_a_state_whose_name_is_too_long_is_bad_input(desk: Desk) -> None:
-    """What no file system can hold is one sentence."""
+    """A name that no file system can hold ends in one sentence."""
     ran = desk.run("run", desk.matrix("small", SMALL.read_text()), HARNESS_STATE="a" * 300)
     assert (ran.code, ran.err.count("\n")) == (2, 1)
     assert ran.err.endswith("...: File name too long; name another path\n")

@@ -25,7 +25,7 @@ def sample() -> list[str]:
 
 @pytest.mark.parametrize("fault", sample())
 def test_the_promise_of_a_fault_holds(fault: str, wheels: Path, tmp_path: Path) -> None:
-    """What the table says came comes again."""
+    """The result in the table comes again."""
     command = (sys.executable, "-m", "benchmarks.faults", "-k", fault, "-j", "1", "--fresh")
     ran = subprocess.run(
         (*command, "--wheels", str(wheels), "--folder", str(tmp_path)),

@@ -205,7 +205,7 @@ def test_a_first_case_is_stepped_and_not_drawn(project: Desk) -> None:
 
 
 def test_environments_of_submodules_are_found_and_tried(project: Desk) -> None:
-    """What a submodule registers becomes a case if it runs; what fails is told, and a module that kills Python, too."""
+    """Submodules' environments that run become cases; failures are told, and a module that kills Python, too."""
     site = project.folder / "site"
     (site / "my_sim.py").rename(project.folder / "healthy.py")
     (site / "my_sim").mkdir()

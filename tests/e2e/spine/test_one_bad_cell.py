@@ -1,4 +1,4 @@
-"""What nobody foresaw in one cell makes that cell inconclusive: the others are measured, and the run says all."""
+"""Tests unforeseen errors in one cell: it becomes inconclusive, and all others are measured."""
 
 from __future__ import annotations
 

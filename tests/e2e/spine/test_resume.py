@@ -95,7 +95,7 @@ def test_bytecode_that_a_full_disk_cut_short(desk: Desk) -> None:
 
 
 def test_an_environment_that_goes_while_it_is_used_blames_nothing(desk: Desk) -> None:
-    """Where somebody removed it meanwhile it is made anew, and the case is measured again, in the same run."""
+    """An environment that somebody removes is made anew, and the case is measured again, in the same run."""
     text = MATRIX.replace('Gate-v0", api', 'Gate-v0", timeouts = { single = 2 }, api')
     matrix, cache = desk.matrix("m", text), desk.folder / "cache"
     with desk.started("run", matrix, "-k", "*-second", "--json", HARNESS_CACHE=str(cache)) as process:

@@ -339,7 +339,7 @@ def _without_paths(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_evidence_of_another_measurement_lies_apart(desk: Desk) -> None:
-    """What a first measurement left is neither overwritten by a second one nor read beside what that leaves."""
+    """A second measurement neither overwrites the files of the first one nor is read beside them."""
     matrix = desk.matrix("small", SMALL.read_text())
     found = []
     for _ in range(2):
