@@ -6,8 +6,8 @@ import json
 import os
 import platform
 import re
-import subprocess
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -37,11 +37,10 @@ def committed() -> list[dict[str, Any]]:
 
 def machine() -> dict[str, str]:
     """Return what a reader needs to know of this machine."""
-    uv = subprocess.run(["uv", "--version"], capture_output=True, text=True, check=False) if _has_uv() else None
     return {
         "system": f"{platform.system()} {platform.release().split('-')[0]} {platform.machine()}",
         "python": platform.python_version(),
-        "uv": uv.stdout.split()[1] if uv and uv.returncode == 0 else "unknown",
+        "uv": version("uv"),
         "user": "root" if os.geteuid() == 0 else "an ordinary user",
         "cores": str(os.cpu_count()),
     }
@@ -51,10 +50,6 @@ def anywhere(text: str) -> str:
     """Return a text without folders of this machine."""
     text = re.sub(r"[\w./-]*/fault-\w{8}(?:/desk)?", "$DESK", text)
     return text.replace(str(ROOT), "$REPOSITORY").replace(str(Path.home()) + "/", "~/")
-
-
-def _has_uv() -> bool:
-    return any((Path(folder) / "uv").exists() for folder in os.environ.get("PATH", "").split(":"))
 
 
 def rendered(document: Mapping[str, Any]) -> str:

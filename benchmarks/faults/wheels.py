@@ -136,7 +136,7 @@ WHEELS: dict[str, tuple[str, str, Change, frozenset[str], str]] = {
         "85g",
         "METADATA names another package",
         info(METADATA=metadata(name="other")),
-        UNINSTALLABLE,
+        UNINSTALLABLE | {"inconclusive"},
         "other",
     ),
     "other-version": (

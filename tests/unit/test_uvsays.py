@@ -372,6 +372,20 @@ def test_another_package_s_file_is_nobody_s() -> None:
     assert step.decisive == ("the index hands out another package's file as odd (it holds other-1.0); try again later")
 
 
+def test_metadata_of_another_package_blame_nobody() -> None:
+    """An index may have mixed them up, or a wheel be malformed: uv's words do not tell which."""
+    text = (
+        "error: The index returned metadata for the wrong package: "
+        "expected distribution metadata for odd, got distribution metadata for other\n"
+    )
+    step = uvsays.failure(text, Phase.RESOLVE)
+
+    assert (step.phase, step.outcome) == (Phase.RESOLVE, Outcome.INFRA)
+    assert step.decisive == (
+        "the metadata of odd are those of other: the index mixed them up, or a wheel is malformed; try again later"
+    )
+
+
 def test_an_address_within_a_package_is_its_own_fault() -> None:
     """A wheel of an index may not require an address."""
     cause = (
