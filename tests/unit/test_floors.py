@@ -16,10 +16,11 @@ FLOORS = {
         "accepting", "advising", "answering", "apart", "cameras", "changes", "clues", "distilling", "document",
         "drafts", "evidence", "exercised", "expansion", "explaining", "failure", "grouping", "hostile_data",
         "inferring", "inputfiles",
-        "interrupts", "known_issues", "locks", "markdown_texts",
+        "interrupts", "judging", "known_issues", "locks", "markdown_texts",
         "matrix", "matrixfile", "measured_cells", "mending", "merging",
         "misleading", "moves", "nativesays",
         "normalise", "notices", "outcomes", "pages", "pasting", "pipelines", "plan", "platforms", "present",
+        "probes.evidence",
         "proving", "pytestsays", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
         "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",
         "requirement_texts", "squares", "strategy", "suite_tables", "tables", "tabletypes", "terminal", "traps",
@@ -32,7 +33,7 @@ FLOORS = {
         "given_files", "glprobe",
         "guarded_files", "index", "indexsettings",
         "inputs", "interpreters", "issue_texts", "knowledge", "launch", "machine", "measured", "memory",
-        "overlays", "process", "scratch_folders",
+        "overlays", "probes", "process", "scratch_folders",
         "sdists", "shipped_reports", "signature_files", "sitepackages", "sources",
         "store",
         "subjects", "supervisor", "systempackages", "typos", "uv", "uvcli", "warming",
@@ -62,7 +63,8 @@ def parts() -> dict[str, list[Path]]:
     for path in PACKAGE.rglob("*.py"):
         top = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
         if top not in APART | {"__init__", "matrices"}:
-            found.setdefault(top, []).append(path)
+            inside = f"{top}.{path.stem}"
+            found.setdefault(inside if inside in FLOOR else top, []).append(path)
     return found
 
 
@@ -78,8 +80,11 @@ def imports(path: Path) -> set[str]:
 
 
 def ours(path: Path) -> set[str]:
-    """Modules of the package that a file imports, by their top-level names."""
-    return {name.split(".")[1] for name in imports(path) if name.startswith("harness.")} & set(FLOOR)
+    """Modules of the package that a file imports, by their top-level names, or by the names that the map has."""
+    found = {name.removeprefix("harness.") for name in imports(path) if name.startswith("harness.")}
+    inside = {name for name in FLOOR if "." in name and any(f"{one}.".startswith(f"{name}.") for one in found)}
+    tops = {one.split(".")[0] for one in found if not any(f"{one}.".startswith(f"{name}.") for name in inside)}
+    return inside | (tops & set(FLOOR))
 
 
 def test_every_module_has_a_floor() -> None:

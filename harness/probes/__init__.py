@@ -1,0 +1,1 @@
+"""Run one probe in a cell and keep its evidence; nothing here judges what a probe showed."""
