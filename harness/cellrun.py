@@ -15,8 +15,9 @@ from pathlib import Path
 from secrets import token_hex
 from types import MappingProxyType
 
-from harness import bare_start, bytecode, frames, launch, misleading, nativesays, normalise, outcomes, sources
+from harness import bare_start, bytecode, frames, launch, misleading, nativesays, normalise, sources
 from harness.hostile_data import Unreadable
+from harness.judging import check as outcomes
 from harness.model import (
     CASE_PHASES,
     FAILING,

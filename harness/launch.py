@@ -16,9 +16,10 @@ from time import monotonic
 
 import msgspec
 
-from harness import bytecode, display, outcomes, process, wire
+from harness import bytecode, display, process, wire
 from harness.guarded_files import Folder
 from harness.hostile_data import Absent, Unreadable, understanding
+from harness.judging import check as outcomes
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
 from harness.scratch_folders import scratch_folder
 from harness.store import digest, own_folders

@@ -20,6 +20,7 @@ from harness import bytecode, display, launch, normalise, process, pytestsays, s
 from harness.errors import CouldNotTell
 from harness.guarded_files import Folder
 from harness.hostile_data import Unreadable
+from harness.judging.check import Ending
 from harness.model import (
     FAILING,
     CheckRecord,
@@ -35,7 +36,6 @@ from harness.model import (
     Subject,
     Suite,
 )
-from harness.outcomes import Ending
 from harness.pytestsays import Report
 from harness.scratch_folders import scratch_folder
 from harness.store import Store, now, own_folders, write_atomic

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from harness import misleading
+from harness.judging.check import NEEDS, phase_of
 from harness.model import FAILING, CheckRecord, ControlRecord, Outcome, Phase, PhaseRecord
-from harness.outcomes import NEEDS, phase_of
 from harness.vocabulary import MISLEADING
 
 

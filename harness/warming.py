@@ -14,8 +14,8 @@ import msgspec
 
 from harness import machine, normalise, process, systempackages, uvcli
 from harness.guarded_files import log_text
+from harness.judging.check import SHOT, machine_trouble
 from harness.model import Finding, Level, Outcome, Phase, Question, Step
-from harness.outcomes import SHOT, machine_trouble
 from harness.schema import load_toml
 from harness.store import digest, open_store, own_folders, write_atomic
 from harness.vocabulary import ModuleName, PackageName, SystemPackage

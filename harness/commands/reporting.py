@@ -22,7 +22,6 @@ from harness import (
     knowledge,
     launch,
     machine,
-    outcomes,
     pages,
     present,
     store,
@@ -34,6 +33,7 @@ from harness.commands import standing
 from harness.errors import CouldNotTell, HarnessError, in_the_way
 from harness.exercised import unregistered
 from harness.filelocks import exclusive
+from harness.judging.check import phase_of
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.reporttypes import Document, number
 from harness.standalone.output import print_json
@@ -167,7 +167,7 @@ def place(records: Iterable[CellRecord], opened: Store, folder: Path) -> documen
 
 def probes(plan: Plan) -> dict[str, str]:
     """What the cases of a plan are measured with: API and phase to the hash of the in-cell files that run."""
-    used = {(case.api, outcomes.phase_of(check)) for cell in plan.cells for case in cell.cases for check in case.checks}
+    used = {(case.api, phase_of(check)) for cell in plan.cells for case in cell.cases for check in case.checks}
     return {f"{api or 'none'}.{phase}": launch.probe_hash(api, phase) for api, phase in sorted(used)}
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from harness import cellrun, machine, outcomes
+from harness import cellrun, machine
+from harness.judging.check import DRAWING, phase_of
 from harness.model import (
     FAILING,
     Case,
@@ -58,12 +59,12 @@ def _failed(case: CaseRecord) -> frozenset[Phase]:
 
 
 def _drawing(check: CheckRecord) -> bool:
-    return check.outcome in FAILING and bool(check.facts.get(outcomes.DRAWING))
+    return check.outcome in FAILING and bool(check.facts.get(DRAWING))
 
 
 def _only(case: Case, phases: frozenset[Phase]) -> Case:
     wanted = phases | {Phase.IMPORT}
-    return replace(case, checks=tuple(check for check in case.checks if outcomes.phase_of(check) in wanted))
+    return replace(case, checks=tuple(check for check in case.checks if phase_of(check) in wanted))
 
 
 def _fails(case: CaseRecord) -> bool:

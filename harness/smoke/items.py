@@ -10,8 +10,9 @@ from typing import Any, Protocol
 
 import pytest
 
-from harness import cellid, knowledge, outcomes, store, verdict
+from harness import cellid, knowledge, store, verdict
 from harness.errors import CouldNotTell, HarnessError, in_the_way
+from harness.judging.check import phase_of
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan
 from harness.smoke import judging, junit
 from harness.smoke.frozen import Frozen
@@ -225,7 +226,7 @@ class CaseNode(pytest.Collector):
 
     def collect(self) -> Iterator[pytest.Item]:
         """The phases that checks were asked of."""
-        asked = {outcomes.phase_of(check) for check in self.case.checks}
+        asked = {phase_of(check) for check in self.case.checks}
         for phase in (phase for phase in CASE_PHASES if phase in asked):
             yield PhaseItem.from_parent(self, name=phase.value, cell=self.cell, case=self.case, phase=phase)
 

@@ -7,7 +7,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from harness import misleading, outcomes, verdict
+from harness import misleading, verdict
+from harness.judging.check import NEEDS
 from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Outcome, Phase, PhaseRecord, Verdict
 
 POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
@@ -132,7 +133,7 @@ def judged(record: CellRecord, today: str, causes: Collection[str] = ()) -> Ende
 
 def needs(phase: Phase) -> tuple[Phase, ...]:
     """The phases of a case that come before this one, the nearest first."""
-    needed = Phase.IMPORT if phase is Phase.SUITE else outcomes.NEEDS.get(phase)
+    needed = Phase.IMPORT if phase is Phase.SUITE else NEEDS.get(phase)
     return (needed, *needs(needed)) if needed else ()
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from harness import interpreters, launch, outcomes
+from harness import interpreters, launch
+from harness.judging.check import phase_of
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase
 from harness.scheduler import Runner, ways
 from harness.smoke import judging
@@ -116,7 +117,7 @@ class Measuring:
     def _wanted(self, cell: Cell, case: Case, more: Set[Phase] = frozenset()) -> Case:
         """The case with the checks that this session wants."""
         wanted = self.selection.wanted(cell, case) | more
-        return replace(case, checks=tuple(check for check in case.checks if outcomes.phase_of(check) in wanted))
+        return replace(case, checks=tuple(check for check in case.checks if phase_of(check) in wanted))
 
     def _measured(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
         if (cell.id, name) not in self._records:

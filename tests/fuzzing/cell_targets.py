@@ -16,12 +16,13 @@ import numpy as np
 from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
-from harness import environment_damage, evidence, frames, normalise, outcomes, sitepackages, upstream, wire
+from harness import environment_damage, evidence, frames, normalise, sitepackages, upstream, wire
 from harness.hostile_data import Unreadable
+from harness.judging.check import Ending, check_record, found_beside
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.store import Installed, Store
 
-ENDING = outcomes.Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
+ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}
 GONE = [{"pid": 77, "exit_code": 1}]
 CHECK = {"kind": "check", "outcome": "passed", "seconds": 1.5, "raised": None, "reason": None, "workers": []}
@@ -93,10 +94,10 @@ def _read_reply(words: list[str]) -> int:
     files = {"worker-77.jsonl": Path("worker-77.jsonl").read_bytes(), "worker-77.txt": whole[:1000]}
     reply = wire.read_reply(whole.splitlines(keepends=True), files)
     for check in (one for one in reply.checks if one.check in ASKED):
-        record = outcomes.check_record(check, ENDING, {})
+        record = check_record(check, ENDING, {})
         normalise.normalise(record.decisive or "", {"/python": "$ENV"})
         msgspec.json.decode(msgspec.json.encode(record))
-    list(outcomes.found_beside(reply, ENDING))
+    list(found_beside(reply, ENDING))
     text = whole.decode("utf-8", "replace")
     list(evidence.written({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
     list(upstream._tracebacks(text, "vector.async.fork"))

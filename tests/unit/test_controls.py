@@ -12,8 +12,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from specimens import CHECKS, LETTERS, case, cell, phase, record, step, warning
 
-from harness import controls, locks, outcomes, verdict
+from harness import controls, locks, verdict
 from harness.errors import BadInput
+from harness.judging.check import NEEDS
 from harness.model import (
     FAILING,
     CaseRecord,
@@ -55,7 +56,7 @@ def doubted(at: Phase, control: str) -> bool:
     while needed:
         if ended[needed] == "f":
             return True
-        needed = outcomes.NEEDS.get(needed)
+        needed = NEEDS.get(needed)
     return False
 
 

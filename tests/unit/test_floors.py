@@ -19,7 +19,7 @@ FLOORS = {
         "interrupts", "judging", "known_issues", "locks", "markdown_texts",
         "matrix", "matrixfile", "measured_cells", "mending", "merging",
         "misleading", "moves", "nativesays",
-        "normalise", "notices", "outcomes", "pages", "pasting", "pipelines", "plan", "platforms", "present",
+        "normalise", "notices", "pages", "pasting", "pipelines", "plan", "platforms", "present",
         "probes.evidence",
         "proving", "pytestsays", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
         "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",

@@ -44,14 +44,14 @@ def test_nothing_that_is_imported_is_missed(module: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["standalone.lines", "normalise", "outcomes", "misleading", "wire", "nativesays", "cellrun", "verdict"]
+    "module", ["standalone.lines", "normalise", "judging.check", "misleading", "wire", "nativesays", "cellrun", "verdict"]
 )
 def test_what_judges_a_probe_is_part_of_its_key(module: str) -> None:
     """A result is measured again when any module changes that had a say in its outcome, line or findings."""
     assert f"harness.{module}" in sources.imported("harness.cellrun")
 
 
-@pytest.mark.parametrize("module", ["standalone.lines", "pytestsays", "normalise", "outcomes"])
+@pytest.mark.parametrize("module", ["standalone.lines", "pytestsays", "normalise", "judging.check"])
 def test_what_judges_a_suite_is_part_of_its_key(module: str) -> None:
     """The same for the package's own tests."""
     assert f"harness.{module}" in sources.imported("harness.suites")
@@ -87,4 +87,4 @@ def test_a_report_depends_on_all_that_it_is_made_with() -> None:
 
     assert set(sources.imported("harness.commands.reporting").values()) <= files
     assert PACKAGE / "standalone" / "matching.py" in files
-    assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "failure.py", "outcomes.py"}
+    assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "failure.py", "check.py"}

@@ -11,6 +11,7 @@ from specimens import GENERATED, MACHINES, case, cell, plain, record
 
 from harness import document, matrixfile, model, plan, pytestsays, subjects, suites, verdict
 from harness.errors import BadInput
+from harness.judging.check import Ending
 from harness.model import (
     Artifact,
     CaseRecord,
@@ -27,7 +28,6 @@ from harness.model import (
     Suite,
     Verdict,
 )
-from harness.outcomes import Ending
 from harness.pytestsays import Report
 from harness.vocabulary import SELF
 

@@ -10,8 +10,8 @@ import pytest
 
 import harness
 from harness import wire
+from harness.judging.check import SHOT, Ending, check_record, found_beside, machine_trouble, reachable, shot
 from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply, Raised, WorkerRecord
-from harness.outcomes import SHOT, Ending, check_record, found_beside, machine_trouble, reachable, shot
 
 PASSED = Outcome.PASSED
 NOT_REACHED = "not looked at: the process ended before"
