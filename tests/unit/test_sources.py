@@ -44,7 +44,8 @@ def test_nothing_that_is_imported_is_missed(module: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["standalone.lines", "normalise", "judging.check", "misleading", "wire", "nativesays", "cellrun", "verdict"]
+    "module",
+    ["standalone.lines", "normalise", "judging.check", "misleading", "wire", "nativesays", "cellrun", "verdict"],
 )
 def test_what_judges_a_probe_is_part_of_its_key(module: str) -> None:
     """A result is measured again when any module changes that had a say in its outcome, line or findings."""
