@@ -21,6 +21,7 @@ from harness.guarded_files import Folder
 from harness.hostile_data import Absent, Unreadable, understanding
 from harness.judging import check as outcomes
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
+from harness.probes import program
 from harness.scratch_folders import scratch_folder
 from harness.store import digest, own_folders
 
@@ -383,9 +384,5 @@ def file_hash(path: Path) -> str:
 
 @cache
 def probe_hash(api: str, phase: Phase) -> str:
-    """A hash of exactly the in-cell files that a probe of this phase loads: part of a result's key."""
-    names = wire.closure(api, (phase,), lambda name: (INCELL / name).read_text())
-    combined = hashlib.sha256()
-    for name in names:
-        combined.update(name.encode() + b"\0" + (INCELL / name).read_bytes() + b"\0")
-    return combined.hexdigest()[:32]
+    """Digest what the checks of a phase do with an adapter: part of a result's key."""
+    return program.own().phase_digest(api, phase)

@@ -26,7 +26,6 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 from itertools import islice
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -64,39 +63,15 @@ LAST_WORDS = "simmatrix: the last line of the reply is written"
 
 WORKER_FILE = re.compile(r"worker-(\d{1,9})\.(jsonl|txt)")
 
-RELATIVE_IMPORT = re.compile(r"^\s*from \.(?:(\w+) import | import ([\w, ]+)$)", re.MULTILINE)
-
 Name = Annotated[str, Meta(min_length=1, max_length=100)]
 Line = Annotated[str, Meta(max_length=4_000)]
 Text = Annotated[str, Meta(max_length=100_000)]
 
 
 def request_to_json(request: ProbeRequest) -> str:
-    """The request as the cell reads it."""
-    return json.dumps(msgspec.to_builtins(request, str_keys=True), indent=1)
-
-
-def closure(api: str, checks: Iterable[str], read: Callable[[str], str]) -> tuple[str, ...]:
-    """The in-cell files that a probe with these checks (or phases) loads, sorted; `read` gives a file's text."""
-    phases = {check.partition(".")[0] for check in checks}
-    todo = ["bootstrap.py", "cell_run.py", *(f"phase_{phase}.py" for phase in phases)]
-    if api:
-        todo.append(f"api_{api}.py")
-    found: set[str] = set()
-    while todo:
-        name = todo.pop()
-        if name not in found:
-            found.add(name)
-            todo += _relative_imports(read(name))
-    return tuple(sorted(found))
-
-
-@cache  # most files are loaded by every phase
-def _relative_imports(source: str) -> tuple[str, ...]:
-    """By their lines: to parse the files would take longer than all else of a run without changes."""
-    found = RELATIVE_IMPORT.findall(source)
-    modules = (name.strip() for module, names in found for name in ([module] if module else names.split(",")))
-    return tuple(f"{module}.py" for module in modules)
+    """Return the request as the cell reads it, with the checks that follow those asked for."""
+    followers = {check: FOLLOWERS[check] for check in request.checks if check in FOLLOWERS}
+    return json.dumps({**msgspec.to_builtins(request, str_keys=True), "followers": followers}, indent=1)
 
 
 # --- the records -----------------------------------------------------------------------------------------------

@@ -53,6 +53,12 @@ def rollout(probe, env, seed=None, steps=None):
     return trace
 
 
+def episode(probe):
+    """Drive a new environment from make to close: a `Trace`."""
+    with single(probe) as env:
+        return rollout(probe, env)
+
+
 def onward(env, actions):
     """Go on with these actions, to the end of the episode at most: a `Trace`."""
     trace = Trace()

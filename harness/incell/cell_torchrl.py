@@ -282,12 +282,3 @@ def _library(probe):
         text = "TorchRL's compiled part (prioritized replay) does not load beside torch {}: undefined symbol {}"
         probe.finding("interop.torchrl.compiled", text.format(told["torch"], told["compiled"]), level="note")
     return told
-
-
-CHECKS = {
-    "interop.torchrl.gym": gym,
-    "interop.torchrl.gym_tensor": gym_tensor,
-    "interop.torchrl.isaaclab": isaaclab,
-    "interop.torchrl.isaaclab_native": isaaclab_native,
-    "interop.torchrl.backend": backend,
-}

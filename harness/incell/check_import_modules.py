@@ -1,4 +1,4 @@
-"""Phase import: the modules that a user's script imports first."""
+"""Imports the modules that a user's script imports first."""
 
 import sys
 
@@ -8,7 +8,7 @@ from .cell_sources import ASIDE
 MOST_IDS = 30
 
 
-def modules(probe, facts):
+def run(probe, facts):
     """Import what the case names, then what its API needs, and tell of an environment that nothing registers."""
     facts["seconds"] = probe.import_modules()
     if probe.api is None:
@@ -46,7 +46,3 @@ def _ids(tops):
             if (module or "").partition(":")[0].partition(".")[0] in tops:
                 found.setdefault(library, []).append(str(name))
     return {library: sorted(names)[:MOST_IDS] for library, names in found.items()}
-
-
-CHECKS = {"import.modules": modules}
-FOLLOWERS = {}

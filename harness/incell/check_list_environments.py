@@ -1,4 +1,4 @@
-"""Phase list: the environments that importing packages and their submodules makes known. `init` alone asks for it.
+"""Lists the environments that importing packages and their submodules makes known. `init` alone asks for it.
 
 The case imports the packages; `kwargs` has `skip`, submodules that are not imported. The file `importing` in the
 reply's folder names the module whose import has begun: a module may end the process.
@@ -10,7 +10,7 @@ import os
 from .cell_listing import loops, registered, suited
 
 
-def environments(probe, facts):
+def run(probe, facts):
     """Tell `environments`, each with API, importable module and entry point, and `failed` imports with the reason."""
     tops = [name.partition(".")[0] for name in probe.case["imports"]]
     facts["environments"] = found = []
@@ -41,7 +41,3 @@ def _imported(probe, module, failed):
         failed[module] = "{}: {}".format(type(error).__name__, str(error)[:300])
         return False
     return True
-
-
-CHECKS = {"list.environments": environments}
-FOLLOWERS = {}

@@ -1,13 +1,11 @@
-"""Phase render: pictures as arrays."""
+"""Draws pictures as arrays."""
 
 import os
 import sys
 
 import numpy as np
 
-from .cell_camera import camera
 from .cell_context import current
-from .cell_device import device
 from .cell_episode import single
 from .cell_errors import Skip, violate
 from .cell_pictures import advance, composed, followed, marred, same, values
@@ -20,7 +18,7 @@ DRAWERS = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet", "pyg
 NEED_GL = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet")
 
 
-def rgb_array(probe, facts):
+def run(probe, facts):
     """Render after the reset and after some steps; both frames are kept."""
     try:
         _render(probe, facts)
@@ -35,15 +33,6 @@ def rgb_array(probe, facts):
         facts["modules"] = [name for name in DRAWERS if name in sys.modules]
         needed = [name for name in NEED_GL if name in sys.modules]
         facts["gl"] = dict(facts.get("gl", {}), **({"modules": needed} if needed else {}))
-
-
-def unclosed(probe, _facts):
-    """Draw with an environment that is left open, as many users leave theirs: Python's end shows what comes of that."""
-    env = probe.api.make(probe.case, lambda *_: None, draw=True)
-    env.seed_actions(probe.case["seed"])
-    env.reset(probe.case["seed"])
-    env.render()
-    probe.memo["left open"] = env
 
 
 def _render(probe, facts):
@@ -133,7 +122,3 @@ def _blank(first, last):
 
 def _plain(frame):
     return bool((frame == frame[0, 0]).all())
-
-
-CHECKS = {"render.rgb_array": rgb_array, "render.device": device, "render.unclosed": unclosed, "render.camera": camera}
-FOLLOWERS = {"render.rgb_array": ("render.camera", "render.unclosed")}

@@ -1,38 +1,19 @@
-"""Phase interop: an environment under the libraries that train with it, a function for each thing done with one."""
+"""Lets Stable-Baselines3 learn."""
 
 import importlib
-import sys
-import warnings
 
-from . import cell_torchrl
 from .cell_errors import library
 from .cell_interop import close, made, present
+from .cell_sb3 import SB3, releases
 
-SB3 = "stable_baselines3"
 STEPS = 64
 """How long a learner learns: two rounds of steps, with an update after each."""
 
 
-def sb3_check_env(probe, facts):
-    """Stable-Baselines3's own checker; its warnings are findings."""
-    facts["version"] = _version(present(SB3, "stable-baselines3"))
-    probe.watch.take_warnings()
-    with library:
-        checker = importlib.import_module(SB3 + ".common.env_checker")
-        env = made(probe)
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        with library:
-            checker.check_env(env)
-    close(env)
-    for text in probe.watch.take_warnings():
-        probe.finding("interop.sb3.check_env", text)
-
-
-def sb3_learn(probe, facts):
+def run(probe, facts):
     """Let PPO learn for two rounds on the CPU, and act once."""
     sb3 = present(SB3, "stable-baselines3")
-    facts["version"] = _version(sb3)
+    facts["version"] = releases(sb3)
     with library:
         vectors = importlib.import_module(SB3 + ".common.vec_env")
         env = vectors.DummyVecEnv([lambda: made(probe)])
@@ -55,13 +36,3 @@ def _policy(env):
     """
     several = type(env.observation_space).__name__ == "Dict"
     return "MultiInputPolicy" if several else "MlpPolicy"
-
-
-def _version(module):
-    torch = sys.modules.get("torch")
-    return {"library": str(module.__version__), "torch": str(getattr(torch, "__version__", "?"))}
-
-
-CHECKS = {"interop.sb3.check_env": sb3_check_env, "interop.sb3.learn": sb3_learn}
-CHECKS.update(cell_torchrl.CHECKS)
-FOLLOWERS = {}

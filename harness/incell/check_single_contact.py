@@ -1,0 +1,5 @@
+"""Sees whether a robot pushes what it meets."""
+
+from .cell_contact import contact as run
+
+__all__ = ["run"]

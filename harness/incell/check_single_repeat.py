@@ -1,0 +1,8 @@
+"""Gives the trajectory of a second process, to be compared with the one of `single.loop`."""
+
+from .cell_episode import episode
+
+
+def run(probe, facts):
+    """Only the trajectory: for a second process, to be compared with the first one's."""
+    facts["trajectory"] = episode(probe).steps()

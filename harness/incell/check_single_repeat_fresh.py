@@ -1,0 +1,12 @@
+"""Compares the trajectory of another new environment with the first one."""
+
+from .cell_episode import episode
+
+
+def run(probe, _facts):
+    """The same seed in another new environment of this process."""
+    difference = probe.memo["trace"].difference(episode(probe))
+    if difference:
+        probe.finding(
+            "single.repeat.fresh", "the same seed gives another trajectory in a new environment, " + difference
+        )

@@ -1,0 +1,34 @@
+"""Compares trajectories of one environment that is reset with the same seed, and with another."""
+
+from .cell_episode import rollout, single
+
+STEPS_WITH_ANOTHER_SEED = 10
+FURTHER_EPISODES, STEPS_OF_A_FURTHER_ONE = 5, 3
+
+
+def run(probe, _facts):
+    """The same environment reset with the same seed again, and again; then with another seed."""
+    with single(probe) as env:
+        first, second, third = [rollout(probe, env) for _ in range(3)]
+        between = second.difference(third)
+        if first.difference(second) and not between:
+            between = _by_chance(probe, env, second)
+        other = rollout(probe, env, probe.case["seed"] + 1, STEPS_WITH_ANOTHER_SEED)
+    if between:
+        text = "the same environment, reset with the same seed, gives another trajectory, "
+        probe.finding("single.repeat.same", text + between)
+    elif first.difference(second):
+        text = "the first episode after make differs from later ones with the same seed, which agree, "
+        probe.finding("single.repeat.first", text + first.difference(second))
+    elif other.digests[0] == first.digests[0]:
+        text = "another seed gives the same first observation: it starts always alike, or does not heed its seed"
+        probe.finding("single.repeat.seed", text, level="note")
+
+
+def _by_chance(probe, env, expected):
+    """Return how further episodes differ from two that agreed: where few tasks are drawn from, two may be alike."""
+    for _ in range(FURTHER_EPISODES):
+        again = rollout(probe, env, steps=STEPS_OF_A_FURTHER_ONE)
+        if again.digests != expected.digests[: len(again.digests)]:
+            return expected.difference(again)
+    return None
