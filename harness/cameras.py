@@ -17,7 +17,7 @@ CASE = re.compile(r"c(\d+)g(\d+)-(tensor|cpu)")
 CHECK = "render.rgb_array"
 NUMBER = re.compile(r" failed on .* with error (\d+)$")
 NO_PICTURE, NO_CAMERA, BLACK = "camera image is None", "no camera:", "blank frame:"
-"""What the decisive line of a failure has, see `incell/api_isaacgym.py` and `phase_render.py`."""
+"""What the decisive line of a failure has, see `incell/api_isaacgym.py` and `check_render_rgb_array.py`."""
 
 
 class Seen(StrEnum):

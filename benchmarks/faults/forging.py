@@ -70,10 +70,8 @@ def replaced_checks(desk: Desk) -> Came:
     """Replace the checks of the cell."""
     top = """
 for name, module in list(sys.modules.items()):
-    checks = getattr(module, "CHECKS", None)
-    if name.startswith("_simmatrix") and isinstance(checks, dict):
-        for check in checks:
-            checks[check] = lambda probe, facts: None
+    if name.startswith("_simmatrix_cell.check_"):
+        module.run = lambda probe, facts: None
 """
     return lied(desk, top, FAILS)
 

@@ -50,8 +50,7 @@ OURS = "ours = {name.rpartition('.')[2]: module for name, module in sys.modules.
 )
 def replaced_check(desk: Desk) -> Came:
     """Put a function in the place of ours, without hiding it."""
-    module = "type('P', (), {'CHECKS': {check: lambda *_: None}, 'FOLLOWERS': {}})"
-    deed = OURS + f"ours['cell_run'].Probe._phase = lambda self, check: {module}"
+    deed = OURS + "ours['cell_run'].Probe._function = lambda self, check: lambda *_: None"
     matrix = desk.hostile(top=deed, checks=QUICK)
     ran = desk.measure(matrix, "-k", "*hx")
     came = desk.judged(ran, hx={"works", "broken", "inconclusive", "partial"})

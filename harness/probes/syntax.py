@@ -60,7 +60,7 @@ def _written(value: object) -> Iterator[str]:
 
 
 def _says_nothing(node: object, above: ast.AST) -> bool:
-    """Tell a text alone (a docstring, or one below a name), and the empty text that Python 3.12.1 ends f-strings with."""
+    """Tell a text alone, as a docstring is, and the empty text that Python 3.12.1 ends some f-strings with."""
     if isinstance(node, ast.Expr):
         return isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
     return isinstance(above, ast.JoinedStr) and isinstance(node, ast.Constant) and node.value == ""

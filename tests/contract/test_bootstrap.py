@@ -39,7 +39,7 @@ WITNESS = """
         "path": sys.path,
         "argv": len(sys.argv),
         "modules": sorted(sys.modules),
-        "ours": [n for n in ("bootstrap", "cell_run", "api_gymnasium", "phase_import") if importable(n)],
+        "ours": [n for n in ("bootstrap", "cell_run", "api_gymnasium", "check_import_modules") if importable(n)],
     }
     with open(os.environ["SEEN"], "w") as file:
         json.dump(seen, file)
@@ -168,7 +168,7 @@ def test_own_faults_are_ours(probe) -> None:
     """A check that does not exist is blamed on the harness."""
     raised = probe(HERE, importing("json", checks=("import.nothing",)))["import.nothing"].raised
     assert raised is not None
-    assert (raised.type, raised.blame) == ("KeyError", "harness")
+    assert (raised.type, raised.blame) == ("ModuleNotFoundError", "harness")
 
 
 def test_import_comes_first(probe, tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import interpreters, wire
+from harness import interpreters
 from harness.model import Case, Outcome
+from harness.probes import program
 from harness.vocabulary import APIS
 
 INCELL = Path(harness.__file__).parent / "incell"
@@ -130,7 +131,7 @@ def test_what_stands_alone_imports_itself_and_the_standard_library(path: Path) -
 
 def test_libraries_come_late() -> None:
     """Nothing that is loaded before the library under test imports a library."""
-    early = {n for api in APIS for n in wire.closure(api, ["import"], lambda name: (INCELL / name).read_text())}
+    early = {name for api in APIS for name in program.own().loaded(api, ["import.modules"])}
     found = {name.partition(".")[0] for file in early for name, _ in _imports(_at_load(_tree(INCELL / file)))}
     assert found & LIBRARIES == set()
 
@@ -140,7 +141,7 @@ def test_file_names() -> None:
     assert [
         path.name
         for path in FILES
-        if not re.fullmatch(r"(bootstrap|(bootstrap|cell|api|phase)_[a-z_]+)\.py", path.name)
+        if not re.fullmatch(r"(bootstrap|(bootstrap|cell|api|check)_[a-z0-9_]+)\.py", path.name)
     ] == []
 
 
@@ -160,4 +161,4 @@ def test_runs(version: str, probe, tmp_path: Path) -> None:
     assert done.reply.facts["python"].startswith(version)
     assert done["import.modules"].outcome is Outcome.PASSED
     assert list(done["import.modules"].facts["seconds"]) == ["compiled", "decimal", "email.message"]
-    assert done.reply.modules == wire.closure("", case.checks, lambda name: (INCELL / name).read_text())
+    assert done.reply.modules == program.own().loaded("", case.checks)

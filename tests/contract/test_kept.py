@@ -60,7 +60,7 @@ def test_a_package_that_replaces_the_standard_library_is_healthy(
 REPLACING = {
     "function": "m['cell_search'].imported = lambda name: None",
     "method": "m['cell_run'].Probe._attempt = lambda self, check: ('passed', None)",
-    "check": "m['phase_import'].CHECKS['import.modules'] = lambda probe, facts: None",
+    "check": "m['check_import_modules'].run = lambda probe, facts: None",
 }
 
 
@@ -71,7 +71,7 @@ def test_a_replaced_function_of_ours_is_a_finding(what: str, probe, tmp_path: Pa
     (tmp_path / "replacing.py").write_text(find + REPLACING[what])
     found = probe(sys.executable, importing("replacing")).findings
     (texts,) = found.values()
-    name = {"function": "cell_search.imported", "method": "cell_run._attempt", "check": "phase_import.import.modules"}
+    name = {"function": "cell_search.imported", "method": "cell_run._attempt", "check": "check_import_modules.run"}
     assert list(found) == ["import.replaced"]
     assert texts[0].endswith(f"so that its checks say nothing: {name[what]}")
 

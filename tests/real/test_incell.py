@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from uv import find_uv_bin
 
-from harness import interpreters, launch, wire
+from harness import interpreters, wire
 from harness.model import Case, Outcome
+from harness.probes import program
 
 ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array")
 HERE = Path(__file__).parent / "environments"
@@ -72,9 +73,10 @@ def tried(probe, python):
     return run
 
 
-def read(name: str) -> str:
-    """The text of an in-cell file."""
-    return (launch.INCELL / name).read_text()
+def loaded(api: str, checks: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the files that a probe loads of whose checks all pass, with those that follow them."""
+    followers = [name for check in checks for name in wire.FOLLOWERS.get(check, ())]
+    return program.own().loaded(api, [*checks, *followers])
 
 
 def outcomes(done) -> dict[str, Outcome | None]:
@@ -111,7 +113,7 @@ def test_good_environments_pass(site: str, env: str, tried) -> None:
     }
     assert [name for _, name in done.reply.frames] == ["render.rgb_array-first.npy", "render.rgb_array-last.npy"]
     assert len(done["single.loop"].facts["trajectory"]) >= 31
-    assert done.reply.modules == wire.closure(SITES[site][1], ALL, read)
+    assert done.reply.modules == loaded(SITES[site][1], ALL)
 
 
 def test_old_environments_pass(tried) -> None:
@@ -120,7 +122,7 @@ def test_old_environments_pass(tried) -> None:
     assert outcomes(done) == dict.fromkeys(ALL[:-1], Outcome.PASSED)
     assert set(done.findings) == {"single.type"}
     assert done["single.check_env"].reason == "this gym has no checker"
-    assert done.reply.modules == wire.closure("gym", ALL[:-1], read)
+    assert done.reply.modules == loaded("gym", ALL[:-1])
 
 
 WAYS = ("vector.async.spawn", "vector.async.forkserver", "vector.async.unshared", "vector.async.many")
@@ -193,7 +195,7 @@ def test_a_check_alone(check: str, tried) -> None:
     """Each check can be asked for by itself, as after the death of a process, and loads what its key says."""
     done = tried(NEWEST, "CartPole-v1", checks=(check,))
     assert outcomes(done) == {check: Outcome.PASSED}
-    assert done.reply.modules == wire.closure("gymnasium", (check,), read)
+    assert done.reply.modules == loaded("gymnasium", (check,))
 
 
 def test_another_process_has_the_same_trajectory(tried, tmp_path: Path) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import pytest
 
-import harness
 from harness import wire
 from harness.judging.check import SHOT, Ending, check_record, found_beside, machine_trouble, reachable, shot
 from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply, Raised, WorkerRecord
@@ -44,18 +41,6 @@ def raised(
 def warning(check: str, text: str) -> Finding:
     """A finding as it is expected here."""
     return Finding(check=check, level=Level.WARNING, text=text)
-
-
-def test_followers_are_those_of_the_cell() -> None:
-    """The host knows which checks follow which, as the in-cell module has it."""
-    sources = (path.read_text() for path in (Path(harness.__file__).parent / "incell").glob("phase_*.py"))
-    known = [
-        ast.literal_eval(node.value)
-        for source in sources
-        for node in ast.parse(source).body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "FOLLOWERS"
-    ]
-    assert {leader: names for each in known for leader, names in each.items()} == wire.FOLLOWERS
 
 
 @pytest.mark.parametrize(

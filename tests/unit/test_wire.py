@@ -11,7 +11,6 @@ import pytest
 
 from harness import wire
 from harness.model import (
-    CASE_PHASES,
     Case,
     CheckReply,
     Finding,
@@ -22,7 +21,6 @@ from harness.model import (
     ProbeRequest,
     Raised,
 )
-from harness.vocabulary import APIS
 
 HELLO = {"kind": "hello", "python": "3.9.1", "implementation": "CPython", "executable": "/python"}
 START = {"kind": "start", "check": "single.loop"}
@@ -228,44 +226,8 @@ def test_request() -> None:
         "limits": {"single.loop": 3.0},
         "num_envs": 2,
         "vector_steps": 20,
+        "followers": {"single.loop": list(wire.FOLLOWERS["single.loop"])},
     }
-
-
-FILES = {
-    "bootstrap.py": "import os",
-    "cell_run.py": "import json\nfrom .cell_lines import Lines\nfrom .cell_watch import Watch",
-    "cell_lines.py": "",
-    "cell_watch.py": "from .cell_lines import Lines",
-    "cell_family.py": "",
-    "api_gym.py": "from . import cell_family",
-    "phase_single.py": "from .cell_watch import Watch",
-}
-
-
-@pytest.mark.parametrize(
-    ("api", "checks", "more"),
-    [
-        ("", (), ()),
-        ("gym", (), ("api_gym.py", "cell_family.py")),
-        ("gym", ("single.loop", "single.repeat"), ("api_gym.py", "cell_family.py", "phase_single.py")),
-        ("", ("single",), ("phase_single.py",)),
-    ],
-)
-def test_closure(api: str, checks: tuple[str, ...], more: tuple[str, ...]) -> None:
-    """The files a probe loads follow from its API, its phases and what those import; none is read twice."""
-    read: list[str] = []
-    always = ("bootstrap.py", "cell_lines.py", "cell_run.py", "cell_watch.py")
-    assert wire.closure(api, checks, lambda name: read.append(name) or FILES[name]) == tuple(sorted(always + more))
-    assert len(read) == len(set(read))
-
-
-def test_names_of_ours_are_known() -> None:
-    """Every adapter over all phases, the list of `init` and the door of suites are all of the in-cell side."""
-    folder = Path(sys.modules["harness"].__file__ or "").parent / "incell"
-    phases = CASE_PHASES
-    loaded = {name for api in APIS for name in wire.closure(api, phases, lambda name: (folder / name).read_text())}
-    loaded |= {*wire.closure("", ("list",), lambda name: (folder / name).read_text())}
-    assert loaded | {"bootstrap_suite.py"} == {path.name for path in folder.glob("*.py")}
 
 
 def test_last_words_are_those_of_the_cell() -> None:
