@@ -16,8 +16,9 @@ interpreter. In `request.folder`, which exists and is empty, the probe leaves:
 
 After a failed `import.*` or `single.*` the probe tries nothing more. `single.repeat` only gives the trajectory, for a
 second process to be compared with the one that `single.loop` has among its facts (`trajectory`, a digest for each
-step). The facts of `render.rgb_array` hold `gl`: `modules`, where something was loaded that draws by OpenGL, whatever
-the outcome; and `api`, `vendor`, `renderer`, `version`, `device` of the context that was current after the first frame.
+step; `values`, see `probes/facts.py`). The facts of `render.rgb_array` hold `pictures`, see there, and `gl`: `modules`,
+where something was loaded that draws by OpenGL, whatever the outcome; and `api`, `vendor`, `renderer`, `version`,
+`device` of the context that was current after the first frame.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from msgspec import Meta, Struct
 
 from harness.hostile_data import Unreadable, shallow, understanding
 from harness.model import CheckReply, Finding, Level, Outcome, ProbeReply, ProbeRequest, Raised, WorkerRecord
+from harness.probes.facts import believed
 
 LONGEST_LINE = 1 << 20
 MOST_LINES = 20_000
@@ -281,6 +283,7 @@ class _Reading:
         started = self.checks.get(record.check)
         if started is None or started.outcome is not None:
             return f"{record.check} ends without having been started"
+        facts, refusal = believed(record.facts)
         self.checks[record.check] = CheckReply(
             check=record.check,
             outcome=Outcome(record.outcome),
@@ -288,9 +291,9 @@ class _Reading:
             raised=record.raised.told() if record.raised else None,
             reason=record.reason,
             workers=tuple(WorkerRecord(pid=end.pid, exit_code=end.exit_code) for end in record.workers),
-            facts=record.facts,
+            facts=facts,
         )
-        return None
+        return refusal
 
     def add_workers(self, workers: Iterable[tuple[str, WorkerRecord]]) -> Iterator[str]:
         """Bring what the workers wrote to what their parent saw of them; yields problems."""

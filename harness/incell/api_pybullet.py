@@ -98,6 +98,7 @@ class Simulation(Environment):
         bullet = self.bullet
         view = bullet.computeViewMatrix([0, -4, 1], [0, 0, 1], [0, 0, 1])
         lens = bullet.computeProjectionMatrixFOV(45, WIDTH / float(HEIGHT), 0.1, 20)
+        self.seen_from = {"view": list(view), "lens": list(lens)}
         light = {"shadow": 0, "lightAmbientCoeff": 1, "lightDiffuseCoeff": 0, "lightSpecularCoeff": 0}
         width, height, colours, _, _ = bullet.getCameraImage(
             WIDTH, HEIGHT, view, lens, renderer=bullet.ER_TINY_RENDERER, **dict(light, **self.here)

@@ -110,6 +110,9 @@ class Environment:
     shape = ()
     """Of rewards and flags: () of one environment, (n,) of a simulation of n worlds."""
 
+    seen_from = None
+    """Where the adapter itself places the camera: `view` and `lens`, matrices of 16 numbers, of the last picture."""
+
     get_state = None
     """Where the state can be had: a method that returns it, and `set_state` that takes it back."""
 

@@ -9,6 +9,9 @@ ADDRESS = re.compile(r"0x[0-9a-f]+")
 DIGITS = 12
 LONGEST = 5000
 BYTES_KEPT = 64 << 20
+WIDEST, MOST = 64, 1000
+"""Numbers that a reply has of each part of an entry, and of all entries together."""
+
 PARTS = ("observation", "reward", "terminated", "truncated")
 
 
@@ -41,6 +44,22 @@ class Trace:
         rest = "".join(self.digests[LONGEST - 1 :])
         return [*self.digests[: LONGEST - 1], hashlib.sha256(rest.encode("ascii")).hexdigest()[:DIGITS]]
 
+    def values(self):
+        """Numbers for a reply: of the first entries, each part as a list, None where it holds no numbers.
+
+        Of `steps` entries there are as many as hold 1000 numbers, of each part the first 64; `sizes` says how many
+        numbers each part has.
+        """
+        entries, sizes, room = [], [0] * len(PARTS), MOST
+        for parts in self._values:
+            found = [_numbers(leaves) for leaves in parts or ()]
+            room -= sum(len(part or ()) for part in found)
+            if not found or room < 0:
+                break
+            entries.append(found)
+            sizes = [max(pair) for pair in zip(sizes, [sum(leaf.size for leaf in part) for part in parts] + [0] * 3)]
+        return {"steps": len(self.digests), "sizes": sizes, "entries": entries}
+
     def difference(self, other):
         """Where the two part and how far: one phrase, or None where they agree."""
         if self.digests == other.digests:
@@ -60,6 +79,22 @@ class Trace:
         most = [_gap(one[0], two[0]) for one, two in both if one is not None and two is not None]
         most = max([gap] + [g for g in most if g is not None]) if name == PARTS[0] else gap
         return " ({} off by {:.3g} there, at most by {:.3g} later)".format(name, gap, most)
+
+
+def _numbers(leaves):
+    """Return the first numbers of some arrays, of which None stands for one that is not finite."""
+    if any(leaf.dtype.kind not in "biuf" for leaf in leaves):
+        return None
+    found = [value for leaf in leaves for value in leaf.ravel()[:WIDEST]][:WIDEST]
+    return [_number(value) for value in found]
+
+
+def _number(value):
+    """Return one number, of float32 the shortest that stands for it."""
+    if value.dtype.kind != "f":
+        return int(value)
+    number = float(str(value)) if value.dtype.itemsize < np.dtype(float).itemsize else float(value)
+    return number if np.isfinite(number) else None
 
 
 def _gap(one, two):

@@ -8,7 +8,9 @@ import numpy as np
 from .cell_context import current
 from .cell_episode import single
 from .cell_errors import Skip, violate
+from .cell_frames import described
 from .cell_pictures import advance, composed, followed, marred, same, values
+from .cell_pose import seen
 from .cell_used import Called, exercised
 
 STEPS = 10
@@ -40,16 +42,17 @@ def _render(probe, facts):
     with single(probe, draw=True) as env:
         env.seed_actions(seed)
         start = values(env.reset(seed))
-        drawn = _drawn(env)
+        with seen(env) as pose:
+            drawn = _drawn(env)
         _tell(probe, _alpha(drawn))
         first = _opaque(drawn)
         facts["gl"] = _context(env)
-        _examine(probe, facts, first, "first")
+        _examine(probe, facts, first, "first", pose)
         since = advance(env, min(STEPS, steps))
-        with Called() as called:
+        with seen(env) as pose, Called() as called:
             last = _picture(env)
         facts["exercised"] = exercised(called, probe.ours())
-        _examine(probe, facts, last, "last")
+        _examine(probe, facts, last, "last", pose)
         _tell(probe, _blank(first, last))
         if steps >= STEPS and (same(first, last) or not since[1]):
             _tell(probe, followed(env, _picture, (first, last), start, since, steps - STEPS))
@@ -97,7 +100,7 @@ def _tell(probe, found):
         probe.finding("render." + found[0], found[1])
 
 
-def _examine(probe, facts, frame, which):
+def _examine(probe, facts, frame, which, pose):
     """A frame has to be an array (height, width, 3) of uint8 that shows something."""
     if frame.ndim != 3 or frame.shape[2] != 3 or 0 in frame.shape:
         violate("render() returned shape {}, not (height, width, 3)", frame.shape)
@@ -108,6 +111,7 @@ def _examine(probe, facts, frame, which):
         name = "render.rgb_array-{}.npy".format(which)
         np.save(os.path.join(probe.folder, name), frame, allow_pickle=False)
         probe.frame("render.rgb_array", which, name)
+        facts.setdefault("pictures", {})[which] = dict(described(frame), camera=pose.facts)
 
 
 def _blank(first, last):

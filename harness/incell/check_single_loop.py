@@ -16,5 +16,5 @@ def run(probe, facts):
         facts["environment_of"] = distribution_of(type(getattr(getattr(env, "raw", None), "unwrapped", None)))
     found = exercised(called, probe.ours())
     facts["exercised"] = sorted({*found, facts["environment_of"]} - {None})
-    facts["trajectory"] = trace.steps()
+    facts["trajectory"], facts["values"] = trace.steps(), trace.values()
     probe.memo["trace"] = trace

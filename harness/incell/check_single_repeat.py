@@ -5,4 +5,5 @@ from .cell_episode import episode
 
 def run(probe, facts):
     """Only the trajectory: for a second process, to be compared with the first one's."""
-    facts["trajectory"] = episode(probe).steps()
+    trace = episode(probe)
+    facts["trajectory"], facts["values"] = trace.steps(), trace.values()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from harness import normalise, wire
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
+from harness.probes.facts import plain
 from harness.vocabulary import MISLEADING
 
 VIOLATION = "ContractViolation"
@@ -109,7 +110,7 @@ def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str
         seconds=reply.seconds,
         decisive=decisive,
         masked_by=mask,
-        facts={**reply.facts, **drawing},
+        facts={**plain(reply.facts), **drawing},
     )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 from collections.abc import Callable
 from ctypes.util import find_library
 from pathlib import Path
 
+import numpy as np
 import pytest
 from uv import find_uv_bin
 
@@ -203,6 +205,44 @@ def test_another_process_has_the_same_trajectory(tried, tmp_path: Path) -> None:
     first = tried(NEWEST, "Ant-v5", checks=("single.loop",))["single.loop"].facts["trajectory"]
     (tmp_path / "reply").rename(tmp_path / "before")
     assert tried(NEWEST, "Ant-v5", checks=("single.repeat",))["single.repeat"].facts["trajectory"] == first
+
+
+def test_values_of_a_trajectory(tried) -> None:
+    """Observations, rewards and flags of the first steps, cut where they are many, and how many there were."""
+    values = tried(NEWEST, "Ant-v5", checks=("single.loop",))["single.loop"].facts["values"]
+    assert (values["steps"] >= 31, values["sizes"], len(values["entries"])) == (True, [105, 1, 1, 1], 14)
+    assert [len(part) for part in values["entries"][1]] == [64, 1, 1, 1]
+    assert abs(values["entries"][0][0][0] - 0.75) < 0.1  # the height of the torso
+
+
+@pytest.mark.parametrize(
+    ("site", "env", "api"),
+    [
+        (NEWEST, "Ant-v5", "gymnasium"),
+        ("gymnasium 0.29.1", "Ant-v4", "gymnasium"),
+        (NEWEST, "mujoco:markers", "mujoco"),
+    ],
+)
+def test_pictures_in_numbers(site: str, env: str, api: str, probe, python) -> None:
+    """Each frame has the digest of its pixels, and the pose of MuJoCo's camera."""
+    if find_library("EGL") is None:
+        pytest.skip("missing library: libEGL")
+    case = Case(id="c", env=env, api=api, checks=("render.rgb_array",))
+    done = probe(python(site), case, variables={"MUJOCO_GL": "egl"})
+    pictures = done["render.rgb_array"].facts["pictures"]
+    assert list(pictures) == ["first", "last"]
+    for name, told in pictures.items():
+        frame = np.load(done.folder / f"render.rgb_array-{name}.npy")
+        assert told["sha256"] == hashlib.sha256(frame.tobytes()).hexdigest()
+        assert (told["shape"], told["constant"], sum(told["colours"].values())) == (
+            list(frame.shape), False, frame.shape[0] * frame.shape[1]
+        )  # fmt: skip
+    camera = pictures["first"]["camera"]
+    assert np.allclose([np.linalg.norm(camera[name]) for name in ("forward", "up")], 1, atol=1e-5)
+    assert abs(camera["fovy"] - 45) < 0.01
+    if api == "mujoco":
+        assert np.allclose(camera["position"], (0, -3, 0), atol=1e-5)
+        assert np.allclose(camera["forward"], (0, 1, 0), atol=1e-5)
 
 
 @pytest.mark.parametrize(

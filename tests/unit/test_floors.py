@@ -20,7 +20,7 @@ FLOORS = {
         "matrix", "matrixfile", "measured_cells", "mending", "merging",
         "misleading", "moves", "nativesays",
         "normalise", "notices", "pages", "pasting", "pipelines", "plan", "platforms", "present",
-        "probes.evidence", "probes.syntax",
+        "probes.evidence", "probes.facts", "probes.syntax",
         "proving", "pytestsays", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
         "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",
         "requirement_texts", "squares", "strategy", "suite_tables", "tables", "tabletypes", "terminal", "traps",

@@ -230,6 +230,14 @@ def test_request() -> None:
     }
 
 
+def test_a_fact_for_later_that_lies_is_a_problem() -> None:
+    """It is left out of its check, which is read all the same."""
+    record = {**PASSED, "facts": {"trajectory": ["ab"], "values": {"steps": "many"}}}
+    reply = wire.read_reply(lines(HELLO, START, record, END))
+    assert [(check.outcome, check.facts) for check in reply.checks] == [(Outcome.PASSED, {"trajectory": ["ab"]})]
+    assert reply.problems == ("reply line 3: its fact values is left out: Expected `int`, got `str` - at `$.steps`",)
+
+
 def test_last_words_are_those_of_the_cell() -> None:
     """The host looks for the very line that a probe prints."""
     folder = Path(sys.modules["harness"].__file__ or "").parent / "incell"
