@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import json
 import sys
 from pathlib import Path
@@ -51,12 +51,9 @@ def packed(root: Path) -> tuple[bytes, bytes]:
 
 
 def _distilling(root: Path) -> ModuleType:
-    """The module of the package that does it, which needs nothing but the standard library."""
-    spec = importlib.util.spec_from_file_location("_distilling", root / "harness" / "distilling.py")
-    if spec is None or spec.loader is None:
-        message = "harness/distilling.py is not there"
-        raise RuntimeError(message)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    """Return the module of the package that does it, which needs nothing but the standard library."""
+    sys.path.insert(0, str(root))  # nothing is installed yet
+    try:
+        return importlib.import_module("harness.distilling")
+    finally:
+        sys.path.remove(str(root))

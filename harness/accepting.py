@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from itertools import combinations, permutations
 from typing import Any
 
-from harness import cellid, schema
+from harness import cellid, entry_failures, schema
 from harness.errors import BadInput
-from harness.evidence import causes
+from harness.judging.expectation import expected
 from harness.matrix import ExpectTable, Matrix
 from harness.merging import natural
 from harness.model import Cell, Phase, Verdict
 from harness.reporttypes import UNTOLD, CellEntry, word
-from harness.verdict import Judgement, expected
 from harness.vocabulary import When, alternatives, matcher
 
 LONGEST = 160
@@ -84,8 +83,7 @@ def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], toda
 
 def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
     """Judge a result by what the matrix expects of the cell now: whether it fits, and why that is out of date."""
-    judged = Judgement(verdict=entry.verdict, phases=entry.phases, phase=entry.phase, decisive=entry.decisive)
-    return expected(cell, judged, today, causes({one.signature: one.masks for one in entry.diagnoses}))
+    return expected(cell, entry, today, lambda: entry_failures.nameable(entry))
 
 
 # --- the tables ------------------------------------------------------------------------------------------------

@@ -5,33 +5,36 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Sequence
 
-from harness import changes, repairs, tables, verdict
-from harness.exercised import OWN, exercised, idle, import_fact, lacking
+from harness import changes, repairs, tables
+from harness.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
+from harness.judging.assess import Assessed
+from harness.judging.counted_phases import reason
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.reporttypes import word
-from harness.signatures import Diagnosis, Signature
+from harness.signatures import Signature
 from harness.standalone.silent import PREFIX
-from harness.verdict import Judgement
 from harness.vocabulary import FAMILY, SELF, required_name
 
 MOST_NAMES = 8
 MOST_IDS = 3
 
 
-def answer(record: CellRecord, judged: Judgement, found: Sequence[Diagnosis] = ()) -> str:
+def answer(judged: Assessed) -> str:
     """Return one line for what works; else the line that says why, and the next command to type.
 
-    The first words name the packages that were run. `found` are the known failures that fit, the deepest cause first.
+    The first words name the packages that were run.
     """
+    record = judged.record
     if judged.verdict is Verdict.UNAVAILABLE:
         return f"unavailable: {judged.decisive}"
     if judged.verdict is Verdict.NOT_RUN and record.installed is not None:
-        return "\n".join(_not_run(record, judged))
-    names = _versions(record, _named(record, judged)) if record.installed is not None else ""
-    line = f"{word(judged.verdict)}: {f'{names}: ' if names else ''}{_tried(record, judged)}"
+        return "\n".join(_not_run(judged))
+    names = _versions(record, _named(judged)) if record.installed is not None else ""
+    line = f"{word(judged.verdict)}: {f'{names}: ' if names else ''}{_tried(judged)}"
     if judged.verdict is Verdict.WORKS:
         return line
-    why = (judged.decisive or "no line says why", *(line for one in found[:1] for line in _known(one.signature)))
+    told = (line for one in judged.diagnoses[:1] for line in _known(one.signature))
+    why = (judged.decisive or "no line says why", *told)
     missed = idle(record)
     other = (f"of {' and '.join(missed)} nothing was run",) if missed else ()
     return "\n".join((line, *why, *other, f"next: simmatrix show {shlex.quote(record.cell.id)}"))
@@ -40,17 +43,18 @@ def answer(record: CellRecord, judged: Judgement, found: Sequence[Diagnosis] = (
 # --- what was not run ------------------------------------------------------------------------------------------
 
 
-def _not_run(record: CellRecord, judged: Judgement) -> Iterable[str]:
+def _not_run(judged: Assessed) -> Iterable[str]:
+    record = judged.record
     missed = idle(record)
     if missed:
         ran = [name for name in record.cell.asked if name not in missed]
         also = f"; {_versions(record, ran)}: " if ran else "; "
-        yield f"not run: {judged.decisive}{also}{_tried(record, judged)}"
+        yield f"not run: {judged.decisive}{also}{_tried(judged)}"
         yield f"next: {_typed(record, missed)}"
         return
     where = f" on Python {record.python}" if record.python else ""
-    tested = f": {judged.decisive}" if judged.decisive and judged.decisive != verdict.ONLY_IMPORT else ""
-    names = _versions(record, _named(record, judged)) or "nothing"
+    tested = f": {judged.decisive}" if judged.decisive and judged.decisive != ONLY_IMPORT else ""
+    names = _versions(record, _named(judged)) or "nothing"
     yield f"not run: {names} was only imported{where}{tested}; no environment was run"
     if lacking(record):
         yield f"next: {OWN}"
@@ -82,8 +86,9 @@ def _typed(record: CellRecord, names: Sequence[str], env: str | None = None, *, 
 # --- what was run ----------------------------------------------------------------------------------------------
 
 
-def _named(record: CellRecord, judged: Judgement) -> list[str]:
+def _named(judged: Assessed) -> list[str]:
     """The packages that the first words name: those asked for that were run, or tried where nothing came so far."""
+    record = judged.record
     asked = list(record.cell.asked) or list(dict.fromkeys(map(required_name, record.cell.question.requirements)))
     ran = exercised(record)
     return [name for name in asked if name in ran] if ran and judged.verdict is not Verdict.NOT_RUN else asked
@@ -102,16 +107,17 @@ def _known(failure: Signature) -> Iterable[str]:
     yield from (f"see: {reference}" for reference in failure.references[:1])
 
 
-def _tried(record: CellRecord, judged: Judgement) -> str:
+def _tried(judged: Assessed) -> str:
     """Name the phases that passed, and of which tasks: never more than that."""
+    record = judged.record
     passed = {case.case: tuple(p.phase for p in case.phases if p.outcome is Outcome.PASSED) for case in record.cases}
     parts = []
     for phases in dict.fromkeys(names for names in passed.values() if names):
         shown = [_name(case) for case in record.cases if passed[case.case] == phases]
         parts.append(f"{', '.join(phases)} of {' and '.join(shown)}")
     if judged.verdict is Verdict.MISLEADS:
-        wrong = {case.case: verdict.misleads(verdict.case_phases(record, case)) for case in record.cases}
-        shown = [f"{' and '.join(wrong[case.case])} of {_name(case)}" for case in record.cases if wrong[case.case]]
+        wrong = [case for case in judged.cases if case.misleads]
+        shown = [f"{' and '.join(case.misleads)} of {_name(case.record)}" for case in wrong]
         parts.append(f"not as specified: {', '.join(shown)}")
     elif judged.phase and judged.verdict is not Verdict.WORKS:
         failed = [_name(case) for case in record.cases if _ended(case, judged.phase) is judged.phases[judged.phase]]
@@ -130,7 +136,7 @@ def _tried(record: CellRecord, judged: Judgement) -> str:
     return "; ".join([tried, *notes, *settings, *mended, *unverified, *_doubts(judged)])
 
 
-def _doubts(judged: Judgement) -> Iterable[str]:
+def _doubts(judged: Assessed) -> Iterable[str]:
     """Yield what is said of each silent known issue that no check has shown or refuted."""
     names = (name.removeprefix(PREFIX) for name in judged.unverified if name.startswith(PREFIX))
     return (f"a known issue without an error is not excluded: {name}" for name in names)
@@ -154,7 +160,7 @@ def _undrawn(record: CellRecord) -> Iterable[str]:
 def _skipped(record: CellRecord) -> Iterable[str]:
     """Say which phases have no meaning for an environment, and why."""
     phases = (phase for case in record.cases for phase in case.phases if phase.outcome is Outcome.SKIPPED)
-    told = {phase.phase: verdict.reason(phase) for phase in phases if phase.phase in {Phase.VECTOR, Phase.RENDER}}
+    told = {phase.phase: reason(phase) for phase in phases if phase.phase in {Phase.VECTOR, Phase.RENDER}}
     yield from (f"{name} does not apply: {why}" for name, why in told.items() if why)
 
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import msgspec
 
-from harness import cellid, failure, repairs, verdict
+from harness import cellid, entry_failures, repairs
+from harness.judging.expectation import fulfilled
 from harness.model import FAILING, Cell, Change, Phase, Question, Repair
 from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry
 from harness.standalone import remedies
@@ -149,7 +150,7 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
     first, second = _failed(before), _failed(after)
     if second < first:
         return Effect.PARTLY
-    failed = failure.of_entry(before), failure.of_entry(after)
+    failed = entry_failures.failure(before), entry_failures.failure(after)
     if failed[0] and failed[1] and failed[0].same(failed[1]):
         return Effect.BREAKS if first < second else Effect.NOTHING
     order = list(Phase)
@@ -159,7 +160,7 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
 
 def works(cell: CellEntry) -> bool:
     """Return whether all of it that was asked for passed, and no silent issue is left open."""
-    return verdict.fulfilled(cell.verdict, cell.phases, cell.unverified)
+    return fulfilled(cell.verdict, cell.phases, cell.unverified)
 
 
 def _failed(cell: CellEntry) -> set[tuple[str, str]]:

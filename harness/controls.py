@@ -17,9 +17,10 @@ from typing import Annotated, Any
 from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
-from harness import given_files, locks, schema, verdict
+from harness import given_files, locks, schema
 from harness.errors import BadInput
 from harness.exercised import unregistered
+from harness.judging.assess import assess
 from harness.matrix import Table
 from harness.model import (
     FAILING,
@@ -112,8 +113,9 @@ def wanted(record: CellRecord) -> dict[str, Cell | str]:
     if place is None or record.installed is None or record.cell.matrix == MATRIX or unregistered(record):
         return {}
     plain = replace(record, controls={}) if record.controls else record
-    doubtful = (case for case in record.cases if case.api and (case.required or _fails(case.phases)))
-    failing = (case.api for case in doubtful if _fails(verdict.case_phases(plain, case)))
+    if not any(case.api and (case.required or _fails(case.phases)) for case in record.cases):
+        return {}
+    failing = (case.record.api for case in assess(plain).cases if case.record.api and _fails(case.phases))
     return {api: covering(api, record.installed) for api in dict.fromkeys(failing)}
 
 
@@ -186,7 +188,7 @@ def _cell(place: Path, name: str) -> Cell:
 def said(record: CellRecord, lock: str | None) -> ControlRecord:
     """What the record of a control's cell says of its adapter; `lock` is the text of the lock that it was run with."""
     name = f"control {record.cell.label}"
-    judged = verdict.judge(record)
+    judged = assess(record)
     match judged.verdict:
         case Verdict.WORKS | Verdict.MISLEADS | Verdict.PARTIAL | Verdict.BROKEN | Verdict.IMPORT_FAILS:
             other = _differs(record.cell, lock or "")

@@ -1,7 +1,7 @@
 """What was measured, as one plain JSON document: the cells of reports and their locks, without all that explains them.
 
-The standard library alone, as the hook that builds our wheel runs it, too. `layer` reads a report, `combined` puts
-layers on one another, and `lock_text` gives a lock again to the byte. The document:
+The standard library alone, with `standalone`, as the hook that builds our wheel runs it, too. `layer` reads a report,
+`combined` puts layers on one another, and `lock_text` gives a lock again to the byte. The document:
 
     {"schema": 1, "generated": "...Z", "machines": {ID: {"os", "libc", "glibc", "architecture", "gl", "gpu"}},
      "cells": [...], "locks": {SHA-256: [[name, version], ...]}, "hashes": {"name==version": [SHA-256 of files]},
@@ -22,6 +22,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
+
+from harness.standalone.counting import Fit, counting, says
 
 Plain = Mapping[str, Any]
 
@@ -152,7 +154,7 @@ def _cell(cell: Plain, lock: str | None, text: Callable[[str], str | None]) -> d
         "cases": [{key: case[key] for key in OF_CASE if key in case} for case in cell["cases"]],
         "lock": lock,
         "imported": [] if any("exercised" in case for case in cell["cases"]) else _imported(cell["evidence"], text),
-        "causes": [one["signature"] for one in _counting(cell)],
+        "causes": _causes(cell),
         "proofs": {one["signature"]: one["proof"] for one in cell["diagnoses"] if one.get("proof")},
         "repairs": [{key: one[key] for key in ("package", "version", "reason", "link")} for one in cell["repairs"]],
         "reason": expectation.get("reason"),
@@ -181,13 +183,15 @@ def _imported(evidence: str | None, text: Callable[[str], str | None]) -> list[s
     return sorted(map(str, found))
 
 
-def _counting(cell: Plain) -> list[Plain]:
-    """The known failures that count: the specific ones of a line, and masks only where one is what the cell says."""
-    told = [one for one in cell["diagnoses"] if not one["masks"]]
-    specific = {one["seen"] for one in told if not one.get("generic") and one.get("seen")}
-    causes = [one for one in told if not (one.get("generic") and one.get("seen") in specific)]
+def _causes(cell: Plain) -> list[str]:
+    """Return the ids of the known failures that count."""
     said = [cell["decisive"] or "", *(line for case in cell["cases"] for line in case.get("reasons", {}).values())]
-    return causes or [one for one in cell["diagnoses"] if any(one.get("seen", "") in line for line in said)]
+    return list(counting(_fit(one, said) for one in cell["diagnoses"]))
+
+
+def _fit(one: Plain, said: Sequence[str]) -> Fit:
+    seen = one.get("seen", "")
+    return Fit(one["signature"], one["masks"], one.get("generic", False), seen, says(seen, said))
 
 
 def _machine(facts: Plain) -> dict[str, Any]:

@@ -4,44 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from hashlib import sha256
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import msgspec
 
-from harness import cellid, changes, schema, verdict
+from harness import cellid, changes, schema
 from harness.errors import BadInput
-from harness.evidence import (
-    NOTHING_KNOWN,
-    Knowledge,
-    diagnosed,
-    drawn_by,
-    exercised,
-    looked_up,
-    lurking,
-    names,
-    suite_diagnosed,
-)
-from harness.model import (
-    CASE_PHASES,
-    CaseRecord,
-    Cell,
-    CellRecord,
-    CheckRecord,
-    Finding,
-    IndexSettings,
-    Level,
-    Outcome,
-    Phase,
-    PhaseRecord,
-    Plan,
-    Repair,
-    Role,
-    Step,
-    Verdict,
-)
+from harness.judging import expectation
+from harness.judging.assess import Assessed, assess
+from harness.judging.assessed_case import AssessedCase
+from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
+from harness.model import Cell, CellRecord, IndexSettings, Outcome, Phase, Plan, Repair, Role, Verdict
 from harness.reporttypes import (
     REPAIR,
     BroughtEntry,
@@ -61,7 +37,6 @@ from harness.reporttypes import (
     SuiteEntry,
 )
 from harness.signatures import Diagnosis, Signature, machine_applicable
-from harness.standalone import silent
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""
@@ -88,13 +63,14 @@ def build(  # noqa: PLR0913 - all that a document is made of
     cells: list[CellEntry] = []
     stale = [sentence for plan in plans for sentence in plan.stale]
     planned = {cell.id: cell for plan in plans for cell in plan.cells}
-    making = _Making(generated, locate, marks(), known, planned, frozenset().union(*(plan.variants for plan in plans)))
+    variants = frozenset().union(*(plan.variants for plan in plans))
+    making = Making(locate, marks(), known.signatures, planned, variants)
     for cell in planned.values():
         unrun = CellRecord(cell=cell, machine=here)
         for record in sorted(measured.get(cell.id, [unrun]), key=lambda record: record.machine):
-            entry, outdated = _entry(record, making)
-            cells.append(entry)
-            stale += [outdated] if outdated else []
+            assessed = assess(record, known, generated)
+            cells.append(entry(assessed, making))
+            stale += [assessed.stale] if assessed.stale else []
     return Document(
         generated=generated,
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
@@ -142,27 +118,23 @@ def marks() -> Callable[[Cell], str]:
     return mark
 
 
-class _Making(NamedTuple):
-    """What the entries of a document are made with."""
+class Making(NamedTuple):
+    """What the entries of a document are made with; `signatures` gives the known failures."""
 
-    today: str
     locate: Locate
     mark: Callable[[Cell], str]
-    known: Knowledge
+    signatures: Callable[[], tuple[Signature, ...]]
     planned: Mapping[str, Cell]
     variants: frozenset[str]
 
 
-def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
-    cell, locate = record.cell, making.locate
-    judged = looked_up(record, verdict.judge(record), making.known)
-    lurks = lurking(record, making.known)
-    found = diagnosed(record, judged, making.known)
-    as_expected, stale = verdict.expected(cell, judged, making.today, names(found))
-    phases = [phase for case in record.cases for phase in case.phases] + ([record.suite] if record.suite else [])
+def entry(assessed: Assessed, making: Making) -> CellEntry:
+    """Write a cell as documents have it."""
+    record, locate = assessed.record, making.locate
+    cell = record.cell
     lock = locate(record.lock) if record.lock else None
     change = _change(cell, making) if cell.tried else None
-    entry = CellEntry(
+    return CellEntry(
         id=cell.id,
         matrix=cell.matrix,
         axes=dict(cell.axes),
@@ -178,28 +150,34 @@ def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
         measured=record.measured,
         reused=record.reused,
         inferred=False,
-        attempts=max((phase.attempts for phase in phases), default=1),
+        attempts=assessed.attempts,
         seconds=round(record.seconds, 1),
-        verdict=judged.verdict,
-        unverified=judged.unverified,
+        verdict=assessed.verdict,
+        unverified=assessed.unverified,
         expected=cell.expect.verdict if cell.expect else Verdict.WORKS,
-        as_expected=as_expected,
+        as_expected=assessed.as_expected,
         repairs=tuple(map(_repair, record.repairs)),
-        findings=_findings(record),
-        phases={phase: judged.phases[phase] for phase in Phase if phase in judged.phases},
-        cases=tuple(_case(record, case, locate, lurks) for case in record.cases),
-        decisive=judged.decisive,
-        diagnoses=tuple(map(diagnosis_entry, found)),
-        evidence=_evidence(record, judged.phase, locate),
-        phase=judged.phase,
-        expectation=expectation(cell),
+        findings=tuple(
+            FindingEntry(check=one.check, level=one.level, text=one.text, cases=cases)
+            for one, cases in assessed.findings.items()
+        ),
+        phases={phase: assessed.phases[phase] for phase in Phase if phase in assessed.phases},
+        cases=tuple(
+            _case(case, unverified, locate)
+            for case, unverified in zip(assessed.cases, assessed.open_issues, strict=True)
+        ),
+        decisive=assessed.decisive,
+        diagnoses=tuple(map(diagnosis_entry, assessed.diagnoses)),
+        evidence=locate(assessed.evidence) if assessed.evidence else None,
+        phase=assessed.phase,
+        expectation=expectation_entry(cell),
         requirements=cell.question.requirements,
         asked=making.mark(cell),
         subject=_subject(record),
         brought=tuple(msgspec.convert(one, BroughtEntry, from_attributes=True) for one in record.brought)
         or msgspec.UNSET,
         empty=cell.empty or msgspec.UNSET,
-        suite=_suite(record, making),
+        suite=_suite(assessed, locate),
         controls={
             api: ControlEntry(control=one.control, failed=dict(one.failed), untold=one.untold)
             for api, one in record.controls.items()
@@ -209,15 +187,14 @@ def _entry(record: CellRecord, making: _Making) -> tuple[CellEntry, str | None]:
         change=change,
         role=role(cell.id, change, making.variants, proving=bool(cell.tried and cell.tried.proving)),
     )
-    return entry, stale
 
 
-def _change(cell: Cell, making: _Making) -> ChangeEntry | None:
+def _change(cell: Cell, making: Making) -> ChangeEntry | None:
     """What was tried, and of which known failures it is the remedy."""
     tried, base = cell.tried, making.planned.get(cell.base or "")
     if tried is None:
         return None
-    known = machine_applicable(making.known.signatures()) if base else ()
+    known = machine_applicable(making.signatures()) if base else ()
     return ChangeEntry(
         name=tried.name,
         reason=tried.reason,
@@ -276,8 +253,8 @@ def _subject(record: CellRecord) -> SubjectEntry | None:
     )
 
 
-def _suite(record: CellRecord, making: _Making) -> SuiteEntry | None:
-    told = verdict.suite_phase(record)
+def _suite(assessed: Assessed, locate: Locate) -> SuiteEntry | None:
+    told = assessed.suite
     if told is None:
         return None
     facts: Mapping[str, Any] = next((check.facts for check in told.checks), {})
@@ -286,92 +263,37 @@ def _suite(record: CellRecord, making: _Making) -> SuiteEntry | None:
         tests=dict(facts.get("tests", {})),
         failed=tuple(facts.get("failed", ())) or msgspec.UNSET,
         decisive=told.decisive,
-        evidence=making.locate(told.evidence) if told.evidence else None,
-        diagnoses=tuple(map(diagnosis_entry, suite_diagnosed(record, making.known))) or msgspec.UNSET,
+        evidence=locate(told.evidence) if told.evidence else None,
+        diagnoses=tuple(map(diagnosis_entry, assessed.suite_diagnoses)) or msgspec.UNSET,
     )
 
 
-def _case(evidence: CellRecord, record: CaseRecord, locate: Locate, lurks: Sequence[Signature]) -> CaseEntry:
-    phases = verdict.case_phases(evidence, record)
-    checks = [check for phase in phases for check in phase.checks]
+def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> CaseEntry:
+    checks = case.checks
     return CaseEntry(
-        case=record.case,
-        env=record.env,
-        api=record.api,
-        phases={phase.phase: phase.outcome for phase in phases if verdict.counts(phase)},
+        case=case.record.case,
+        env=case.record.env,
+        api=case.record.api,
+        phases={phase.phase: phase.outcome for phase in case.told},
         checks={check.check: check.outcome for check in checks},
-        frames=tuple(locate(frame) for phase in phases for frame in phase.frames),
-        decisive=_why(phases),
+        frames=tuple(locate(frame) for phase in case.phases for frame in phase.frames),
+        decisive=case.decisive,
         reasons={check.check: check.decisive for check in checks if check.decisive},
         masked={check.check: check.masked_by for check in checks if check.masked_by},
         evidence={
             phase.phase: locate(phase.evidence)
-            for phase in phases
+            for phase in case.phases
             if phase.evidence and phase.outcome is not Outcome.PASSED
         },
-        drawn=_drawn(checks),
+        drawn=dict(case.drawn),
         told={check.check: told for check in checks if (told := check.facts.get("told"))} or msgspec.UNSET,
-        misleads=verdict.misleads(phases),
-        unverified=silent.open_issues(lurks, exercised(evidence, record)),
-        exercised=_exercised(checks) or msgspec.UNSET,
+        misleads=case.misleads,
+        unverified=unverified,
+        exercised=case.packages or msgspec.UNSET,
     )
 
 
-def _exercised(checks: Iterable[CheckRecord]) -> tuple[str, ...]:
-    """Return the packages whose code the checks of a case ran, as the cell noted them."""
-    return tuple(sorted({str(name) for check in checks for name in check.facts.get("exercised", ())}))
-
-
-def _drawn(checks: Iterable[CheckRecord]) -> dict[str, str]:
-    """What a check says of the OpenGL context that drew for it; a cell may have written anything there."""
-    return next((said for check in checks if (said := drawn_by(check))), {})
-
-
-def _why(phases: Iterable[PhaseRecord]) -> str | None:
-    """The reason of the first phase that ended worst; None where nothing went wrong."""
-    told = [phase for phase in phases if phase.outcome not in {Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED}]
-    worst = verdict.worst(phase.outcome for phase in told)
-    return next((verdict.reason(phase) for phase in told if phase.outcome is worst), None)
-
-
-def _findings(record: CellRecord) -> tuple[FindingEntry, ...]:
-    """Each finding once, with the cases it was seen in."""
-    steps = [step for step in (record.resolve, record.install) if step]
-    everywhere = [*record.findings, *(finding for step in steps for finding in step.findings), *_untold(record)]
-    seen: dict[Finding, list[str]] = {finding: [] for finding in everywhere}
-    for case in record.cases:
-        for finding in (finding for phase in case.phases for finding in phase.findings):
-            cases = seen.setdefault(finding, [])
-            cases += [] if case.case in cases else [case.case]
-    seen |= {finding: [] for finding in (record.suite.findings if record.suite else ()) if finding not in seen}
-    return tuple(
-        FindingEntry(check=finding.check, level=finding.level, text=finding.text, cases=tuple(cases))
-        for finding, cases in seen.items()
-    )
-
-
-def _untold(record: CellRecord) -> Iterator[Finding]:
-    """Of which adapters nothing is known, so that a failure may as well be theirs."""
-    for api, control in record.controls.items():
-        if control.untold:
-            text = f"whether the adapter {api} works on this machine is not known: {control.untold}"
-            yield Finding(check=f"control.{api}", level=Level.NOTE, text=text)
-
-
-def _evidence(record: CellRecord, phase: Phase | None, locate: Locate) -> str | None:
-    """The log of what decided the verdict; of the last thing done where nothing went wrong."""
-    steps: list[Step] = [step for step in (record.resolve, record.install) if step]
-    logs = [(step.phase, step.log) for step in steps if step.log]
-    for wanted in CASE_PHASES:
-        probes = [probe for case in record.cases for probe in case.phases if probe.phase is wanted]
-        probes.sort(key=lambda probe: verdict.RANK[probe.outcome])
-        logs += [(probe.phase, probe.evidence) for probe in probes if probe.evidence]
-    logs += [(Phase.SUITE, record.suite.evidence)] if record.suite and record.suite.evidence else []
-    found = next((log for at, log in logs if at is phase), logs[-1][1] if logs else None)
-    return locate(found) if found else None
-
-
-def expectation(cell: Cell) -> ExpectationEntry | None:
+def expectation_entry(cell: Cell) -> ExpectationEntry | None:
     """Return what is expected of a cell, as documents have it."""
     return msgspec.convert(cell.expect, ExpectationEntry, from_attributes=True) if cell.expect else None
 
@@ -493,5 +415,5 @@ def only(document: Document, ids: Container[str]) -> Document:
 def exit_code(document: Document, fail_on: Iterable[str]) -> int:
     """The exit code of the contract for what the document says."""
     judged = [(cell.verdict, cell.as_expected) for cell in document.cells]
-    code = verdict.exit_code(judged, stale=bool(document.stale), fail_on=frozenset(fail_on))
+    code = expectation.exit_code(judged, stale=bool(document.stale), fail_on=frozenset(fail_on))
     return code or (3 if any(cell.suite and cell.suite.not_run for cell in document.cells) else 0)

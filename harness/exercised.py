@@ -10,6 +10,7 @@ from harness.vocabulary import FAMILY, IMPORT_CHECK
 
 MOST_NAMED = 3
 ARGUMENTS = "single.arguments"
+ONLY_IMPORT = "only the import was tried"
 OWN = "what no id names is run by a callable that makes it: --env MODULE:CALLABLE"
 
 

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from harness import cellid, changes
+from harness.entry_failures import counted
 from harness.model import Verdict
-from harness.reporttypes import CellEntry, DiagnosisEntry, word
+from harness.reporttypes import CellEntry, word
 from harness.standalone.silent import PREFIX, plainly_good
 from harness.tabletypes import Attempt, Cause, Effect, Explanation
 
@@ -25,7 +26,7 @@ def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[Cell
         locks[cell.id] = cell.lock or ""
         if not (plain(cell) or (cell.change and cell.as_expected is not False)):
             link = cell.expectation.link or "" if cell.expectation else ""
-            ids = tuple(one.signature for one in counting(cell))
+            ids = tuple(one.signature for one in counted(cell))
             why = failed_in(cell), cell.decisive or "", hidden_by(cell), expectation(cell), link, ids
             groups.setdefault((cell.verdict, *why), []).append(cell)
     for (verdict, phase, decisive, hidden, expected, link, _), found in groups.items():
@@ -44,8 +45,8 @@ def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[Cell
 
 def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
     """The known failures of cells that have the same."""
-    for place, one in enumerate(counting(cells[0])):
-        proofs = [proof for cell in cells if (proof := counting(cell)[place].proof)]
+    for place, one in enumerate(counted(cells[0])):
+        proofs = [proof for cell in cells if (proof := counted(cell)[place].proof)]
         yield Cause(
             signature=one.signature,
             cause=one.cause,
@@ -56,21 +57,9 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
         )
 
 
-def counting(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
-    """The known failures that count in a cell: masks only where there is nothing else, and one of them is what it says.
-
-    Of a mask that stands in a log alone, or behind which a reason was found, the reason is told already; and of a line
-    of which something specific is known, nothing general is told.
-    """
-    specific = {one.seen for one in cell.diagnoses if not one.masks and not one.generic and one.seen}
-    causes = tuple(one for one in cell.diagnoses if not one.masks and not (one.generic and one.seen in specific))
-    said = [cell.decisive or "", *(line for case in cell.cases for line in case.reasons.values())]
-    return causes or tuple(one for one in cell.diagnoses if any(one.seen in line for line in said))
-
-
 def told(cell: CellEntry) -> dict[str, Any]:
     """The deepest cause of a failure that is known, and its remedy."""
-    deepest = next(iter(counting(cell)), None)
+    deepest = next(iter(counted(cell)), None)
     if deepest is None:
         return {}
     proof = f" (proven by {cellid.label(deepest.proof)})" if deepest.proof else ""

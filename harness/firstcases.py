@@ -9,11 +9,13 @@ from typing import Any
 
 from packaging.version import Version
 
-from harness import interpreters, launch, plan, subjects, verdict
+from harness import interpreters, launch, plan, subjects
 from harness.drafts import Case as Drafted
 from harness.drafts.candidates import Candidate, chosen_order, needs_arguments, ordered_extras, read
 from harness.errors import HarnessError
-from harness.model import Case, Cell, CellRecord, Outcome, Phase, Subject
+from harness.judging.assess import Assessed, assess
+from harness.judging.counted_phases import reason
+from harness.model import Case, Cell, Outcome, Phase, Subject
 from harness.reporttypes import number
 from harness.scheduler import Observer, Runner, Settings
 from harness.store import Store
@@ -138,7 +140,7 @@ class Scout:
         except HarnessError as error:
             return _Listed(trouble=str(error))
         if ready.site is None:
-            return _Listed(trouble=_trouble(ready.record))
+            return _Listed(trouble=_trouble(assess(ready.record)))
         modules = next(known.modules for known in runner.subjects.values() if isinstance(known, subjects.Ready))
         skip: list[str] = []
         while True:
@@ -182,8 +184,9 @@ class Scout:
         cell = replace(self._cell(python, extras), cases=asked, id=f"init/{self.folder.name}")
         runner = self._runner(Phase.SINGLE)  # the phase that decides; later ones take minutes where a step is slow
         record = runner.probe(runner.prepare(cell))  # whose fault a failure is matters to the first run, not here
+        assessed = assess(record)
         for candidate, case in zip(batch, asked, strict=True):
-            yield candidate, _failure(record, case.id)
+            yield candidate, _failure(assessed, case.id)
 
 
 def _case(candidate: Candidate) -> Case:
@@ -197,21 +200,20 @@ def _drafted(candidate: Candidate, note: str | None = None) -> Drafted:
     return Drafted(env=candidate.env, api=candidate.api, imports=candidate.imports, note=note)
 
 
-def _failure(record: CellRecord, case: str) -> str | None:
+def _failure(assessed: Assessed, case: str) -> str | None:
     """Return why a case did not get through `single`, None where it did."""
-    found = next((tried for tried in record.cases if tried.case == case), None)
-    phases = {phase.phase: phase for phase in verdict.case_phases(record, found)} if found else {}
+    found = next((tried for tried in assessed.cases if tried.record.case == case), None)
+    phases = {phase.phase: phase for phase in found.phases} if found else {}
     single = phases.get(Phase.SINGLE)
     if single is not None and single.outcome is Outcome.PASSED:
         return None
     failed = (phase for phase in phases.values() if phase.outcome not in {Outcome.PASSED, Outcome.SKIPPED})
-    return next((line for phase in failed if (line := verdict.reason(phase))), None) or _trouble(record)
+    return next((line for phase in failed if (line := reason(phase))), None) or _trouble(assessed)
 
 
-def _trouble(record: CellRecord) -> str:
+def _trouble(assessed: Assessed) -> str:
     """Return why a cell did not come as far as its cases."""
-    judged = verdict.judge(record)
-    return f"{judged.verdict.replace('_', ' ')}: {judged.decisive or 'no line says why'}"
+    return f"{assessed.verdict.replace('_', ' ')}: {assessed.decisive or 'no line says why'}"
 
 
 def _read(facts: Any) -> _Listed:

@@ -11,10 +11,10 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness import cellid, changes, explaining
-from harness.failure import CHANGING
+from harness.entry_failures import counted
 from harness.reporttypes import REPAIR, SEVERITY, CellEntry, number
 from harness.tabletypes import Cause, Explanation, Trouble
-from harness.vocabulary import parsed_requirement
+from harness.vocabulary import CHANGING, parsed_requirement
 
 NAMED = 2
 """Cells that are named; more are told by the values of their axes."""
@@ -63,7 +63,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
     verdicts = Counter(cell.verdict for cell in found)
     links = (why.link for why in explanations if why.link)
     proofs = tuple(dict.fromkeys(proof for why in explanations for one in why.causes[:1] for proof in one.proofs))
-    proven = {cell.id for cell in found if (held := explaining.counting(cell)) and held[0].proof}
+    proven = {cell.id for cell in found if (held := counted(cell)) and held[0].proof}
     cures = _cures(found, cells)
     found_out = bool(cures) and not proven
     alone, together = ("", "") if proofs or cures else _neighbours(found, cells)
@@ -103,7 +103,7 @@ def _neighbours(found: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple
     alone: list[tuple[Version, str]] = []
     together: list[tuple[Version, str]] = []
     for cell in found:
-        wanted = _wanted(next((one.remedy for one in explaining.counting(cell)), {}))
+        wanted = _wanted(next((one.remedy for one in counted(cell)), {}))
         beside = (one for one in cells if wanted and one.base is None and one.machine == cell.machine)
         for other in beside:
             installed = other.installed or {}

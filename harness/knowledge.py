@@ -9,11 +9,10 @@ import re
 from functools import cache
 from pathlib import Path
 
-from harness import guarded_files, locks, signatures, verdict
+from harness import guarded_files, locks, signatures
 from harness.errors import BadInput
-from harness.evidence import Knowledge, diagnosed, names
 from harness.hostile_data import Unreadable
-from harness.model import CellRecord
+from harness.judging.known_failures import Knowledge
 from harness.signature_files import VARIABLE, files, folder
 from harness.signatures import Signature
 
@@ -73,14 +72,6 @@ def _pinned(lock: Path) -> tuple[str, ...]:
     """Return the lines `name==version` of a lock; none if it is gone."""
     found = locks.pinned(_text(lock)) if lock.is_file() else {}
     return tuple(f"{name}=={version}" for name, (version, _) in found.items())
-
-
-def fitting(record: CellRecord, state: Path) -> tuple[str, ...]:
-    """The known failures that count in a cell, by id; none where it is not expected to be one of them."""
-    if record.cell.expect is None or record.cell.expect.signature is None:
-        return ()
-    found = diagnosed(record, verdict.judge(record), beside(state))
-    return names(found)
 
 
 MOST_TEXT = 64 << 20

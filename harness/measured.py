@@ -21,6 +21,7 @@ from harness import cellid, distilling, given_files, store
 from harness.distilling import Layer
 from harness.errors import BadInput
 from harness.model import Plan
+from harness.standalone import counting
 
 VARIABLE = "HARNESS_RESULTS"
 PACKAGE = Path(__file__).parent
@@ -41,7 +42,7 @@ def shipped() -> dict[str, Any]:
     if PACKED.is_file():
         content = gzip.decompress(PACKED.read_bytes())
     else:
-        files = [*report_files(), Path(distilling.__file__), Path(cellid.__file__)]
+        files = [*report_files(), Path(distilling.__file__), Path(counting.__file__), Path(cellid.__file__)]
         marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
         content = store.remembered("distilled", repr(marks), _distilled, msgspec.json.decode)
     found: dict[str, Any] = msgspec.json.decode(content)

@@ -53,7 +53,7 @@ FAILING = frozenset({Outcome.FAILED, Outcome.CRASHED, Outcome.TIMED_OUT, Outcome
 
 
 class Verdict(StrEnum):
-    """Computed from outcomes by `verdict.judge`; the first row of the table that fits wins, in this order."""
+    """Computed from outcomes by `judging.assess`; the first row of the table that fits wins, in this order."""
 
     NOT_RUN = "not_run"
     INCONCLUSIVE = "inconclusive"

@@ -12,7 +12,6 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness import changes
-from harness.evidence import causes
 from harness.model import Cell, Change
 from harness.signatures import Diagnosis
 from harness.vocabulary import parsed_requirement, required_name
@@ -190,16 +189,15 @@ def released(cell: Cell, name: str, bound: str) -> Change:
 
 
 def known(cell: Cell, found: Iterable[Diagnosis]) -> Iterator[Move]:
-    """The remedies of the known failures that fit, the deepest cause first, masks only where nothing else is known.
+    """The remedies of the known failures that fit, in their order: the deepest cause first, masks last.
 
     What the user wrote stays beside them; where it cannot, it is another version of that which is asked for.
     """
-    fitting = {str(one.signature.id): one.signature for one in found}
-    for name in causes({each: one.masks for each, one in fitting.items()}):
-        change = fitting[name].remedy.change
+    for one in found:
+        change = one.signature.remedy.change
         if change:
             made, contrary = beside(cell, change)
-            yield Move(change=made, way=Way.PINS if contrary else Way.KNOWN, why=f"the remedy of {name}")
+            yield Move(change=made, way=Way.PINS if contrary else Way.KNOWN, why=f"the remedy of {one.signature.id}")
 
 
 def beside(cell: Cell, change: Change) -> tuple[Change, bool]:

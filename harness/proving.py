@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from harness import changes, verdict
-from harness.evidence import Knowledge, diagnosed
-from harness.model import Cell, CellRecord, Change, Plan, Question, Repair, Tried
+from harness import changes
+from harness.judging.assess import Assessed
+from harness.model import Cell, Change, Plan, Question, Repair, Tried
 from harness.signatures import Signature
 
 Recipes = Mapping[str, tuple[Repair, ...]]
 
 
-def untried(
-    cells: Sequence[Cell], records: Iterable[CellRecord], known: Knowledge, recipes: Callable[[], Recipes]
-) -> Iterator[Cell]:
+def untried(cells: Sequence[Cell], assessed: Iterable[Assessed], recipes: Callable[[], Recipes]) -> Iterator[Cell]:
     """Red cells with their remedies applied, the deepest cause first; of cells that ask the same, one for each cause.
 
     `cells` are all that are planned, of which some may be such a cell already.
@@ -25,10 +23,11 @@ def untried(
         if cell.base:
             tried.setdefault(cell.base, []).append(cell)
     asked: list[tuple[str, str, Question]] = []
-    for record in records:
+    for found in assessed:
+        record = found.record
         if record.cell.base:
             continue
-        for one in diagnosed(record, verdict.judge(record), known):
+        for one in found.diagnoses:
             change = one.signature.remedy.change
             place = (str(one.signature.id), record.cell.python, record.cell.question)
             if change is None or place in asked:

@@ -6,28 +6,27 @@ the report that was made by that very change.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import msgspec
 
-from harness import changes, document, verdict
-from harness.evidence import Knowledge, gathered, names, shown_silent, together, written
-from harness.model import FAILING, Phase, Plan, Verdict
-from harness.reporttypes import UNTOLD, CaseEntry, CellEntry, ChangeEntry, Document
-from harness.signatures import Around, Evidence, Signature, diagnose, lurking, machine_applicable
+from harness import changes, document, entry_failures
+from harness.judging import expectation, known_failures
+from harness.judging.failure_texts import Logs, gathered, written
+from harness.judging.known_failures import Knowledge, Packages, has_causes
+from harness.model import FAILING, Phase, Plan
+from harness.reporttypes import CaseEntry, CellEntry, ChangeEntry, Document
+from harness.signatures import Evidence, Signature, machine_applicable
 from harness.standalone import silent
-from harness.verdict import Judgement
 
 STEPS = (Phase.RESOLVE, Phase.INSTALL)
-
-Logs = Callable[[str], Mapping[str, str]]
 
 
 def diagnosed(made: Document, known: Knowledge) -> Document:
     """Return the document with the causes of its red cells and the silent issues of its cases as known now."""
     signatures = known.signatures()
     current = {str(old): str(one.id) for one in signatures for old in one.formerly}
-    cells = [_changed(_diagnosed(_renamed(cell, current), signatures, known), signatures) for cell in made.cells]
+    cells = [_changed(_diagnosed(_renamed(cell, current), known), signatures) for cell in made.cells]
     return msgspec.structs.replace(made, cells=changes.proven(cells))
 
 
@@ -54,39 +53,33 @@ def placed(made: Document, plan: Plan) -> Document:
     def brought(cell: CellEntry) -> CellEntry:
         of = planned.get(cell.id)
         placed = replace(cell, role=document.role(cell.id, cell.change, plan.variants))
-        if of is None or cell.verdict in UNTOLD or cell.verdict is Verdict.WORKS:
+        if of is None or not has_causes(cell.verdict):
             return placed
-        return replace(placed, expectation=document.expectation(of))
+        return replace(placed, expectation=document.expectation_entry(of))
 
     cells = tuple(brought(cell) if cell.matrix == name else cell for cell in made.cells)
     return replace(made, cells=cells, matrices={**made.matrices, name: kept})
 
 
-def _diagnosed(cell: CellEntry, signatures: Iterable[Signature], known: Knowledge) -> CellEntry:
-    lurks = _lurking(cell, signatures)
-    cell = _looked_up(cell, lurks)
-    if cell.verdict in UNTOLD or cell.verdict is Verdict.WORKS:
-        return cell
-    locked = known.locked(cell.lock) if cell.lock and cell.installed is None else ()
-    around = Around(
+def _diagnosed(cell: CellEntry, known: Knowledge) -> CellEntry:
+    packages = Packages(
         installed=cell.installed,
-        requirements=(*cell.requirements, *locked),
+        requirements=cell.requirements,
         python=cell.python or cell.requested_python,
+        lock=cell.lock,
     )
-    shown = shown_silent(lurks, list(map(exercised, cell.cases)), _lines(cell))
-    found = together(shown, diagnose(signatures, tuple(failures(cell, known.logs)), around))
+    lurks = known_failures.lurking(known, packages)
+    cell = _looked_up(cell, lurks)
+    if not has_causes(cell.verdict):
+        return cell
+    shown = known_failures.shown_silent(lurks, list(map(exercised, cell.cases)), _lines(cell))
+    found = known_failures.fitting(known, packages, failures(cell, known.logs), shown)
+    standing = expectation.met(cell.expectation, cell, lambda: known_failures.names(found, entry_failures.said(cell)))
     return msgspec.structs.replace(
         cell,
         diagnoses=tuple(document.diagnosis_entry(one) for one in found),
-        as_expected=_as_expected(cell, names(found)),
+        as_expected=None if cell.as_expected is None else standing,
     )
-
-
-def _lurking(cell: CellEntry, known: Iterable[Signature]) -> tuple[Signature, ...]:
-    """Return the silent issues whose packages a cell has."""
-    if cell.installed is None:
-        return ()
-    return lurking(known, Around(installed=cell.installed, python=cell.python or cell.requested_python))
 
 
 def exercised(case: CaseEntry) -> silent.Exercised:
@@ -112,16 +105,6 @@ def _looked_up(cell: CellEntry, lurks: tuple[Signature, ...]) -> CellEntry:
 def _lines(cell: CellEntry) -> dict[str, str | None]:
     """Return the misleading checks that failed, each with its line in the first case."""
     return {name: case.reasons.get(name) for case in reversed(cell.cases) for name in case.misleads}
-
-
-def _as_expected(cell: CellEntry, found: tuple[str, ...]) -> bool | None:
-    """Return whether a cell is as expected, judged again: its matrix may expect something else of it now."""
-    if cell.as_expected is None:
-        return None
-    if cell.expectation is None:
-        return cell.verdict is Verdict.WORKS
-    judged = Judgement(verdict=cell.verdict, phases=cell.phases, phase=cell.phase, decisive=cell.decisive)
-    return verdict.fits(cell.expectation, judged, found)
 
 
 def _changed(cell: CellEntry, known: Iterable[Signature]) -> CellEntry:

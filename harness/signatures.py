@@ -315,11 +315,6 @@ class Diagnosis:
     seen: str
     told: bool
 
-    @property
-    def rank(self) -> tuple[Any, ...]:
-        """The deepest cause is least: no mask, of packages rather than of the machine, specific, in so many words."""
-        return matching.rank(self.signature, self.phase, told=self.told)
-
 
 def diagnose(known: Iterable[Signature], evidence: Sequence[Evidence], around: Around) -> tuple[Diagnosis, ...]:
     """The known failures that fit, the deepest cause first, each once."""

@@ -13,7 +13,8 @@ from typing import Any
 
 from packaging.utils import canonicalize_name
 
-from harness import changes, explaining, redacting, reproducing
+from harness import changes, redacting, reproducing
+from harness.entry_failures import counted
 from harness.hostile_data import json_object
 from harness.markdown_texts import address, block, code, prose, table_cell
 from harness.model import FAILING, Case, Cell, Phase
@@ -112,7 +113,7 @@ def _outcome(failing: Failing) -> str:
 
 def _known(failing: Failing) -> Iterator[str]:
     """The deepest known cause, and its remedy where that was proven."""
-    deepest = next(iter(explaining.counting(failing.entry)), None)
+    deepest = next(iter(counted(failing.entry)), None)
     if deepest is None:
         return
     links = "".join(f"\n- {address(link)}" for link in deepest.references)

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, cellid, interpreters, knowledge, locks, measured, moves, plan, scheduler, store, verdict
+from harness import catalog, cellid, interpreters, knowledge, locks, measured, moves, plan, scheduler, store
 from harness.commands import cells, progress, reporting
 from harness.errors import BadInput, CouldNotTell
-from harness.evidence import looked_up
+from harness.judging.assess import assess
 from harness.model import Cell, Change, Interpreter
 from harness.rootcause import candidates, certificates, guesses, proofs
 from harness.rootcause.bench import Bench, Bounds, Spent, Trial
@@ -215,24 +215,24 @@ def _hints(asked: Asked, line: Candidates, bad: int, base: Trial | None) -> Iter
         known = {place for version in _green(asked) for place in candidates.places(line, version)}
         yield from sorted(known - {bad}, key=lambda place: abs(place - bad))[:HINTS]
         if base:
-            beside, offline = knowledge.beside(asked.opened.folder), asked.args.offline
-            found = guesses.of_metadata(base, asked.axis, line.candidates, beside, offline=offline)
+            found = guesses.of_metadata(base, asked.axis, line.candidates, offline=asked.args.offline)
             yield from (place for place in found if place != bad)
 
 
 def _green(asked: Asked) -> Iterator[str]:
     """Versions of the package in cells of the same environments that work: in this store, and as measured before."""
     envs = {case.env for case in asked.cell.cases if case.env}
-    silent = knowledge.beside(asked.opened.folder)
+    known = knowledge.beside(asked.opened.folder)
     for record in asked.opened.cells():
         alike = envs & {case.env for case in record.cell.cases}
-        judged = looked_up(record, verdict.judge(record), silent) if alike and record.installed else None
-        if judged and record.installed and plainly_good(judged.verdict, judged.unverified):
-            yield record.installed.get(asked.axis, "")
-    known = measured.load()
-    for cell in known["cells"]:
+        if alike and record.installed:
+            found = assess(record, known)
+            if plainly_good(found.verdict, found.unverified):
+                yield record.installed.get(asked.axis, "")
+    before = measured.load()
+    for cell in before["cells"]:
         if plainly_good(cell["verdict"], cell["unverified"]) and envs & {case["env"] for case in cell["cases"]}:
-            yield dict(known["locks"].get(cell["lock"], ())).get(asked.axis, "")
+            yield dict(before["locks"].get(cell["lock"], ())).get(asked.axis, "")
 
 
 # --- what is left of it ----------------------------------------------------------------------------------------

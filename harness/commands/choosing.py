@@ -7,8 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document, given_files, knowledge, machine, store, verdict
+from harness import document, given_files, knowledge, machine, store
 from harness.commands import reporting
+from harness.judging.assess import assess
 from harness.model import Cell, Verdict
 from harness.scheduler import AUTO
 from harness.store import Store
@@ -83,6 +84,5 @@ def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
     record = reporting.kept(opened, here, cell)
     if record is None:
         return False
-    judged = verdict.judge(record)
-    causes = knowledge.fitting(record, opened.folder)
-    return judged.verdict is Verdict.INCONCLUSIVE or verdict.expected(cell, judged, today, causes)[0] is False
+    found = assess(record, knowledge.beside(opened.folder), today)
+    return found.verdict is Verdict.INCONCLUSIVE or found.as_expected is False

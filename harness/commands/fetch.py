@@ -11,13 +11,14 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, controls, fetched, fetching, scheduler, store, verdict
+from harness import catalog, controls, fetched, fetching, scheduler, store
 from harness.commands import progress
 from harness.commands.choosing import JOBS, committed_report, durations, jobs
 from harness.commands.run import selected, tell
 from harness.errors import BadInput
 from harness.fetched import FetchedCell, FetchedMatrix, Manifest
 from harness.filelocks import exclusive
+from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Phase, Plan
 from harness.reporttypes import number
 from harness.standalone.output import print_json
@@ -130,7 +131,7 @@ def _manifest(
 
 
 def _headline(record: CellRecord) -> str:
-    return "locked" if record.lock else verdict.judge(record).verdict.value
+    return "locked" if record.lock else assess(record).verdict.value
 
 
 def _tell_pythons(manifest: Manifest, found: Sequence[FetchedCell]) -> None:

@@ -14,8 +14,8 @@ import msgspec
 from harness import cellrun, guarded_files, launch, machine, plan, process
 from harness.commands import drawn
 from harness.commands.drawn import Looked
-from harness.evidence import KILLED, WRITTEN
 from harness.hostile_data import Unreadable, json_object
+from harness.judging.failure_texts import KILLED, WRITTEN
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
 from harness.scratch_folders import scratch_folder
 from harness.standalone.doctor.choosing import Choice

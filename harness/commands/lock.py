@@ -8,10 +8,11 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, given_files, resolving, scheduler, store, typos, verdict
+from harness import catalog, given_files, resolving, scheduler, store, typos
 from harness.commands import progress, reporting
 from harness.commands.choosing import JOBS, jobs
 from harness.commands.run import selected, tell
+from harness.judging.assess import assess
 from harness.model import CellRecord, Phase, Verdict
 from harness.reporttypes import UNTOLD
 from harness.standalone.output import print_json
@@ -65,8 +66,8 @@ def main(args: argparse.Namespace) -> int:
         _single((opened.folder / records[0].lock).read_text(), args.out)
     else:
         for record in records:
-            print(f"{record.cell.id}  {record.lock or verdict.judge(record).decisive}")
-    unexpected = [verdict.judge(record).verdict for record in records if not record.lock and not _foreseen(record)]
+            print(f"{record.cell.id}  {record.lock or assess(record).decisive}")
+    unexpected = [assess(record).verdict for record in records if not record.lock and not _foreseen(record)]
     return 0 if not unexpected else 3 if set(unexpected) <= UNTOLD else 1
 
 
@@ -77,7 +78,7 @@ def _foreseen(record: CellRecord) -> bool:
 
 
 def _headline(record: CellRecord) -> str:
-    return "locked" if record.lock else verdict.judge(record).verdict.value
+    return "locked" if record.lock else assess(record).verdict.value
 
 
 def _single(text: str, out: Path | None) -> None:
@@ -97,7 +98,7 @@ def _document(matrix: str, records: tuple[CellRecord, ...], opened: store.Store)
                 python=record.python,
                 lock=locate(record.lock) if record.lock else None,
                 lock_sha256=record.lock_sha256,
-                decisive=None if record.lock else verdict.judge(record).decisive,
+                decisive=None if record.lock else assess(record).decisive,
             )
             for record in records
         ),

@@ -60,8 +60,8 @@ def proof(made: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
     ):
         copies = _Copies(bench=bench, python=python, env=env, as_of=as_of)
         after, left_out = copies.measured({**installed, **changed}, changed)
-        if after.judged.verdict in UNTOLD:
-            message = f"doctor --prove: it cannot be told here: {after.judged.decisive}"
+        if after.assessed.verdict in UNTOLD:
+            message = f"doctor --prove: it cannot be told here: {after.assessed.decisive}"
             raise CouldNotTell(message)
         before, _ = copies.measured(installed, {})
     return _proof(before, after, left_out)
@@ -86,7 +86,7 @@ class _Copies:
         pins = {name: f"{name}=={version}" for name, version in versions.items() if name not in NOT_COPIED}
         asked = [pins[name] for name in pins if name in SIMULATORS or name in changed or weight(name)]
         trial = self.bench.measure(self._cell(asked, list(pins.values())), keep=True)
-        if trial.judged.verdict is not Verdict.UNRESOLVABLE:
+        if trial.assessed.verdict is not Verdict.UNRESOLVABLE:
             return trial, ()
         kept = {name for name in pins if name in SIMULATORS or name in changed}
         again = self.bench.measure(self._cell([pins[name] for name in pins if name in kept], []), keep=True)
@@ -129,17 +129,17 @@ def _proof(before: Trial, after: Trial, left_out: tuple[str, ...]) -> Proof:
 
 def _said(trial: Trial) -> str:
     if trial.works:
-        passed = [phase for phase, how in trial.judged.phases.items() if how == "passed"]
+        passed = [phase for phase, how in trial.assessed.phases.items() if how == "passed"]
         return f"works ({', '.join(passed)})"
-    return f"does not: {word(trial.judged.verdict)} in {trial.judged.phase}: {trial.judged.decisive}"
+    return f"does not: {word(trial.assessed.verdict)} in {trial.assessed.phase}: {trial.assessed.decisive}"
 
 
 def _copied(trial: Trial) -> Copied:
     return Copied(
         requirements=trial.cell.question.requirements,
-        verdict=str(trial.judged.verdict),
-        phases={str(phase): str(how) for phase, how in trial.judged.phases.items()},
-        decisive=trial.judged.decisive,
+        verdict=str(trial.assessed.verdict),
+        phases={str(phase): str(how) for phase, how in trial.assessed.phases.items()},
+        decisive=trial.assessed.decisive,
     )
 
 

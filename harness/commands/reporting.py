@@ -27,12 +27,12 @@ from harness import (
     store,
     tables,
     terminal,
-    verdict,
 )
 from harness.commands import standing
 from harness.errors import CouldNotTell, HarnessError, in_the_way
 from harness.exercised import unregistered
 from harness.filelocks import exclusive
+from harness.judging.assess import assess
 from harness.judging.check import phase_of
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.reporttypes import Document, number
@@ -74,7 +74,7 @@ def kinds(text: str) -> tuple[str, ...]:
 
 def headline(record: CellRecord) -> str:
     """One line about a finished cell, for the progress."""
-    judged = verdict.judge(record)
+    judged = assess(record)
     told = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
     note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
     if record.cell.asked and unregistered(record):

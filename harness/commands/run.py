@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from harness import catalog, cellid, knowledge, proving, scheduler, store, tables, typos
 from harness.commands import choosing, progress, reporting
 from harness.errors import BadInput
+from harness.judging.assess import assess
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.reporttypes import number
 
@@ -105,7 +106,8 @@ def _proved(
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
     """The plans with the remedied cells of what is red, and what came of those."""
     known, recipes = knowledge.beside(opened.folder), partial(catalog.recipes, Path())
-    found = [cell for plan in plans for cell in proving.untried(plan.cells, _of(plan, records), known, recipes)]
+    assessed = {plan.matrix: [assess(record, known) for record in _of(plan, records)] for plan in plans}
+    found = [cell for plan in plans for cell in proving.untried(plan.cells, assessed[plan.matrix], recipes)]
     if not found:
         tell("no remedy of a known failure is left to be tried")
         return list(plans), ()

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from harness import catalog, cellid, changes, document, explaining, knowledge, plan, store, tables
+from harness import catalog, cellid, changes, document, entry_failures, knowledge, plan, store, tables
 from harness.commands import issuing, reporting, shipped_cell
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
@@ -133,7 +133,7 @@ def _lines(cell: CellEntry) -> Iterator[str]:
         yield f"  not verified: {name}"
     yield from _expectation(cell)
     yield from _change(cell)
-    for one in explaining.counting(cell):
+    for one in entry_failures.counted(cell):
         yield from _diagnosis(one)
     for known in (cell.suite.diagnoses or ()) if cell.suite else ():
         yield from _diagnosis(known)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 
-from harness import document, knowledge, machine, scheduler, store, verdict
+from harness import document, knowledge, machine, scheduler, store
 from harness.answering import answer
 from harness.commands import combination, progress, reporting
 from harness.commands.run import VERIFYING
 from harness.errors import BadInput
-from harness.evidence import diagnosed, looked_up
 from harness.exercised import unregistered
+from harness.judging.assess import assess
 from harness.model import Verdict
-from harness.reporttypes import UNTOLD
 from harness.standalone.output import print_json
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
@@ -39,7 +38,7 @@ def main(args: argparse.Namespace) -> int:
     if wrong:
         raise BadInput(wrong)
     known = knowledge.beside(opened.folder)
-    judged = looked_up(record, verdict.judge(record), known)
+    assessed = assess(record, known)
     if args.json:
         here = machine.facts()
         locate = reporting.seen_from_here(opened.folder)
@@ -48,5 +47,5 @@ def main(args: argparse.Namespace) -> int:
         made = document.build([record], [planned], facts, store.now(), locate, used, known=known)
         print_json(document.encode(made))
     else:
-        print(answer(record, judged, diagnosed(record, judged, known)))
-    return 0 if judged.verdict is Verdict.WORKS else 3 if judged.verdict in UNTOLD else 1
+        print(answer(assessed))
+    return 0 if assessed.verdict is Verdict.WORKS else 3 if assessed.untold else 1

@@ -9,16 +9,13 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from harness import failure, interpreters, knowledge, machine, process, verdict
-from harness.evidence import diagnosed, looked_up
-from harness.failure import Failure
+from harness import interpreters, knowledge, machine, process
+from harness.judging.assess import Assessed, assess
+from harness.judging.identity import Failure
 from harness.model import CASE_PHASES, Cell, CellRecord, Outcome, Phase, Verdict
-from harness.reporttypes import UNTOLD
 from harness.scheduler import Beside, Observer, Runner, Settings
 from harness.scheduler.pool import Pool, Unknown
-from harness.signatures import Diagnosis
 from harness.store import Store, cache_folder
-from harness.verdict import Judgement
 
 
 class Spent(Exception):
@@ -35,24 +32,35 @@ class Bounds:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Trial:
-    """One cell as it was measured, in `seconds` of a clock. `at_hand` is whether nothing had to be run for it."""
+    """One cell as it was measured, in `seconds` of a clock. `at_hand` is whether nothing had to be run for it.
 
-    cell: Cell
-    record: CellRecord
-    judged: Judgement
-    found: tuple[Diagnosis, ...]
+    `failure` is what it failed of, found before another measurement of the cell puts other logs in the place of these.
+    """
+
+    assessed: Assessed
+    failure: Failure | None
     seconds: float
     at_hand: bool
 
     @property
+    def record(self) -> CellRecord:
+        """What was measured."""
+        return self.assessed.record
+
+    @property
+    def cell(self) -> Cell:
+        """The cell as it was measured."""
+        return self.assessed.record.cell
+
+    @property
     def works(self) -> bool:
         """Return whether all of it that was asked for passed, and no silent issue is left open."""
-        return verdict.fulfilled(self.judged.verdict, self.judged.phases, self.judged.unverified)
+        return self.assessed.fulfilled
 
     @property
     def doubtful(self) -> bool:
         """Return whether it works but for a silent issue that no check has refuted."""
-        return self.judged.verdict is Verdict.WORKS and not self.works
+        return self.assessed.verdict is Verdict.WORKS and not self.works
 
     @property
     def bad(self) -> bool:
@@ -62,20 +70,15 @@ class Trial:
     @property
     def well(self) -> str:
         """How it is said of one that does all that was asked for: import alone is never called `works`."""
-        if self.judged.verdict is Verdict.WORKS:
+        if self.assessed.verdict is Verdict.WORKS:
             return str(Verdict.WORKS)
-        passed = [phase for phase in CASE_PHASES if self.judged.phases.get(phase) is Outcome.PASSED]
+        passed = [phase for phase in CASE_PHASES if self.assessed.phases.get(phase) is Outcome.PASSED]
         return f"passes {' and '.join(passed)}, all that was asked for"
 
     @property
     def untold(self) -> bool:
         """Whether it says nothing about the packages: this machine or the network was at fault."""
-        return self.judged.verdict in UNTOLD and not self.works
-
-    @property
-    def failure(self) -> Failure | None:
-        """What it failed of."""
-        return failure.of(self.judged, self.found)
+        return self.assessed.untold and not self.works
 
 
 @dataclass
@@ -191,16 +194,9 @@ class Bench:
         self.built |= made
 
     def _trial(self, record: CellRecord, began: float, *, at_hand: bool) -> Trial:
-        known = knowledge.beside(self.store.folder)
-        judged = looked_up(record, verdict.judge(record), known)
-        return Trial(
-            cell=record.cell,
-            record=record,
-            judged=judged,
-            found=diagnosed(record, judged, known),
-            seconds=round(monotonic() - began, 3),
-            at_hand=at_hand,
-        )
+        assessed = assess(record, knowledge.beside(self.store.folder))
+        failed = assessed.failure
+        return Trial(assessed=assessed, failure=failed, seconds=round(monotonic() - began, 3), at_hand=at_hand)
 
 
 def until(failed: Failure) -> Phase:

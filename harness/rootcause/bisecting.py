@@ -296,8 +296,8 @@ def _in_place(question: Question, before: Question) -> Question:
 
 def _look(trial: Trial, said: Said) -> Look:
     failed = plain(trial.failure)
-    return Look(answer=said.answer, failure=alike(failed) if failed else trial.judged.verdict)
+    return Look(answer=said.answer, failure=alike(failed) if failed else trial.assessed.verdict)
 
 
 def _line(trial: Trial) -> str:
-    return f"{trial.judged.verdict}: {trial.judged.decisive or 'no line says why'}"
+    return f"{trial.assessed.verdict}: {trial.assessed.decisive or 'no line says why'}"

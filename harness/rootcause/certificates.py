@@ -169,7 +169,7 @@ def _predicate(done: Bisected) -> PredicateEntry | None:
 
 
 def _step(number: int, step: Step) -> StepEntry:
-    judged, record = step.trial.judged, step.trial.record
+    judged, record = step.trial.assessed, step.trial.record
     return StepEntry(
         number=number,
         candidate=step.candidate.name,
@@ -179,7 +179,7 @@ def _step(number: int, step: Step) -> StepEntry:
         verdict=judged.verdict,
         phase=judged.phase,
         decisive=judged.decisive,
-        causes=tuple(str(each.signature.id) for each in step.trial.found),
+        causes=tuple(str(each.signature.id) for each in step.trial.assessed.diagnoses),
         python=record.python,
         lock_sha256=record.lock_sha256,
         key=record.key,
@@ -195,8 +195,8 @@ def _neighbour(step: Step | None, done: Bisection) -> NeighbourEntry | None:
         candidate=step.candidate.name,
         run=1 + next(number for number, one in enumerate(done.steps) if one is step),
         cell=step.trial.cell.id,
-        verdict=step.trial.judged.verdict,
-        decisive=step.trial.judged.decisive,
+        verdict=step.trial.assessed.verdict,
+        decisive=step.trial.assessed.decisive,
         lock_sha256=step.trial.record.lock_sha256,
     )
 

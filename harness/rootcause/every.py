@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from harness import changes, failure, knowledge, verdict
-from harness.evidence import diagnosed
-from harness.failure import Failure
+from harness import changes, knowledge
+from harness.judging.assess import assess
+from harness.judging.identity import Failure
 from harness.model import Cell, CellRecord, Change
 from harness.rootcause.lab import Lab
 from harness.rootcause.repairing import Repaired, Search, Status
@@ -50,8 +50,7 @@ def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], La
     solved: list[Solved] = []
     known = knowledge.beside(opened.folder)
     for record in records:
-        judged = verdict.judge(record)
-        failed = failure.of(judged, diagnosed(record, judged, known))
+        failed = assess(record, known).failure
         if failed is None or record.cell.base:
             continue
         names = frozenset(map(required_name, record.cell.question.requirements))

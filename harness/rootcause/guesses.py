@@ -8,22 +8,21 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness import clues, moves, sitepackages
-from harness.evidence import Knowledge, failures
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.candidates import Candidate
 from harness.store import cache_folder
 
 
-def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], known: Knowledge, *, offline: bool) -> Iterator[int]:
+def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], *, offline: bool) -> Iterator[int]:
     """Yield places of releases that suit the packages beside them: by declared bounds, then by the day."""
-    yield from _within(_declared(base, axis, known), line)
+    yield from _within(_declared(base, axis), line)
     yield from _of_the_day(base, axis, line, offline=offline)
 
 
-def _declared(base: Trial, axis: str, known: Knowledge) -> Iterator[SpecifierSet]:
+def _declared(base: Trial, axis: str) -> Iterator[SpecifierSet]:
     """Yield the bounds that the failure names on the package, and those of the packages that are installed."""
-    told = (text for one in failures(base.record, known.logs) for text in one.told)
+    told = (text for one in base.assessed.failures for text in one.told)
     yield from clues.bounds(told, {axis}).values()
     if base.record.key:
         yield from sitepackages.bounds(cache_folder() / "environments" / base.record.key, axis)

@@ -11,16 +11,14 @@ from typing import Self
 
 from packaging.version import Version
 
-from harness import cellid, changes, clues, knowledge, locks, moves
-from harness.evidence import failures
-from harness.failure import Failure
+from harness import cellid, changes, clues, locks, moves
+from harness.judging.identity import Failure
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.scheduler import Observer, Settings
 from harness.signatures import Evidence
 from harness.standalone.silent import PREFIX
 from harness.store import Store
-from harness.verdict import case_phases
 from harness.vocabulary import MISLEADING
 
 ORDER = list(Phase)
@@ -138,7 +136,7 @@ class Lab:
 
     def evidence(self, trial: Trial) -> tuple[Evidence, ...]:
         """What was written of its failures."""
-        return tuple(failures(trial.record, knowledge.beside(self.store.folder).logs))
+        return trial.assessed.failures
 
 
 def _id(cell: Cell, change: Change) -> str:
@@ -158,29 +156,24 @@ def weaker(before: Trial, after: Trial) -> str | None:
         if outcome in {*FAILING, Outcome.PASSED} and ended.get((case, check)) is not Outcome.PASSED:
             now = ended.get((case, check), Outcome.NOT_REACHED)
             return f"{check} of {case} was {outcome} before and is {now} now"
-    for phase in (name for name in after.judged.unverified if not name.startswith(PREFIX)):
-        if before.judged.phases.get(Phase(phase)) in {*FAILING, Outcome.PASSED}:
+    for phase in (name for name in after.assessed.unverified if not name.startswith(PREFIX)):
+        if before.assessed.phases.get(Phase(phase)) in {*FAILING, Outcome.PASSED}:
             return f"{phase} could not be verified"
     return None
 
 
 def _checks(trial: Trial) -> dict[tuple[str, str], Outcome]:
-    return {
-        (case.case, check.check): check.outcome
-        for case in trial.record.cases
-        for phase in case_phases(trial.record, case)
-        for check in phase.checks
-    }
+    return {(case.record.case, check.check): check.outcome for case in trial.assessed.cases for check in case.checks}
 
 
 def passes(trial: Trial, until: Phase) -> bool:
     """Whether a cell that was measured up to a phase came through it."""
     if trial.works:
         return True
-    if trial.judged.verdict is not Verdict.NOT_RUN:
+    if trial.assessed.verdict is not Verdict.NOT_RUN:
         return False
     reached = ORDER[: ORDER.index(until) + 1]
-    ended = {trial.judged.phases[phase] for phase in reached if phase in trial.judged.phases}
+    ended = {trial.assessed.phases[phase] for phase in reached if phase in trial.assessed.phases}
     return Outcome.PASSED in ended and ended <= {Outcome.PASSED, Outcome.SKIPPED}
 
 
@@ -191,9 +184,9 @@ def ended(trial: Trial, until: Phase) -> str:
     if trial.works:
         return trial.well
     if trial.doubtful:
-        return f"works, not verified: {', '.join(trial.judged.unverified)}"
-    failed = f" in {trial.judged.phase}" if trial.judged.phase else ""
-    return f"{trial.judged.verdict}{failed}"
+        return f"works, not verified: {', '.join(trial.assessed.unverified)}"
+    failed = f" in {trial.assessed.phase}" if trial.assessed.phase else ""
+    return f"{trial.assessed.verdict}{failed}"
 
 
 def further(before: Trial, after: Trial) -> bool:

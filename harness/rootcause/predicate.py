@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 
-from harness import failure
-from harness.failure import Failure
+from harness.judging.identity import Failure
 from harness.model import FAILING, Outcome, Phase, Verdict
 from harness.rootcause.bench import Trial
 from harness.search import Answer
+from harness.vocabulary import CHANGING
 
 FLAKY = re.compile(r"^passed \d+ of \d+ runs; else: ")
 BETTER = frozenset({Outcome.PASSED, Outcome.SKIPPED})
@@ -50,7 +50,7 @@ class Predicate:
             return self._without(trial)
         line = f"{failed.phase}: {failed.line}" if failed.phase else failed.line
         if self.failure is None or self.failure.same(failed):
-            flaky = failed.phase is not None and trial.judged.phases.get(failed.phase) is Outcome.FLAKY
+            flaky = failed.phase is not None and trial.assessed.phases.get(failed.phase) is Outcome.FLAKY
             return Said(answer=Answer.FLAKY if flaky else Answer.BAD, why=None, words=line)
         if self._passed(trial):
             return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}; fails later: {line}")
@@ -61,11 +61,11 @@ class Predicate:
         if trial.works:
             return working(trial)
         if trial.doubtful:
-            words = f"works, not verified: {', '.join(trial.judged.unverified)}"
+            words = f"works, not verified: {', '.join(trial.assessed.unverified)}"
             return Said(answer=Answer.UNTESTABLE, why=None, words=words)
         if self.failure is not None and self._passed(trial):
             return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}")
-        told = f"{trial.judged.verdict}: {trial.judged.decisive or 'no line says why'}"
+        told = f"{trial.assessed.verdict}: {trial.assessed.decisive or 'no line says why'}"
         return Said(answer=Answer.UNTESTABLE, why=None, words=told)
 
     def _passed(self, trial: Trial) -> bool:
@@ -74,8 +74,8 @@ class Predicate:
             return False
         order = list(Phase)
         before = order[: order.index(self.until) + 1]
-        phases = [trial.judged.phases.get(phase, Outcome.SKIPPED) for phase in before]
-        misleads = trial.judged.verdict is Verdict.MISLEADS and trial.judged.phase in before
+        phases = [trial.assessed.phases.get(phase, Outcome.SKIPPED) for phase in before]
+        misleads = trial.assessed.verdict is Verdict.MISLEADS and trial.assessed.phase in before
         return phases[-1] is Outcome.PASSED and set(phases) <= BETTER and not misleads
 
 
@@ -91,16 +91,16 @@ def plain(failed: Failure | None) -> Failure | None:
 
 def _called(failed: Failure) -> str:
     """Return a name that is the same for the same failure: what lies between two such candidates is taken to be one."""
-    return f"{failed.phase}: {failed.causes[0] if failed.causes else failure.CHANGING.sub('…', failed.line)}"
+    return f"{failed.phase}: {failed.causes[0] if failed.causes else CHANGING.sub('…', failed.line)}"
 
 
 def alike(failed: Failure) -> tuple[Phase | None, str]:
     """Return a name that differs where the line that says why does, whatever known failure both may be."""
-    return failed.phase, failure.CHANGING.sub("…", failed.line)
+    return failed.phase, CHANGING.sub("…", failed.line)
 
 
 def failing(trial: Trial) -> bool:
     """Whether a trial failed of its packages."""
-    if trial.judged.verdict is Verdict.MISLEADS:
+    if trial.assessed.verdict is Verdict.MISLEADS:
         return True
-    return trial.failure is not None and any(outcome in FAILING for outcome in trial.judged.phases.values())
+    return trial.failure is not None and any(outcome in FAILING for outcome in trial.assessed.phases.values())

@@ -119,7 +119,7 @@ def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
         generated=now(),
         cell=lab.base.id,
         status=repaired.status,
-        decisive=before.judged.decisive,
+        decisive=before.assessed.decisive,
         causes=tuple(
             CauseEntry(
                 signature=str(one.signature.id),
@@ -127,7 +127,7 @@ def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
                 masks=one.signature.masks,
                 references=one.signature.references,
             )
-            for one in before.found
+            for one in before.assessed.diagnoses
         ),
         remedy=_remedy(lab, repaired) if repaired.change and repaired.proof else None,
         runs=tuple(_run(number, one) for number, one in enumerate(lab.runs, start=1)),
@@ -145,7 +145,7 @@ def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
 
 
 def _run(number: int, one: Run) -> RunEntry:
-    judged, record = one.trial.judged, one.trial.record
+    judged, record = one.trial.assessed, one.trial.record
     guarded = len({*one.change.only_binary} & {*stages.HEAVY}) > len(stages.HEAVY) // 2
     plain = stages.unguarded(one.change) if guarded else one.change
     return RunEntry(
@@ -159,7 +159,7 @@ def _run(number: int, one: Run) -> RunEntry:
         verdict=judged.verdict,
         phase=judged.phase,
         decisive=judged.decisive,
-        causes=tuple(str(each.signature.id) for each in one.trial.found),
+        causes=tuple(str(each.signature.id) for each in one.trial.assessed.diagnoses),
         unverified=judged.unverified,
         lock_sha256=record.lock_sha256,
         key=record.key,
@@ -182,7 +182,7 @@ def _remedy(lab: Lab, repaired: Repaired) -> RemedyEntry:
         sufficient=proof.works and lab.shown(proof) is not None,
         proof=_number(lab, lab.shown(proof) or proof),
         cell=proof.cell.id,
-        unverified=proof.judged.unverified,
+        unverified=proof.assessed.unverified,
         paste=pasting.paste(proof.cell, change),
     )
 

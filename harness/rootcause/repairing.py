@@ -335,7 +335,8 @@ class Search:
         waiting = [*([self.now] if self.now else []), *sorted(self.queue)]
         left = tuple(dict.fromkeys(str(entry.way) for entry in waiting)) if stopped and not found else ()
         if found is None or (not found.proven and not stopped):
-            unclear = [one.trial.judged for one in self.lab.runs if one.trial.judged.verdict is Verdict.INCONCLUSIVE]
+            ends = [one.trial.assessed for one in self.lab.runs]
+            unclear = [one for one in ends if one.verdict is Verdict.INCONCLUSIVE]
             if unclear:
                 self.told.append(f"{len(unclear)} of the runs tell nothing: {unclear[0].decisive}")
             untold = unclear or self.flaky

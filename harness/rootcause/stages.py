@@ -101,13 +101,13 @@ def _named(place: Place) -> Iterator[Move]:
 
 def known(place: Place) -> Iterator[Move]:
     """Remedies of the known failures, where they leave what the user asked for."""
-    found = place.trial.found or tuple(_silent(place.trial))
+    found = place.trial.assessed.diagnoses or tuple(_silent(place.trial))
     yield from (one for one in moves.known(place.trial.cell, found) if one.way is Way.KNOWN)
 
 
 def _silent(trial: Trial) -> Iterator[Diagnosis]:
     """Yield the silent issues that a cell which works leaves open."""
-    left = {name.removeprefix(PREFIX) for name in trial.judged.unverified if name.startswith(PREFIX)}
+    left = {name.removeprefix(PREFIX) for name in trial.assessed.unverified if name.startswith(PREFIX)}
     known = (one for one in knowledge.known() if one.id in left)
     yield from (Diagnosis(signature=one, phase=None, seen="", told=False) for one in known)
 
@@ -273,7 +273,7 @@ def _minor(text: str) -> int:
 
 def pins(place: Place) -> Iterator[Move]:
     """Other releases of what the user pins: those that a remedy names, else the nearest, farther and farther away."""
-    yield from (one for one in moves.known(place.trial.cell, place.trial.found) if one.way is Way.PINS)
+    yield from (one for one in moves.known(place.trial.cell, place.trial.assessed.diagnoses) if one.way is Way.PINS)
     pinned = moves.pins(place.lab.base)
     for name in clues.suspects(pinned, place.lab.evidence(place.trial)):
         for version in _around(place, name, Version(pinned[name])):

@@ -12,9 +12,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness import cellid, machine, verdict
+from harness import cellid, machine
 from harness.commands import reporting
 from harness.errors import HarnessError
+from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Phase
 from harness.scheduler import Runner
 from harness.smoke import frozen, junit, plugin
@@ -188,7 +189,7 @@ class Face:
         out = self.config.getoption("matrix_out")
         wanted = reporting.Wanted(out=Path(out) if out else None, pivot=None, json=False, fail_on=())
         made = reporting.publish(self.frozen.plans, self.records, store, wanted)
-        counts = Counter(verdict.judge(record).verdict for record in self.records.values())
+        counts = Counter(assess(record).verdict for record in self.records.values())
         told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
         folders = ", ".join(os.path.relpath(one.folder) for one in made)
         self.summary.append(f"simmatrix: {told}; report: {folders}")

@@ -10,8 +10,9 @@ from typing import Any, Protocol
 
 import pytest
 
-from harness import cellid, knowledge, store, verdict
+from harness import cellid, knowledge, store
 from harness.errors import CouldNotTell, HarnessError, in_the_way
+from harness.judging.assess import assess
 from harness.judging.check import phase_of
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan
 from harness.smoke import judging, junit
@@ -164,8 +165,9 @@ class VerdictItem(CellItem):
         """How the cell is judged."""
         measuring = self.config.stash[SESSION].measuring
         self.record = measuring.whole(self.cell)
-        self.facts = {**self.told_of(self.record), "verdict": verdict.judge(self.record).verdict.value}
-        return judging.judged(self.record, store.now(), knowledge.fitting(self.record, measuring.store.folder))
+        found = assess(self.record, knowledge.beside(measuring.store.folder), store.now())
+        self.facts = {**self.told_of(self.record), "verdict": found.verdict.value}
+        return judging.judged(found)
 
 
 class ExpectationItem(Told):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from harness import misleading, verdict
+from harness import misleading
+from harness.judging.assess import Assessed, assess
 from harness.judging.check import NEEDS
+from harness.judging.counted_phases import reason, step_outcome, suite_phase
+from harness.judging.expectation import passed
 from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Outcome, Phase, PhaseRecord, Verdict
 
 POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
@@ -59,7 +62,7 @@ def seen(record: CellRecord) -> dict[Phase, Seen]:
     found: dict[Phase, Seen] = {}
     for step in (record.resolve, record.install):
         if step:
-            outcome = Outcome.INFRA if _late(step.phase, step.outcome) else step.outcome
+            outcome = step_outcome(step) or step.outcome
             seconds = 0.0 if step.reused else step.seconds
             found[step.phase] = Seen(
                 phase=step.phase, outcome=outcome, line=step.decisive, evidence=step.log, seconds=seconds
@@ -67,15 +70,15 @@ def seen(record: CellRecord) -> dict[Phase, Seen]:
     if record.unavailable:
         at = Phase.INSTALL if record.resolve else Phase.RESOLVE
         found[at] = Seen(phase=at, outcome=Outcome.UNAVAILABLE, line=record.unavailable)
-    for case in record.cases:
-        found |= {phase.phase: _probed(phase) for phase in verdict.case_phases(record, case)}
+    for case in assess(record).cases:
+        found |= {phase.phase: _probed(phase) for phase in case.phases}
     return found
 
 
 def suite_seen(record: CellRecord) -> dict[Phase, Seen]:
     """The suite of a cell's subject and what stands in its way: that no case could be imported."""
     found = seen(replace(record, cases=()))
-    suite = verdict.suite_phase(record)
+    suite = suite_phase(record)
     imports = [at for case in record.cases if (at := seen(replace(record, cases=(case,))).get(Phase.IMPORT))]
     if imports:
         found[Phase.IMPORT] = next((at for at in imports if at.outcome is Outcome.PASSED), imports[0])
@@ -105,26 +108,23 @@ def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozense
     return Ended(kind=told.kind, text=text, evidence=told.evidence)
 
 
-def judged(record: CellRecord, today: str, causes: Collection[str] = ()) -> Ended:
-    """How the item of a cell's verdict ended: an expected failure is a strict xfail.
-
-    `causes` are the known failures that fit it, by id.
-    """
-    cell, judgement = record.cell, verdict.judge(record)
-    right, stale = verdict.expected(cell, judgement, today, causes)
-    told = f"{judgement.verdict}{_where(judgement)}"
-    line = f": {judgement.decisive}" if judgement.decisive else ""
-    match judgement.verdict:
+def judged(found: Assessed) -> Ended:
+    """Return how the item of a cell's verdict ended: an expected failure is a strict xfail."""
+    right, stale = found.as_expected, found.stale
+    where = f" in {found.phase}" if found.phase else ""
+    told = f"{found.verdict}{where}"
+    line = f": {found.decisive}" if found.decisive else ""
+    match found.verdict:
         case Verdict.INCONCLUSIVE:
-            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive{_where(judgement)}{line}")
+            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive{where}{line}")
         case Verdict.UNAVAILABLE | Verdict.NOT_RUN:
-            return Ended(kind=Kind.SKIPPED, text=f"{judgement.verdict.replace('_', ' ')}{line}")
+            return Ended(kind=Kind.SKIPPED, text=f"{found.verdict.replace('_', ' ')}{line}")
         case _:
-            expect = cell.expect
+            expect = found.record.cell.expect
     if stale:
         strict = "[XPASS(strict)] " if right is False else ""
         return Ended(kind=Kind.FAILED, text=f"{strict}{stale} ({expect.reason})" if expect else stale)
-    if right and expect and judgement.verdict is not Verdict.WORKS:
+    if right and expect and found.verdict is not Verdict.WORKS:
         return Ended(kind=Kind.XFAILED, text=f"{told}: {expect.reason}")
     if right:
         return Ended(kind=Kind.PASSED)
@@ -139,7 +139,7 @@ def needs(phase: Phase) -> tuple[Phase, ...]:
 
 def foreseen(expect: Expectation | None, phase: Phase, line: str | None, today: str) -> bool:
     """Whether a failure is the expected one, or the same one seen again in a later phase; after `until` none is."""
-    if expect is None or verdict.passed(expect, today) or phase not in POSSIBLE.get(expect.verdict, frozenset()):
+    if expect is None or passed(expect, today) or phase not in POSSIBLE.get(expect.verdict, frozenset()):
         return False
     fits = expect.match is not None and re.search(expect.match, line or "") is not None
     if expect.phase in {None, phase}:
@@ -148,16 +148,11 @@ def foreseen(expect: Expectation | None, phase: Phase, line: str | None, today: 
     return fits and expect.phase is not None and order.index(phase) > order.index(expect.phase)
 
 
-def _late(phase: Phase, outcome: Outcome) -> bool:
-    """A resolution that timed out says nothing about packages."""
-    return phase is Phase.RESOLVE and outcome is Outcome.TIMED_OUT
-
-
 def _probed(record: PhaseRecord) -> Seen:
     """Return a phase as its item ends: one that passed and in which a case misleads has not passed."""
     shown = misleading.shown(record.checks) if record.outcome is Outcome.PASSED else ()
     told = tuple(check.decisive for check in shown)
-    line = f"misleads: {told[0]}" if told else verdict.reason(record)
+    line = f"misleads: {told[0]}" if told else reason(record)
     lines = []
     for check in (one for one in record.checks if one.outcome not in {Outcome.PASSED, Outcome.SKIPPED}):
         why = f": {check.decisive}" if check.decisive and check.decisive not in {line, *told} else ""
@@ -202,10 +197,6 @@ def _in_the_way(phase: Phase, found: Mapping[Phase, Seen]) -> Seen | None:
     before = [found[needed] for needed in needs(phase) if needed in found]
     stopped = [at for at in before if at.outcome not in {Outcome.PASSED, Outcome.NOT_REACHED}]
     return min(stopped, key=lambda at: at.outcome is Outcome.SKIPPED, default=None)
-
-
-def _where(judgement: verdict.Judgement) -> str:
-    return f" in {judgement.phase}" if judgement.phase else ""
 
 
 def _expected(expect: Expectation | None) -> str:

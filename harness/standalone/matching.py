@@ -118,13 +118,16 @@ class Hit(NamedTuple):
     @property
     def rank(self) -> Tuple[Any, ...]:
         """The deepest cause is least: no mask, of packages rather than of the machine, specific, in so many words."""
-        return rank(self.known, self.phase, told=self.told)
+        return rank(self.known, not self.told, _order(self.phase))
 
 
-def rank(known: Any, phase: Optional[str], *, told: bool) -> Tuple[Any, ...]:
-    """What known failures that fit are sorted by."""
-    order = PHASES.index(phase) if phase else len(PHASES)
-    return known.masks, not known.phases, known.generic, not told, order
+def rank(known: Any, *nearness: int) -> Tuple[Any, ...]:
+    """Return what known failures that fit are sorted by: the deepest cause first, of equal ones the nearest."""
+    return (known.masks, not known.phases, known.generic, *nearness)
+
+
+def _order(phase: Optional[str]) -> int:
+    return PHASES.index(phase) if phase else len(PHASES)
 
 
 def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tuple[Hit, ...]:

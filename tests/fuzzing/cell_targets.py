@@ -16,8 +16,9 @@ import numpy as np
 from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
-from harness import environment_damage, evidence, frames, normalise, sitepackages, upstream, wire
+from harness import environment_damage, frames, normalise, sitepackages, upstream, wire
 from harness.hostile_data import Unreadable
+from harness.judging import failure_texts
 from harness.judging.check import Ending, check_record, found_beside
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.store import Installed, Store
@@ -99,7 +100,7 @@ def _read_reply(words: list[str]) -> int:
         msgspec.json.decode(msgspec.json.encode(record))
     list(found_beside(reply, ENDING))
     text = whole.decode("utf-8", "replace")
-    list(evidence.written({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
+    list(failure_texts.written({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
     list(upstream._tracebacks(text, "vector.async.fork"))
     return 2 if reply.problems else 0
 

@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import machine, plan, present, scheduler, store, verdict
+from harness import machine, plan, present, scheduler, store
 from harness.commands.progress import Progress
 from harness.commands.reporting import headline
+from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Outcome, Phase
 
 HERE = Path(__file__).parent
@@ -94,7 +95,7 @@ def run(cells: Sequence[Cell], opened: store.Store) -> tuple[CellRecord, ...]:
 
 def compare(entry: dict, record: CellRecord) -> list[Compared]:
     """Each case of an entry beside what the harness says of it."""
-    judged = verdict.judge(record)
+    judged = assess(record)
     found = []
     for case in entry["cases"]:
         phase, decisive = first_failure(record, case["env"])
@@ -105,7 +106,7 @@ def compare(entry: dict, record: CellRecord) -> list[Compared]:
                 requirements=tuple(entry["requirements"]),
                 env=case["env"],
                 by_hand=case["first_failure"],
-                by_harness=phase if phase != NONE or judged.verdict not in verdict.UNTOLD else judged.verdict.value,
+                by_harness=phase if phase != NONE or not judged.untold else judged.verdict.value,
                 fragments=tuple(case[key] for key in ("decisive", "cause") if key in case),
                 decisive=decisive or "",
             )

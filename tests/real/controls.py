@@ -19,8 +19,9 @@ from urllib.parse import unquote
 from packaging.utils import parse_wheel_filename
 from uv import find_uv_bin
 
-from harness import controls, scheduler, store, verdict
+from harness import controls, scheduler, store
 from harness.controls import ControlTable
+from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Verdict
 
 
@@ -74,7 +75,7 @@ class Told:
 
 def describe(record: CellRecord) -> str:
     """Verdict, versions, and what was not verified or why it failed."""
-    judged = verdict.judge(record)
+    judged = assess(record)
     more = f"; not verified: {', '.join(judged.unverified)}" if judged.unverified else ""
     why = f" in {judged.phase}: {judged.decisive}" if judged.decisive else ""
     findings = (finding.text for case in record.cases for phase in case.phases for finding in phase.findings)
@@ -98,7 +99,7 @@ def main() -> int:
         return 0
     cells = [cell for cell in controls.cells() if not args.ids or cell.label in args.ids]
     records = scheduler.run(cells, store.open_store(), scheduler.Settings(fresh=args.fresh), Told())
-    verdicts = {verdict.judge(record).verdict for record in records}
+    verdicts = {assess(record).verdict for record in records}
     return 0 if verdicts <= {Verdict.WORKS, Verdict.UNAVAILABLE} else 1
 
 

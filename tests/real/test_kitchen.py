@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from test_adapters import runner  # noqa: F401 - a fixture
 
-from harness import catalog, knowledge, verdict
-from harness.evidence import diagnosed
+from harness import catalog, knowledge
+from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Outcome, Verdict
 from harness.scheduler import Runner
 
@@ -51,9 +51,9 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
     mended = {check: ended[0] for (case, check), ended in found.items() if case == "mended"}
     assert {mended["single.loop"], mended["vector.async.fork"]} == {Outcome.PASSED}
     assert set(mended.values()) <= {Outcome.PASSED, Outcome.SKIPPED}
-    judged = verdict.judge(record)
+    judged = assess(record, knowledge.beside(tmp_path))
     assert (judged.verdict, judged.decisive) == (Verdict.PARTIAL, XML)
-    first, *_ = diagnosed(record, judged, knowledge.beside(tmp_path))
+    first, *_ = judged.diagnoses
     assert first.signature.id == "mujoco-top-level-default-class"
 
     changed = runner.measure(cells[f"{REFUSED}_with-mujoco-before-3.2"])

@@ -10,10 +10,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from packaging.utils import canonicalize_name
 
-from harness import document, knowledge, locks, rediagnosing
-from harness.evidence import causes
+from harness import document, entry_failures, knowledge, locks, rediagnosing
+from harness.judging.known_failures import counted
 from harness.model import Outcome, Phase, Verdict
 from harness.reporttypes import CaseEntry, CellEntry
 from harness.signatures import Around, Evidence, diagnose
@@ -71,7 +72,8 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
     works = not early and Outcome.PASSED in ended and ended <= WELL
     lines = {case.decisive, *case.reasons.values(), *case.masked.values()}
     mine = [one for one in cell.diagnoses if one.seen in lines]
-    known = causes({one.signature: one.masks for one in mine or cell.diagnoses})
+    counted = entry_failures.counted(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
+    known = tuple(one.signature for one in counted)
     asked = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
     brought = sorted(map(str, cell.brought or ()))
     bundled = [] if cell.change is None else [json.dumps(cell.change.change, sort_keys=True)]
@@ -125,7 +127,7 @@ def of_hand() -> Iterator[Measurement]:
                 question=lines,
                 versions=versions,
                 python=one["python"],
-                causes=causes({each.signature.id: each.signature.masks for each in found}),
+                causes=tuple(str(each.signature.id) for each in counted(found, seen.told)),
                 works=works,
                 passed=works,
             )

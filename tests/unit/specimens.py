@@ -1,11 +1,13 @@
 """Small real records to judge, tabulate and present."""
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from harness import document
+from harness import document, schema
+from harness.judging.known_failures import Knowledge
 from harness.model import (
     Case,
     CaseRecord,
@@ -27,6 +29,7 @@ from harness.model import (
     Verdict,
 )
 from harness.reporttypes import Document
+from harness.signatures import Signature
 
 CHECKS = {
     Phase.IMPORT: "import.modules",
@@ -103,6 +106,17 @@ def record(*cases: CaseRecord, of: Cell | None = None, **more: Any) -> CellRecor
         "seconds": 12.34,
     }
     return CellRecord(**(values | more))
+
+
+def signature(name: str, pattern: str | None = "solver_iter", **more: Any) -> Signature:
+    """A known failure with this pattern, in any phase, and whatever else its file says."""
+    plain = {"id": name, "cause": "because", "remedy": {}, "pattern": pattern}
+    return schema.load_json(json.dumps(plain | more), Signature, name)
+
+
+def knowing(*signatures: Signature, **logs: Mapping[str, str]) -> Knowledge:
+    """Knowledge of these, with texts kept at paths whose last part is the name."""
+    return Knowledge(signatures=lambda: signatures, logs=lambda path: logs.get(Path(path).name, {}))
 
 
 def warning(check: str, text: str = "the same seed gives another trajectory") -> Finding:

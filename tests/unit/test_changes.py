@@ -13,7 +13,7 @@ from specimens import GENERATED, MACHINES, RESET, SOLVER, XML, case, cell, phase
 from harness import changes, document, matrixfile, plan, remedies, signatures, tables
 from harness.commands import reporting
 from harness.errors import BadInput
-from harness.evidence import Knowledge
+from harness.judging.known_failures import Knowledge
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.reporttypes import CellEntry, Document
 from harness.tabletypes import Effect

@@ -6,14 +6,16 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from specimens import CHECKS, LETTERS, case, cell, phase, record, step, warning
 
-from harness import controls, locks, verdict
+from harness import controls, locks
 from harness.errors import BadInput
+from harness.judging.assess import Assessed, assess
 from harness.judging.check import NEEDS
 from harness.model import (
     FAILING,
@@ -60,38 +62,43 @@ def doubted(at: Phase, control: str) -> bool:
     return False
 
 
+def means(found: Assessed) -> tuple[Any, ...]:
+    """All that a verdict says."""
+    return found.verdict, found.phases, found.phase, found.decisive, found.unverified
+
+
 class TestJudging:
-    """What `judge` makes of a cell whose adapter's control is known."""
+    """What `assess` makes of a cell whose adapter's control is known."""
 
     @pytest.mark.parametrize(("tried", "control"), list(itertools.product(REACHABLE, CONTROLS)))
     def test_every_failure_beside_every_control(self, tried: str, control: str) -> None:
         """A failed phase is `infra` exactly where the control failed in it or in one that it needs; no other moves."""
-        plain, told = verdict.judge(record(case(tried))), verdict.judge(beside(known(control), case(tried)))
+        plain, told = assess(record(case(tried))), assess(beside(known(control), case(tried)))
         for at, letter in zip(CHECKS, tried, strict=True):
             expected = Outcome.INFRA if letter == "f" and doubted(at, control) else LETTERS[letter]
             assert told.phases[at] is expected
         if "f" not in tried or "f" not in control:
-            assert told == plain
+            assert means(told) == means(plain)
         if told.verdict in {Verdict.WORKS, Verdict.UNAVAILABLE, Verdict.NOT_RUN}:
-            assert told == plain
+            assert means(told) == means(plain)
         if told.verdict not in {plain.verdict, Verdict.INCONCLUSIVE}:
             assert (plain.verdict, told.verdict) == (Verdict.BROKEN, Verdict.PARTIAL)
 
     def test_all_failures_doubted_is_inconclusive(self) -> None:
         """The line of the control decides, then comes the cell's own."""
-        told = verdict.judge(beside(known("pfnn"), case("pfnn")))
+        told = assess(beside(known("pfnn"), case("pfnn")))
         line = "control good fails, too, in single.loop: line of single.loop (here: ant single)"
         assert (told.verdict, told.phase, told.decisive) == (Verdict.INCONCLUSIVE, Phase.SINGLE, line)
 
     def test_one_failure_believed_is_enough(self) -> None:
         """A cell whose vector fails by itself is partial, whatever the control's pictures are like."""
-        told = verdict.judge(beside(known("pppf"), case("ppff")))
+        told = assess(beside(known("pppf"), case("ppff")))
         assert (told.verdict, told.phase, told.decisive) == (Verdict.PARTIAL, Phase.VECTOR, "ant vector")
 
     def test_an_adapter_answers_for_its_own_cases(self) -> None:
         """Another adapter's control, failed in everything, changes nothing."""
-        plain = verdict.judge(record(case("fnnn")))
-        assert verdict.judge(beside(known("fnnn"), case("fnnn"), api="gym")) == plain
+        plain = assess(record(case("fnnn")))
+        assert means(assess(beside(known("fnnn"), case("fnnn"), api="gym"))) == means(plain)
 
     @pytest.mark.parametrize("at", [Phase.RESOLVE, Phase.INSTALL])
     def test_steps_are_no_adapters(self, at: Phase) -> None:
@@ -99,19 +106,19 @@ class TestJudging:
         failed = step(at, Outcome.FAILED, "no such release")
         steps = {"resolve": failed, "install": None} if at is Phase.RESOLVE else {"install": failed}
         red = replace(record(**steps), controls={"gymnasium": known("fnnn")})
-        assert verdict.judge(red).decisive == "no such release"
+        assert assess(red).decisive == "no such release"
 
     def test_what_is_not_known_of_a_control_changes_nothing(self) -> None:
         """One that could not be run has neither passed nor failed."""
         untold = ControlRecord(control="control good", untold="no Python 3.11 here")
-        assert verdict.judge(beside(untold, case("pfnn"))) == verdict.judge(record(case("pfnn")))
+        assert means(assess(beside(untold, case("pfnn")))) == means(assess(record(case("pfnn"))))
 
     def test_a_finding_that_is_required_not_to_be_there(self) -> None:
         """It is doubted where the control fails in its phase."""
         single = phase(Phase.SINGLE, Outcome.PASSED, findings=(warning("single.space", "outside"),))
         red = case("pppp", required=("single.space",), single=single)
-        assert verdict.judge(beside(known("pppp"), red)).verdict is Verdict.PARTIAL
-        told = verdict.judge(beside(known("pfnn"), red))
+        assert assess(beside(known("pppp"), red)).verdict is Verdict.PARTIAL
+        told = assess(beside(known("pfnn"), red))
         assert (told.verdict, told.phase) == (Verdict.INCONCLUSIVE, Phase.SINGLE)
 
 
@@ -151,7 +158,7 @@ class TestChecks:
     )
     def test_to_the_check(self, phase: PhaseRecord, outcome: Outcome, line: str) -> None:
         """A check that passed there is believed; one that failed there, or was not tried beside a failure, is not."""
-        told = verdict.case_phases(beside(self.FORK), case("pppp", vector=phase))[2]
+        told = assess(beside(self.FORK, case("pppp", vector=phase))).cases[0].phases[2]
         assert (told.outcome, told.decisive) == (outcome, line)
 
 

@@ -10,9 +10,10 @@ import msgspec
 import pytest
 from specimens import GENERATED, MACHINES, RESET, XML, case, cell, phase, record, step, warning
 
-from harness import document, explaining, knowledge, signature_files, signatures, suites, verdict
+from harness import document, entry_failures, knowledge, signature_files, signatures, suites
 from harness.errors import BadInput
-from harness.evidence import Knowledge, causes, diagnosed, failures
+from harness.judging.assess import assess
+from harness.judging.known_failures import Knowledge
 from harness.model import CellRecord, CheckRecord, Expectation, Outcome, Phase, Plan, Step, Subject, Suite, Verdict
 from harness.reporttypes import CellEntry, DiagnosisEntry
 
@@ -73,7 +74,7 @@ def test_what_a_failure_says() -> None:
     logs = {"v": {"log.txt": "libEGL warning", "reply.jsonl": lines}}
     found = (warning("vector.repeat", "another trajectory"),)
     failed = replace(VECTOR, findings=found)
-    (told,) = failures(record(case("ppfp", vector=failed)), lambda path: logs[Path(path).name])
+    (told,) = assess(record(case("ppfp", vector=failed)), known(**logs)).failures
     assert (told.phase, told.told, told.signal) == (Phase.VECTOR, (XML, RESET), None)
     assert told.logs == (
         "another trajectory", "libEGL warning", "File a\nE: deep", "File b", "it hung", "of a worker",
@@ -84,7 +85,7 @@ def test_a_step_of_the_host_and_a_signal() -> None:
     """The log of a build is read; what killed a process is told from its line."""
     failed = replace(step(Phase.INSTALL, Outcome.FAILED, "worker killed by SIGSEGV in f"), log="evidence/build.log")
     made = record(install=failed, installed=None)
-    (told,) = failures(made, lambda path: {path: "gcc: no"})
+    (told,) = assess(made, Knowledge(logs=lambda path: {path: "gcc: no"})).failures
     assert (told.phase, told.told, told.logs, told.signal) == (
         Phase.INSTALL, ("worker killed by SIGSEGV in f",), ("gcc: no",), "SIGSEGV",
     )  # fmt: skip
@@ -99,14 +100,14 @@ def test_what_a_lock_holds_takes_part(locked: tuple[str, ...], found: list[str])
     made = replace(record(install=failed, installed=None), lock="locks/one.txt")
     made = replace(made, cell=replace(made.cell, question=replace(made.cell.question, requirements=("tool",))))
     knowing = Knowledge(signatures=lambda: (generic,), locked={"locks/one.txt": locked}.__getitem__)
-    assert [each.signature.id for each in diagnosed(made, verdict.judge(made), knowing)] == found
+    assert [each.signature.id for each in assess(made, knowing).diagnoses] == found
 
 
 @pytest.mark.parametrize("letters", ["pppp", "ppip", "pppu", "ssss"])
 def test_only_red_cells_are_diagnosed(letters: str) -> None:
     """Of what works, or says nothing about packages, no cause is sought."""
     made = record(case(letters, single=phase(Phase.SINGLE, Outcome.PASSED, findings=(warning("x", "XML Error"),))))
-    assert diagnosed(made, verdict.judge(made), known()) == ()
+    assert assess(made, known()).diagnoses == ()
 
 
 def test_the_document_has_the_cause_before_its_mask() -> None:
@@ -135,9 +136,9 @@ def test_a_mask_that_was_seen_through_is_no_cause() -> None:
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=through.decisive, masked_by=RESET)
     seen = entry(record(case("ppfp", vector=replace(through, checks=(check,)))), known())
     assert [each.signature for each in seen.diagnoses] == ["mask"]
-    assert explaining.counting(seen) == ()
+    assert entry_failures.counted(seen) == ()
     bare = entry(record(case("ppfp", vector=replace(VECTOR, decisive=RESET, checks=()))), known())
-    assert [each.signature for each in explaining.counting(bare)] == ["mask"]
+    assert [each.signature for each in entry_failures.counted(bare)] == ["mask"]
 
 
 def expecting(signature: str) -> CellRecord:
@@ -154,8 +155,6 @@ def test_a_cell_can_be_expected_to_fail_in_a_known_way(signature: str, fits: boo
 
 def test_a_mask_counts_where_nothing_else_is_known() -> None:
     """So a cell can be expected to fail by one."""
-    assert causes({"xml": False, "mask": True, "other": False}) == ("xml", "other")
-    assert causes({"mask": True}) == ("mask",)
     bare = replace(VECTOR, decisive=RESET, checks=())
     made = replace(expecting("mask"), cases=(case("ppfp", vector=bare),))
     assert entry(made, known()).as_expected is True
@@ -186,11 +185,11 @@ def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What the pytest items and `--only-failed` ask is free for other cells."""
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
-    assert knowledge.fitting(MASKED, tmp_path) == ()
+    assert assess(MASKED, knowledge.beside(tmp_path)).as_expected is False
     monkeypatch.delenv(signature_files.VARIABLE)
     reset = replace(VECTOR, decisive=RESET, checks=())
     made = replace(expecting("worker-connection-reset"), cases=(case("ppfp", vector=reset),))
-    assert knowledge.fitting(made, tmp_path) == ("worker-connection-reset",)
+    assert assess(made, knowledge.beside(tmp_path)).as_expected is True
 
 
 def test_the_cause_of_a_suite_without_an_environment() -> None:

@@ -14,7 +14,7 @@ FLOORS = {
     0: {"cellid", "model", "errors", "standalone"},
     1: {
         "accepting", "advising", "answering", "apart", "cameras", "changes", "clues", "distilling", "document",
-        "drafts", "evidence", "exercised", "expansion", "explaining", "failure", "grouping", "hostile_data",
+        "drafts", "entry_failures", "exercised", "expansion", "explaining", "grouping", "hostile_data",
         "inferring", "inputfiles",
         "interrupts", "judging", "known_issues", "locks", "markdown_texts",
         "matrix", "matrixfile", "measured_cells", "mending", "merging",
@@ -24,7 +24,7 @@ FLOORS = {
         "proving", "pytestsays", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
         "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",
         "requirement_texts", "squares", "strategy", "suite_tables", "tables", "tabletypes", "terminal", "traps",
-        "trust", "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows", "yaml_texts",
+        "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows", "yaml_texts",
     },
     2: {
         "alone", "answers", "bare_start", "bringing", "builds", "bytecode", "checkouts", "controls", "discovery",
@@ -142,3 +142,33 @@ def test_the_host_knows_only_the_path_of_the_cell_side() -> None:
     found = {path.name for files in parts().values() for path in files if any("incell" in n for n in imports(path))}
 
     assert not found
+
+
+FACE = {
+    "assess": {"Assessed", "assess"},
+    "assessed_case": {"AssessedCase"},
+    "counted_phases": {"reason", "step_outcome", "suite_phase"},
+    "discount": set(),
+    "identity": {"Failure"},
+    "known_failures": {"NOTHING_KNOWN", "Knowledge"},
+    "verdict": set(),
+}
+"""Modules of judging that a verdict is put together of, with what others may take from each."""
+SECOND_DOORS = {"entry_failures", "rediagnosing"}
+"""They judge documents, which have no evidence with them."""
+
+
+def composed(path: Path) -> set[str]:
+    """Return what a file takes of these modules beyond that, whole modules among it."""
+    found = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
+    whole = {alias.name for node in found if node.module == "harness.judging" for alias in node.names} & FACE.keys()
+    parted = [((node.module or "").removeprefix("harness.judging."), node) for node in found]
+    names = {f"{name}.{alias.name}" for name, node in parted for alias in node.names if name in FACE}
+    return whole | (names - {f"{module}.{name}" for module, taken in FACE.items() for name in taken})
+
+
+def test_assess_is_the_one_door_to_a_verdict() -> None:
+    """Outside the room of judging nobody puts a verdict together."""
+    using = {module for module, files in parts().items() for path in files if module != "judging" and composed(path)}
+
+    assert using == SECOND_DOORS

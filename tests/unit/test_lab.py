@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from harness.failure import Failure
+from harness.judging.identity import Failure
 from harness.model import Phase
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import further

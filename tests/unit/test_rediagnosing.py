@@ -12,7 +12,7 @@ from specimens import GENERATED, MACHINES, case, cell, phase, record
 
 from harness import document, rediagnosing, signature_files
 from harness.__main__ import main
-from harness.evidence import Knowledge
+from harness.judging.known_failures import Knowledge
 from harness.model import Change, Expectation, Outcome, Phase, Plan, Step, Tried, Verdict
 from harness.reporttypes import CellEntry, Document
 from harness.signatures import Signature, read

@@ -12,8 +12,9 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from specimens import case, cell, record
 
-from harness import changes, document, evidence, knowledge, rediagnosing, signatures, verdict
-from harness.evidence import Knowledge
+from harness import changes, document, knowledge, rediagnosing, signatures
+from harness.judging.assess import Assessed, assess
+from harness.judging.known_failures import Knowledge
 from harness.model import CaseRecord, CellRecord, CheckRecord, Outcome, Phase, PhaseRecord, Plan, Verdict
 from harness.reporttypes import CaseEntry, CellEntry, Document
 from harness.signatures import Signature
@@ -86,12 +87,12 @@ def test_an_exclusion_leaves_environments_out() -> None:
     assert not silent.concerns(one, None, "gymnasium")
 
 
-def judged(seen: CellRecord) -> tuple[verdict.Judgement, CellEntry]:
+def judged(seen: CellRecord) -> tuple[Assessed, CellEntry]:
     """A record as it is judged, and as a document has it."""
     made = document.build(
         [seen], [Plan(matrix="quick", cells=(seen.cell,))], {"m": {}}, "2026-11-23T00:00:00Z", known=known()
     )
-    return evidence.looked_up(seen, verdict.judge(seen), known()), made.cells[0]
+    return assess(seen, known()), made.cells[0]
 
 
 def test_a_green_cell_says_what_is_left_open() -> None:
@@ -99,7 +100,7 @@ def test_a_green_cell_says_what_is_left_open() -> None:
     said, entry = judged(record(drawn(None)))
 
     assert (said.verdict, said.unverified) == (Verdict.WORKS, (NAME,))
-    assert not verdict.fulfilled(said.verdict, said.phases, said.unverified)
+    assert not said.fulfilled
     assert not silent.plainly_good(entry.verdict, entry.unverified)
     assert not changes.works(entry)
     assert [one.unverified for one in entry.cases] == [(NAME,)]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from specimens import knowing, signature
 
+from harness.judging.assess import assess
 from harness.model import (
     Case,
     CaseRecord,
@@ -228,7 +230,7 @@ def test_which_failures_are_foreseen(cell: Cell, phase: str, line: str | None, e
 )
 def test_the_verdict_of_a_cell(found: CellRecord, kind: Kind, text: str) -> None:
     """An unexpected verdict fails, better ones too; what could not be told fails; what is not here is skipped."""
-    ended = judging.judged(found, TODAY)
+    ended = judging.judged(assess(found, today=TODAY))
 
     assert (ended.kind, ended.text) == (kind, text)
 
@@ -237,7 +239,7 @@ def test_the_verdict_of_a_cell_that_fails_in_a_known_way() -> None:
     """As expected by its cause, not by another."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature="it")
     found = record(replace(CELL, expect=expect), render="failed")
-    same, other = judging.judged(found, TODAY, ["it", "too"]), judging.judged(found, TODAY, ["too"])
+    same, other = (judging.judged(assess(found, knowing(signature(name, "boom")))) for name in ("it", "that"))
     assert (same.kind, same.text) == (Kind.XFAILED, "partial in render: known")
     assert (other.kind, other.text) == (
         Kind.FAILED,
@@ -279,7 +281,7 @@ def test_a_suite_without_an_environment_says_why() -> None:
     ended = judging.ended(cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING, TODAY)
 
     assert (ended.kind, ended.text) == (Kind.INCONCLUSIVE, "inconclusive: not run: no swig")
-    assert judging.judged(found, TODAY).kind is Kind.PASSED
+    assert judging.judged(assess(found, today=TODAY)).kind is Kind.PASSED
 
 
 def test_time_is_that_of_this_session() -> None:
@@ -310,6 +312,6 @@ def test_a_case_that_misleads_has_not_passed() -> None:
         "misleads: looks elsewhere\nrender.camera failed",
     )
     assert told(misleading(), "single")[0] is Kind.PASSED
-    assert judging.judged(misleading(), TODAY).kind is Kind.FAILED
+    assert judging.judged(assess(misleading())).kind is Kind.FAILED
     assert told(expected, "render")[0] is Kind.XFAILED
-    assert judging.judged(expected, TODAY).kind is Kind.XFAILED
+    assert judging.judged(assess(expected)).kind is Kind.XFAILED

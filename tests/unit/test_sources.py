@@ -88,4 +88,4 @@ def test_a_report_depends_on_all_that_it_is_made_with() -> None:
 
     assert set(sources.imported("harness.commands.reporting").values()) <= files
     assert PACKAGE / "standalone" / "matching.py" in files
-    assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "failure.py", "check.py"}
+    assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "identity.py", "check.py"}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from harness import document, evidence, explaining, knowledge
+from harness import document, entry_failures, knowledge
+from harness.judging import failure_texts
 from harness.model import Verdict
 from harness.reporttypes import CellEntry
 from harness.standalone import matching
@@ -46,7 +46,7 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     """With the packages that were there; where there is another answer, it is mostly none."""
     right = other = 0
     for folder, cell in cells():
-        expected = {one.signature for one in explaining.counting(cell)}
+        expected = {one.signature for one in entry_failures.counted(cell)}
         text = "\n".join(said(folder, cell))
         if expected and text:
             cause = made(text, cell).cause
@@ -63,11 +63,5 @@ def made(text: str, cell: CellEntry) -> Explained:
 
 def said(folder: Path, cell: CellEntry) -> Iterator[str]:
     """What a cell wrote, and the tracebacks of its replies."""
-    for name, text in (knowledge.texts(folder / cell.evidence) if cell.evidence else {}).items():
-        if not name.endswith(".jsonl"):
-            yield text
-            continue
-        for line in text.splitlines():
-            entry = json.loads(line) if line.endswith("}") else {}
-            if entry.get("outcome") != "passed":
-                yield from evidence._words(entry)
+    if cell.evidence and cell.phase:
+        yield from failure_texts.written(knowledge.texts(folder / cell.evidence), cell.phase)

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from specimens import GENERATED, MACHINES, case, cell, plain, record
 
-from harness import document, matrixfile, model, plan, pytestsays, subjects, suites, verdict
+from harness import document, matrixfile, model, plan, pytestsays, subjects, suites
 from harness.errors import BadInput
+from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
 from harness.model import (
     Artifact,
@@ -420,11 +421,11 @@ def test_a_report_is_counted() -> None:
 # --- what that does to the verdict -----------------------------------------------------------------------------
 
 
-def judged(tried: CaseRecord, ended: Outcome | None, *, asked: bool = True) -> verdict.Judgement:
+def judged(tried: CaseRecord, ended: Outcome | None, *, asked: bool = True) -> Assessed:
     """The judgement of a cell with one case and a suite that ended so."""
     own = Subject(source=".", suite=Suite() if asked else None)
     suite = PhaseRecord(phase=Phase.SUITE, outcome=ended, decisive="test_a: no") if ended else None
-    return verdict.judge(record(tried, of=cell(cases=[tried.case], subject=own), suite=suite))
+    return assess(record(tried, of=cell(cases=[tried.case], subject=own), suite=suite))
 
 
 @pytest.mark.parametrize(
@@ -491,7 +492,7 @@ def test_a_suite_without_an_environment_leaves_the_verdict_to_the_cases() -> Non
         assert document.exit_code(whole, ("unexpected", "stale")) == code
     only = replace(case("psss"), phases=tuple(one for one in case("psss").phases if one.phase is Phase.IMPORT))
     asked = replace(cell(subject=own), cases=(replace(cell().cases[0], checks=("import.modules",)),))
-    imported = verdict.judge(record(only, of=asked, suite=suite))
+    imported = assess(record(only, of=asked, suite=suite))
     assert imported.decisive == f"only the import was tried; its tests were not run: {suite.decisive}"
 
 

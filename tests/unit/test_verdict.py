@@ -6,7 +6,10 @@ from dataclasses import replace
 import pytest
 from specimens import CHECKS, LETTERS, case, cell, phase, plain, record, step, warning
 
-from harness import misleading, verdict
+from harness import misleading
+from harness.judging import expectation
+from harness.judging.assess import Assessed, assess
+from harness.judging.counted_phases import effective
 from harness.model import (
     CASE_PHASES,
     CELL_PHASES,
@@ -25,6 +28,7 @@ from harness.model import (
     Verdict,
 )
 from harness.reporttypes import SEVERITY
+from harness.verdict import worst
 
 IMPORT_ONLY = Case(id="numpy", env=None, api="gymnasium", checks=("import.modules",))
 
@@ -106,7 +110,7 @@ STEPS = {
 @pytest.mark.parametrize(("evidence", "expected", "at", "why"), STEPS.values(), ids=STEPS.keys())
 def test_steps_on_the_host(evidence: CellRecord, expected: Verdict, at: Phase | None, why: str | None) -> None:
     """What ended before any probe decides the verdict, with its phase and line."""
-    judged = verdict.judge(evidence)
+    judged = assess(evidence)
 
     assert (judged.verdict, judged.phase, judged.decisive) == (expected, at, why)
 
@@ -160,7 +164,7 @@ def test_probes(
     """The outcomes of one or two cases decide the verdict, its phase, and what stays unverified."""
     cases = (case(first, "ant"), *([case(second, "pusher")] if second else []))
 
-    judged = verdict.judge(record(*cases))
+    judged = assess(record(*cases))
 
     assert (judged.verdict, judged.phase, judged.unverified) == (expected, at, unverified)
 
@@ -171,7 +175,7 @@ def test_probes(
 )
 def test_decisive_line(outcomes: str, line: str | None) -> None:
     """The decisive line is that of the first case in the deciding phase; a working cell has none."""
-    assert verdict.judge(record(case(outcomes), case("pppp", "pusher"))).decisive == line
+    assert assess(record(case(outcomes), case("pppp", "pusher"))).decisive == line
 
 
 def test_decisive_line_of_a_check() -> None:
@@ -179,12 +183,12 @@ def test_decisive_line_of_a_check() -> None:
     failed = phase(Phase.SINGLE, Outcome.FAILED, "KeyError: 'x'")
     bare = PhaseRecord(phase=Phase.SINGLE, outcome=Outcome.FAILED, checks=failed.checks)
 
-    assert verdict.judge(record(case("pfnn", single=bare))).decisive == "KeyError: 'x'"
+    assert assess(record(case("pfnn", single=bare))).decisive == "KeyError: 'x'"
 
 
 def test_import_alone_is_never_works() -> None:
     """A cell that was only imported was not run as far as a user is concerned, and says so."""
-    judged = verdict.judge(imported(Outcome.PASSED))
+    judged = assess(imported(Outcome.PASSED))
 
     assert (judged.verdict, judged.phase, judged.decisive) == (Verdict.NOT_RUN, None, "only the import was tried")
     assert plain(judged.phases)["single"] == "skipped"
@@ -205,27 +209,27 @@ def test_all_that_was_asked_for(said: Verdict, phases: str, expected: bool) -> N
     letters = {"p": Outcome.PASSED, "s": Outcome.SKIPPED, "n": Outcome.NOT_REACHED, "u": Outcome.UNAVAILABLE,
                "f": Outcome.FAILED}  # fmt: skip
     found = {phase: letters[letter] for phase, letter in zip(CASE_PHASES, phases, strict=False)}
-    assert verdict.fulfilled(said, found) is expected
+    assert expectation.fulfilled(said, found) is expected
 
 
 def test_without_a_loop_nothing_is_works() -> None:
     """Where a case asks for environments in batches alone, what is missing is said, and what ran is not denied."""
     asked = Case(id="ant", env="Ant-v5", api="gymnasium", checks=("import.modules", "vector.sync"))
-    judged = verdict.judge(record(case("psps"), of=replace(cell(), cases=(asked,))))
+    judged = assess(record(case("psps"), of=replace(cell(), cases=(asked,))))
 
     assert (judged.verdict, judged.decisive) == (Verdict.NOT_RUN, "vector passed, but single was not tried")
 
 
 def test_import_alone_can_fail() -> None:
     """The failure of an import that is all that was asked for is a verdict."""
-    judged = verdict.judge(imported(Outcome.FAILED))
+    judged = assess(imported(Outcome.FAILED))
 
     assert (judged.verdict, judged.decisive) == (Verdict.IMPORT_FAILS, "no numpy")
 
 
 def test_phases_are_the_worst_of_cases() -> None:
     """All six phases are told, each as the worst of the cases in the order of the outcomes."""
-    judged = verdict.judge(record(case("ppfu"), case("pppn", "pusher")))
+    judged = assess(record(case("ppfu"), case("pppn", "pusher")))
 
     assert plain(judged.phases) == {
         "resolve": "passed",
@@ -241,7 +245,7 @@ def test_skipped_without_a_check_was_left_out() -> None:
     """A phase that was asked for, and skipped without a check that says so, counts as not reached."""
     left_out = PhaseRecord(phase=Phase.RENDER, outcome=Outcome.SKIPPED)
 
-    judged = verdict.judge(record(case("pppp", render=left_out)))
+    judged = assess(record(case("pppp", render=left_out)))
 
     assert (judged.phases[Phase.RENDER], judged.unverified) == (Outcome.NOT_REACHED, ("render",))
 
@@ -250,14 +254,14 @@ def test_check_that_was_left_out() -> None:
     """A phase of which only one of two checks ran did not pass, however well that one went."""
     asked = replace(cell().cases[0], checks=(*CHECKS.values(), "vector.async.fork"))
 
-    judged = verdict.judge(record(case("pppp"), of=replace(cell(), cases=(asked,))))
+    judged = assess(record(case("pppp"), of=replace(cell(), cases=(asked,))))
 
     assert (judged.phases[Phase.VECTOR], judged.unverified) == (Outcome.NOT_REACHED, ("vector",))
 
 
 def test_case_without_record() -> None:
     """A case that the cell should have and of which nothing is known keeps the cell from working."""
-    assert verdict.judge(record(case("pppp"), of=cell(cases=("ant", "pusher")))).verdict is Verdict.NOT_RUN
+    assert assess(record(case("pppp"), of=cell(cases=("ant", "pusher")))).verdict is Verdict.NOT_RUN
 
 
 class TestRequired:
@@ -270,27 +274,27 @@ class TestRequired:
 
     def test_warning_of_a_required_check_fails_its_phase(self) -> None:
         """A required finding turns its phase, and so the cell, red with the finding as the decisive line."""
-        judged = verdict.judge(self.with_finding((self.REPEAT,)))
+        judged = assess(self.with_finding((self.REPEAT,)))
 
         assert (judged.verdict, judged.phase) == (Verdict.PARTIAL, Phase.SINGLE)
         assert judged.decisive == "single.repeat.fresh: differs from step 3 on"
 
     def test_other_findings_stay_findings(self) -> None:
         """A warning that no case requires, and a note, change no verdict."""
-        assert verdict.judge(self.with_finding(("single.space",))).verdict is Verdict.WORKS
-        assert verdict.judge(self.with_finding((self.REPEAT,), Level.NOTE)).verdict is Verdict.WORKS
+        assert assess(self.with_finding(("single.space",))).verdict is Verdict.WORKS
+        assert assess(self.with_finding((self.REPEAT,), Level.NOTE)).verdict is Verdict.WORKS
 
     def test_failure_keeps_its_own_reason(self) -> None:
         """A phase that failed of itself is not retold by a finding."""
         failed = phase(Phase.SINGLE, Outcome.CRASHED, "killed by SIGSEGV", (warning(self.REPEAT),))
 
-        assert verdict.effective(failed, (self.REPEAT,)) is failed
+        assert effective(failed, (self.REPEAT,)) is failed
 
     def test_required_finding_at_import_is_no_failed_import(self) -> None:
         """A cell that runs is not said to fail at import because a required check warned there."""
         loud = phase(Phase.IMPORT, Outcome.PASSED, findings=(warning("import.deprecation"),))
 
-        judged = verdict.judge(record(case("pppp", required=("import.deprecation",), **{"import": loud})))
+        judged = assess(record(case("pppp", required=("import.deprecation",), **{"import": loud})))
 
         assert (judged.verdict, judged.phase) == (Verdict.PARTIAL, Phase.IMPORT)
 
@@ -306,9 +310,9 @@ REACHABLE = ["fnnn", "innn", "unnn", *(f"p{single}nn" for single in "fiun")] + [
 RED = {Verdict.IMPORT_FAILS, Verdict.PARTIAL, Verdict.BROKEN}
 
 
-def judged_letters(*cases: str) -> verdict.Judgement:
+def judged_letters(*cases: str) -> Assessed:
     """Judge cases written as letters."""
-    return verdict.judge(record(*(case(letters, f"c{n}") for n, letters in enumerate(cases))))
+    return assess(record(*(case(letters, f"c{n}") for n, letters in enumerate(cases))))
 
 
 def possible(both: str) -> set[Verdict]:
@@ -374,10 +378,10 @@ def test_specimens_cover_every_outcome() -> None:
 # --- expectations and exit codes -------------------------------------------------------------------------------
 
 TODAY = "2026-11-21T12:00:00Z"
-BROKEN = verdict.judge(record(case("pfnn")))
-PARTIAL = verdict.judge(record(case("ppfp")))
-WORKS = verdict.judge(record(case("pppp")))
-UNTOLD = verdict.judge(CellRecord(cell=cell(), machine="m"))
+BROKEN = assess(record(case("pfnn")))
+PARTIAL = assess(record(case("ppfp")))
+WORKS = assess(record(case("pppp")))
+UNTOLD = assess(CellRecord(cell=cell(), machine="m"))
 
 
 def expecting(what: Verdict, **more: str) -> Expectation:
@@ -416,10 +420,10 @@ def expecting(what: Verdict, **more: str) -> Expectation:
     ],
 )
 def test_expectations(
-    expect: Expectation | None, judged: verdict.Judgement, as_expected: bool | None, stale: str | None
+    expect: Expectation | None, judged: Assessed, as_expected: bool | None, stale: str | None
 ) -> None:
     """A judgement is compared with verdict, phase and line; better than expected is stale, not as expected."""
-    assert verdict.expected(cell(expect=expect), judged, TODAY) == (as_expected, stale)
+    assert expectation.expected(cell(expect=expect), judged, TODAY, tuple) == (as_expected, stale)
 
 
 BOTH = {"unexpected", "stale"}
@@ -441,7 +445,7 @@ BOTH = {"unexpected", "stale"}
 )
 def test_exit_code(judged: list[tuple[Verdict, bool | None]], stale: bool, fail_on: set[str], code: int) -> None:
     """1 for what is not as expected, before 3 for what could not be told, before 0."""
-    assert verdict.exit_code(judged, stale=stale, fail_on=fail_on) == code
+    assert expectation.exit_code(judged, stale=stale, fail_on=fail_on) == code
 
 
 # --- what misleads ----------------------------------------------------------------------------------------------
@@ -460,7 +464,7 @@ def drawn(camera: Outcome, others: Outcome = Outcome.PASSED, *, single: Outcome 
         phase(Phase.IMPORT, Outcome.PASSED),
         phase(Phase.SINGLE, single, None if single is Outcome.PASSED else "no reset"),
         phase(Phase.VECTOR, Outcome.PASSED),
-        PhaseRecord(phase=Phase.RENDER, outcome=verdict.worst(one.outcome for one in counting), checks=checks),
+        PhaseRecord(phase=Phase.RENDER, outcome=worst(one.outcome for one in counting), checks=checks),
     )
     return CaseRecord(case="Ant-v5", env="Ant-v5", api="gymnasium", required=(), phases=phases)
 
@@ -469,20 +473,20 @@ def test_a_misleading_check_that_fails_leaves_its_phase_and_makes_the_verdict() 
     """The picture was drawn, so `render` passed; the cell misleads, by the line of the check."""
     seen = record(drawn(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
 
-    judged = verdict.judge(seen)
+    judged = assess(seen)
 
     assert (judged.verdict, judged.phase) == (Verdict.MISLEADS, Phase.RENDER)
     assert judged.decisive == "lookat is (0.55, 0.55, 0.55)"
     assert judged.phases[Phase.RENDER] is Outcome.PASSED
-    assert verdict.expected(seen.cell, judged, "2026-11-23")[0] is False
-    assert not verdict.fulfilled(judged.verdict, judged.phases)
+    assert expectation.expected(seen.cell, judged, "2026-11-23", tuple)[0] is False
+    assert not expectation.fulfilled(judged.verdict, judged.phases)
 
 
 def test_misleads_comes_before_the_failures_of_other_phases() -> None:
     """A failure stays in `phases`, and a trouble of this machine elsewhere does not hide what was shown."""
     whole = replace(cell(), cases=(CAMERA,))
-    failed = verdict.judge(record(drawn(Outcome.FAILED, single=Outcome.FAILED), of=whole))
-    infra = verdict.judge(record(drawn(Outcome.FAILED, single=Outcome.INFRA), of=whole))
+    failed = assess(record(drawn(Outcome.FAILED, single=Outcome.FAILED), of=whole))
+    infra = assess(record(drawn(Outcome.FAILED, single=Outcome.INFRA), of=whole))
 
     assert failed.verdict is infra.verdict is Verdict.MISLEADS
     assert failed.phases[Phase.SINGLE] is Outcome.FAILED
@@ -491,7 +495,7 @@ def test_misleads_comes_before_the_failures_of_other_phases() -> None:
 @pytest.mark.parametrize("camera", [Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE])
 def test_a_misleading_check_that_shows_nothing_harms_nobody(camera: Outcome) -> None:
     """It passed, has no meaning here, or could not be measured: the cell works."""
-    judged = verdict.judge(record(drawn(camera), of=replace(cell(), cases=(CAMERA,))))
+    judged = assess(record(drawn(camera), of=replace(cell(), cases=(CAMERA,))))
 
     assert judged.verdict is Verdict.WORKS
     assert judged.unverified == ()
@@ -499,7 +503,7 @@ def test_a_misleading_check_that_shows_nothing_harms_nobody(camera: Outcome) -> 
 
 def test_a_process_that_dies_in_a_misleading_check_is_a_failure() -> None:
     """A crash is loud: it fails the phase, and misleads nobody."""
-    judged = verdict.judge(record(drawn(Outcome.CRASHED), of=replace(cell(), cases=(CAMERA,))))
+    judged = assess(record(drawn(Outcome.CRASHED), of=replace(cell(), cases=(CAMERA,))))
 
     assert (judged.verdict, judged.phases[Phase.RENDER]) == (Verdict.PARTIAL, Outcome.CRASHED)
 
@@ -510,8 +514,8 @@ def test_a_control_that_fails_the_same_misleading_check_makes_it_inconclusive() 
     same = ControlRecord(control="control gymnasium-1", failed={"render.camera": "lookat"})
     other = ControlRecord(control="control gymnasium-1", failed={"single.contact": "passed through"})
 
-    assert verdict.judge(replace(seen, controls={"gymnasium": same})).verdict is Verdict.INCONCLUSIVE
-    assert verdict.judge(replace(seen, controls={"gymnasium": other})).verdict is Verdict.MISLEADS
+    assert assess(replace(seen, controls={"gymnasium": same})).verdict is Verdict.INCONCLUSIVE
+    assert assess(replace(seen, controls={"gymnasium": other})).verdict is Verdict.MISLEADS
 
 
 def test_misleads_may_be_expected() -> None:
@@ -519,9 +523,9 @@ def test_misleads_may_be_expected() -> None:
     expect = Expectation(verdict=Verdict.MISLEADS, reason="numpy 2", phase=Phase.RENDER, match="lookat")
     whole = replace(cell(), cases=(CAMERA,), expect=expect)
 
-    assert verdict.expected(whole, verdict.judge(record(drawn(Outcome.FAILED), of=whole)), "2026")[0] is True
-    works = verdict.judge(record(drawn(Outcome.PASSED), of=whole))
-    assert verdict.expected(whole, works, "2026") == (
+    assert expectation.expected(whole, assess(record(drawn(Outcome.FAILED), of=whole)), "2026", tuple)[0] is True
+    works = assess(record(drawn(Outcome.PASSED), of=whole))
+    assert expectation.expected(whole, works, "2026", tuple) == (
         False,
         f"{whole.id} does better than expected: works instead of misleads",
     )

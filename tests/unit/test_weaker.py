@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from specimens import case, record, step
+from specimens import case, knowing, record, signature, step
 
-from harness import verdict
+from harness.judging.assess import assess
 from harness.model import CaseRecord, CellRecord, CheckRecord, Outcome, Phase, PhaseRecord, Verdict
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import ended, further, passes, weaker
@@ -18,7 +18,8 @@ from harness.search import Answer
 def trial(*cases: CaseRecord, **more: object) -> Trial:
     """A cell with these cases, as it was judged."""
     made: CellRecord = record(*cases, **more)
-    return Trial(cell=made.cell, record=made, judged=verdict.judge(made), found=(), seconds=1.0, at_hand=False)
+    found = assess(made)
+    return Trial(assessed=found, failure=found.failure, seconds=1.0, at_hand=False)
 
 
 @pytest.mark.parametrize(
@@ -84,15 +85,15 @@ def drawn(camera: Outcome) -> Trial:
 
 def doubtful() -> Trial:
     """A cell that works but for a silent issue that no check has refuted."""
-    one = trial(case("pppp"))
-    return replace(one, judged=replace(one.judged, unverified=("silent:camera-elsewhere",)))
+    lurks = signature("camera-elsewhere", None, silent=True, packages=["gymnasium"], check="render.camera")
+    return Trial(assessed=assess(record(case("pppp")), knowing(lurks)), failure=None, seconds=1.0, at_hand=False)
 
 
 def test_what_misleads_is_no_cure_and_has_to_be_shown_right() -> None:
     """A search takes it for red; what cures it passes the same check, in which a skip is no answer."""
     before = drawn(Outcome.FAILED)
 
-    assert before.judged.verdict is Verdict.MISLEADS
+    assert before.assessed.verdict is Verdict.MISLEADS
     assert not before.works
     assert failing(before)
     assert weaker(before, drawn(Outcome.PASSED)) is None
@@ -102,7 +103,7 @@ def test_what_misleads_is_no_cure_and_has_to_be_shown_right() -> None:
 
 def test_what_is_only_not_refuted_is_no_cure() -> None:
     """It works, and is never handed out; nor is it a bad end."""
-    assert doubtful().judged.verdict is Verdict.WORKS
+    assert doubtful().assessed.verdict is Verdict.WORKS
     assert not doubtful().works
     assert doubtful().doubtful
     assert not failing(doubtful())

@@ -6,6 +6,7 @@ import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .. import matching
+from ..counting import Fit, counting
 from ..lines import MASKS, bounded
 from ..matching import Around, Hit, Seen
 from ..requirements import requirement
@@ -64,22 +65,21 @@ class Explained(NamedTuple):
     @property
     def phase(self) -> Optional[str]:
         """Where it failed: in the one phase that the cause shows in, else where the text looks like."""
-        cause = next((hit.known for hit in self.diagnoses if not hit.known.masks), None)
-        if cause is not None and cause.phases and self.told.phase not in cause.phases:
-            return str(cause.phases[0])
+        cause = _deepest(self.diagnoses)
+        if cause is not None and cause.known.phases and self.told.phase not in cause.known.phases:
+            return str(cause.known.phases[0])
         return self.told.phase
 
     @property
-    def cause(self) -> Optional[Hit]:
-        """The deepest cause; None where none is known but that another process has died, or what stands elsewhere.
+    def causes(self) -> Tuple[Hit, ...]:
+        """The causes that count, the deepest first; none where another process died and nothing says why."""
+        told, echoed = self.told, self.echoed
+        return counting(_fit(hit, says=not echoed and _where(hit, told) is DECISIVE) for hit in self.diagnoses)
 
-        A failure that hides others counts where nothing is found behind it.
-        """
-        deepest = next((hit for hit in self.diagnoses if not hit.known.masks), None)
-        first = next(iter(self.diagnoses), None)
-        if deepest or first is None or self.echoed or _where(first, self.told) is not DECISIVE:
-            return deepest
-        return first
+    @property
+    def cause(self) -> Optional[Hit]:
+        """The deepest cause; None where none is known."""
+        return next(iter(self.causes), None)
 
     @property
     def echoed(self) -> bool:
@@ -95,6 +95,15 @@ class Explained(NamedTuple):
             "diagnoses": [_diagnosis(hit, self.told.phase) for hit in self.diagnoses],
             "findings": [{"check": check, "level": level, "text": text} for check, level, text in self.findings],
         }
+
+
+def _deepest(hits: Sequence[Hit]) -> Optional[Hit]:
+    """Return the deepest cause that hides no other; None where none is known."""
+    return next(iter(counting(_fit(hit, says=False) for hit in hits)), None)
+
+
+def _fit(hit: Hit, *, says: bool) -> Fit:
+    return Fit(known=hit, masks=hit.known.masks, generic=hit.known.generic, seen=hit.seen, says=says)
 
 
 def _diagnosis(hit: Hit, phase: Optional[str]) -> Dict[str, Any]:
@@ -113,7 +122,7 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, told, killed)
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, _besides(hit)) for hit in aside[:SHOWN]]
-    if not any(not hit.known.masks for hit in hits):
+    if _deepest(hits) is None:
         possible = _hits(could, told, killed)[0]
         named = [hit for hit in possible if _named(hit.known, told.text)]
         if len(named) == 1:
@@ -123,7 +132,7 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
             findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
     if not told.failed and hits:
         told = told._replace(failed=True, decisive=hits[0].seen)
-    if TROUBLE.search(told.decisive or "") and not any(not hit.known.masks for hit in hits):
+    if TROUBLE.search(told.decisive or "") and _deepest(hits) is None:
         findings.append(
             ("machine", WARNING, "this machine or its network is at fault, and no package: mend that first")
         )
@@ -240,9 +249,9 @@ def _hits(
 
 def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
     """What explains the decisive line goes before what was said elsewhere."""
-    one = hit.known
-    elsewhere = bool(one.phases) and told.phase is not None and told.phase not in one.phases
-    return one.masks, not one.phases, one.generic, _where(hit, told), elsewhere
+    phases = hit.known.phases
+    elsewhere = bool(phases) and told.phase is not None and told.phase not in phases
+    return matching.rank(hit.known, _where(hit, told), elsewhere)
 
 
 def _where(hit: Hit, told: Told) -> int:
@@ -267,7 +276,7 @@ def _in(seen: str, line: Optional[str]) -> bool:
 
 def _others(told: Told, hits: Sequence[Hit]) -> List[Tuple[str, str, str]]:
     """What the cause that is known does not tell of."""
-    cause = next((hit for hit in hits if not hit.known.masks), None)
+    cause = _deepest(hits)
     if cause is None or not told.decisive or _where(cause, told) is DECISIVE or _mask_tells(told.decisive, hits):
         return []
     text = "the last that failed is another line, a consequence or a failure of its own: {}".format(told.decisive)
@@ -281,7 +290,7 @@ def _mask_tells(line: str, hits: Sequence[Hit]) -> bool:
 def _measured(told: Told, hits: Sequence[Hit], measured: Optional[Mapping[str, Any]]) -> List[Tuple[str, str, str]]:
     """Where the same was measured: by the cause, else by the line that says why."""
     cells = (measured or {}).get("cells", ())
-    cause = next((hit for hit in hits if not hit.known.masks), None)
+    cause = _deepest(hits)
     if cause is not None:
         same = [cell for cell in cells if cause.known.id in cell.get("causes", ())]
     else:

@@ -44,7 +44,7 @@ def lines(made: Explained, place: Place) -> Iterator[str]:
         yield from _unknown(made)
     else:
         yield from _cause(made.cause)
-        for other in [hit for hit in made.diagnoses if not hit.known.masks][1 : 1 + LIKE_IT]:
+        for other in [hit for hit in made.causes if not hit.known.masks][1 : 1 + LIKE_IT]:
             yield "also:      {} ({})".format(other.known.plain["cause"], other.seen)
     if made.cause is not None:
         yield from _hidden(made)

@@ -8,7 +8,8 @@ import shutil
 import pytest
 from commandline import Desk, Measured
 
-from harness import cellrun, environments, interpreters, launch, machine, process, uv, verdict
+from harness import cellrun, environments, interpreters, launch, machine, process, uv
+from harness.judging.assess import assess
 from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
 from harness.store import Store
 
@@ -93,7 +94,7 @@ def test_a_package_of_the_system_that_is_missing_is_unavailable(desk: Desk) -> N
 def test_more_memory_than_allowed_is_inconclusive(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     """A memory hog is ended at the limit; that the limit is ours makes it infra, whatever the package."""
     record = _probed(desk, monkeypatch, "fake_memory_hog:MemoryHog-v0", memory_mb=300)
-    judged = verdict.judge(record)
+    judged = assess(record)
     assert (judged.verdict, judged.phases[Phase.SINGLE]) == (Verdict.INCONCLUSIVE, Outcome.INFRA)
     assert judged.decisive == "needs more than the 300 MB that its case allows; `memory_mb` of the case raises that"
 
@@ -104,7 +105,7 @@ def test_another_python_than_the_lock_s_is_inconclusive(desk: Desk, monkeypatch:
     if other is None:
         pytest.skip("unavailable: python3.9")
     record = _probed(desk, monkeypatch, "fake_healthy:Healthy-v0", python=other.path)
-    judged = verdict.judge(record)
+    judged = assess(record)
     assert (judged.verdict, judged.phases[Phase.IMPORT]) == (Verdict.INCONCLUSIVE, Outcome.INFRA)
     assert judged.decisive == f"the environment's Python is {other.version}, not {record.python}"
 

@@ -1,0 +1,38 @@
+"""The known failures that count in a cell of a document, and what it failed of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from harness.judging import identity
+from harness.judging.identity import Failure
+from harness.reporttypes import CellEntry, DiagnosisEntry
+from harness.standalone import counting
+from harness.standalone.counting import Fit
+
+
+def counted(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
+    """Return the known failures that count in a cell, the deepest cause first."""
+    return counting.counting(_fits(cell))
+
+
+def nameable(cell: CellEntry) -> tuple[str, ...]:
+    """Return the ids of the known failures that an expectation may name."""
+    return tuple(one.signature for one in counting.nameable(_fits(cell)))
+
+
+def failure(cell: CellEntry) -> Failure | None:
+    """Return what a cell failed of; None where it works, or nothing was told of its packages."""
+    return identity.failure(cell, (one.signature for one in counted(cell)))
+
+
+def said(cell: CellEntry) -> list[str]:
+    """Return the lines that say why a cell and its checks ended as they did."""
+    return [cell.decisive or "", *(line for case in cell.cases for line in case.reasons.values())]
+
+
+def _fits(cell: CellEntry) -> Iterator[Fit]:
+    lines = said(cell)
+    for one in cell.diagnoses:
+        says = counting.says(one.seen, lines)
+        yield Fit(known=one, masks=one.masks, generic=one.generic, seen=one.seen, says=says)

@@ -1,0 +1,222 @@
+"""The one door to a verdict: from what was measured of a cell, and what is known, to all that this means.
+
+What takes time is computed when it is first asked for: signatures are read only where something failed, silent ones
+only where something was installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from harness.judging import expectation, failure_texts, identity, known_failures
+from harness.judging.assessed_case import AssessedCase
+from harness.judging.counted_phases import Cases, counted_cases, suite_not_run, suite_phase
+from harness.judging.identity import Failure
+from harness.judging.known_failures import NOTHING_KNOWN, Knowledge, Packages
+from harness.judging.verdict import Judgement, Outcomes, judge
+from harness.model import CASE_PHASES, CellRecord, Finding, Level, Phase, PhaseRecord, Verdict
+from harness.reporttypes import UNTOLD
+from harness.signatures import Diagnosis, Evidence, Signature
+from harness.standalone import silent
+from harness.verdict import RANK
+
+
+def assess(record: CellRecord, known: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:
+    """Judge a cell. `known` is what failures are compared with, `today` an ISO date or instant for expectations.
+
+    Without the two, verdict, phases, lines and cases are the same; causes and silent issues are none, and no
+    expectation has run out.
+    """
+    return Assessed(record=record, known=known, today=today)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assessed:
+    """A cell as it was measured, and what that means."""
+
+    record: CellRecord
+    known: Knowledge
+    today: str
+
+    # --- the verdict -------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _counted(self) -> Cases:
+        return counted_cases(self.record)
+
+    @cached_property
+    def _judged(self) -> Judgement:
+        return judge(self.record, self._counted)
+
+    @property
+    def verdict(self) -> Verdict:
+        """The first row of DESIGN's table that fits."""
+        return self._judged.verdict
+
+    @property
+    def phases(self) -> Outcomes:
+        """How each phase ended: in the case where it ended worst."""
+        return self._judged.phases
+
+    @property
+    def phase(self) -> Phase | None:
+        """The first phase that decided the verdict."""
+        return self._judged.phase
+
+    @property
+    def decisive(self) -> str | None:
+        """The line that says why."""
+        return self._judged.decisive
+
+    @cached_property
+    def unverified(self) -> tuple[str, ...]:
+        """What a working cell could not show: phases, and silent issues that are neither shown nor refuted."""
+        names = (name for found in self.open_issues for name in found)
+        return tuple(dict.fromkeys((*self._judged.unverified, *names)))
+
+    @property
+    def fulfilled(self) -> bool:
+        """Whether all that was asked for passed, and no silent issue is left open."""
+        return expectation.fulfilled(self.verdict, self.phases, self.unverified)
+
+    @property
+    def untold(self) -> bool:
+        """Whether the verdict says nothing about the packages."""
+        return self.verdict in UNTOLD
+
+    # --- its cases and its suite -------------------------------------------------------------------------------
+
+    @cached_property
+    def cases(self) -> tuple[AssessedCase, ...]:
+        """The cases of the record, in its order, their phases as they count."""
+        pairs = zip(self.record.cases, self._counted, strict=False)
+        return tuple(AssessedCase(record=case, phases=phases) for case, phases in pairs)
+
+    @cached_property
+    def open_issues(self) -> tuple[tuple[str, ...], ...]:
+        """For each case the silent issues, as `silent:ID`, that fit it and that no check has shown or refuted."""
+        if not self.lurking:
+            return ((),) * len(self.record.cases)
+        return tuple(silent.open_issues(self.lurking, case.exercised) for case in self.cases)
+
+    @property
+    def suite(self) -> PhaseRecord | None:
+        """How the subject's own suite ended; None where the cell has none to run."""
+        return suite_phase(self.record)
+
+    # --- known failures ----------------------------------------------------------------------------------------
+
+    @cached_property
+    def lurking(self) -> tuple[Signature, ...]:
+        """The silent issues whose packages the cell has."""
+        return known_failures.lurking(self.known, self._packages)
+
+    @cached_property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """The known failures that fit a red cell: what a misleading check has shown, then the deepest cause."""
+        if not known_failures.has_causes(self.verdict):
+            return ()
+        return known_failures.fitting(self.known, self._packages, self.failures, self._shown())
+
+    def _shown(self) -> Iterator[Diagnosis]:
+        if self.verdict is Verdict.MISLEADS:
+            lines = {
+                check.check: check.decisive for case in reversed(self.cases) for check in reversed(case.misleading)
+            }
+            yield from known_failures.shown_silent(self.lurking, [case.exercised for case in self.cases], lines)
+
+    @property
+    def suite_diagnoses(self) -> tuple[Diagnosis, ...]:
+        """The known failures that keep the environment of the suite from being made, the deepest cause first."""
+        suite = self.suite
+        if suite is None or not suite_not_run(suite):
+            return ()
+        return known_failures.fitting(self.known, self._packages, failure_texts.suite_failures(suite, self.known.logs))
+
+    @cached_property
+    def failures(self) -> tuple[Evidence, ...]:
+        """What was written of each phase that failed, in every case."""
+        return tuple(failure_texts.failures(self.record, self._counted[: len(self.record.cases)], self.known.logs))
+
+    @cached_property
+    def _packages(self) -> Packages:
+        record, question = self.record, self.record.cell.question
+        return Packages(
+            installed=record.installed,
+            requirements=(*question.requirements, *question.constraints),
+            python=record.python or record.cell.python,
+            lock=record.lock,
+        )
+
+    def _lines(self) -> Iterator[str]:
+        """Yield what the cell says: why it and its checks ended as they did."""
+        yield self.decisive or ""
+        yield from (line for case in self.cases for check in case.checks if (line := check.decisive))
+
+    @property
+    def failure(self) -> Failure | None:
+        """What it failed of; None where it works, or nothing was told of its packages."""
+        counted = known_failures.counted(self.diagnoses, self._lines())
+        return identity.failure(self, (str(one.signature.id) for one in counted))
+
+    # --- what was expected -------------------------------------------------------------------------------------
+
+    @cached_property
+    def _expected(self) -> tuple[bool | None, str | None]:
+        return expectation.expected(
+            self.record.cell, self, self.today, lambda: known_failures.names(self.diagnoses, self._lines())
+        )
+
+    @property
+    def as_expected(self) -> bool | None:
+        """Whether the cell is as expected; None where nothing can be said."""
+        return self._expected[0]
+
+    @property
+    def stale(self) -> str | None:
+        """Why its expectation is out of date; None where it is not."""
+        return self._expected[1]
+
+    # --- beside it ---------------------------------------------------------------------------------------------
+
+    @property
+    def findings(self) -> dict[Finding, tuple[str, ...]]:
+        """Each finding once, with the cases it was seen in."""
+        record = self.record
+        steps = [step for step in (record.resolve, record.install) if step]
+        everywhere = [*record.findings, *(finding for step in steps for finding in step.findings), *self._untold()]
+        seen: dict[Finding, list[str]] = {finding: [] for finding in everywhere}
+        for case in record.cases:
+            for finding in (finding for phase in case.phases for finding in phase.findings):
+                cases = seen.setdefault(finding, [])
+                cases += [] if case.case in cases else [case.case]
+        seen |= {finding: [] for finding in (record.suite.findings if record.suite else ()) if finding not in seen}
+        return {finding: tuple(cases) for finding, cases in seen.items()}
+
+    def _untold(self) -> Iterator[Finding]:
+        """Yield of which adapters nothing is known, so that a failure may as well be theirs."""
+        for api, control in self.record.controls.items():
+            if control.untold:
+                text = f"whether the adapter {api} works on this machine is not known: {control.untold}"
+                yield Finding(check=f"control.{api}", level=Level.NOTE, text=text)
+
+    @property
+    def attempts(self) -> int:
+        """How often the phase was tried that was tried most."""
+        phases = [phase for case in self.record.cases for phase in case.phases]
+        phases += [self.record.suite] if self.record.suite else []
+        return max((phase.attempts for phase in phases), default=1)
+
+    @property
+    def evidence(self) -> str | None:
+        """The log of what decided the verdict; of the last thing done where nothing went wrong."""
+        record = self.record
+        logs = [(step.phase, step.log) for step in (record.resolve, record.install) if step and step.log]
+        for wanted in CASE_PHASES:
+            probes = [probe for case in record.cases for probe in case.phases if probe.phase is wanted]
+            probes.sort(key=lambda probe: RANK[probe.outcome])
+            logs += [(probe.phase, probe.evidence) for probe in probes if probe.evidence]
+        logs += [(Phase.SUITE, record.suite.evidence)] if record.suite and record.suite.evidence else []
+        return next((log for at, log in logs if at is self.phase), logs[-1][1] if logs else None)

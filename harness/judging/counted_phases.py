@@ -1,0 +1,103 @@
+"""The phases of a cell's cases as they count: with what a case requires, and discounted by the controls of adapters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Set
+from dataclasses import replace
+from functools import cache
+
+from harness import misleading
+from harness.judging.discount import trusted
+from harness.model import (
+    CASE_PHASES,
+    FAILING,
+    Case,
+    CaseRecord,
+    CellRecord,
+    Level,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Step,
+)
+from harness.vocabulary import MISLEADING
+
+Cases = tuple[tuple[PhaseRecord, ...], ...]
+"""The phases of each case as they count, all of `CASE_PHASES`."""
+
+
+def step_outcome(step: Step | None) -> Outcome | None:
+    """Return how a step on the host ended; a resolution that timed out says nothing about packages."""
+    if step and step.phase is Phase.RESOLVE and step.outcome is Outcome.TIMED_OUT:
+        return Outcome.INFRA
+    return step.outcome if step else None
+
+
+def reason(record: PhaseRecord) -> str | None:
+    """Return why a phase ended as it did: its own line, or that of its first check that ended so."""
+    own = (check.decisive for check in misleading.settled(record.checks) if check.outcome is record.outcome)
+    return record.decisive or next((line for line in own if line), None)
+
+
+def suite_phase(evidence: CellRecord) -> PhaseRecord | None:
+    """Return how the subject's own suite ended; None where the cell has none to run."""
+    asked = evidence.cell.subject is not None and evidence.cell.subject.suite is not None
+    return (evidence.suite or PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED)) if asked else None
+
+
+def suite_not_run(suite: PhaseRecord) -> bool:
+    """Return whether tests that were asked for could not be run, their environment being impossible to make."""
+    return suite.outcome is Outcome.NOT_REACHED and suite.decisive is not None
+
+
+def counted_cases(evidence: CellRecord) -> Cases:
+    """Return the cases with a record, and after them an empty one for each other that the cell should have had."""
+    known = {record.case for record in evidence.cases}
+    unseen = (_unseen(case) for case in evidence.cell.cases if case.id not in known)
+    return tuple(_case_phases(evidence, record) for record in (*evidence.cases, *unseen))
+
+
+def _case_phases(evidence: CellRecord, record: CaseRecord) -> tuple[PhaseRecord, ...]:
+    """Return the phases of a case as they count, all of `CASE_PHASES`: with `required` findings, and none left unsaid.
+
+    A failure in which the control of the adapter shares is `infra`: whose fault it is cannot be told.
+    """
+    known = {phase.phase: phase for phase in record.phases}
+    cases = evidence.cell.cases
+    asked = _asked(tuple(check for case in cases if case.id == record.case for check in case.checks))
+    counted = (_counted(phase, known.get(phase), asked[phase], record.required) for phase in CASE_PHASES)
+    return tuple(trusted(phase, evidence.controls.get(record.api)) for phase in counted)
+
+
+@cache
+def _asked(checks: tuple[str, ...]) -> Mapping[Phase, frozenset[str]]:
+    return {phase: frozenset(one for one in checks if one.partition(".")[0] == phase) for phase in CASE_PHASES}
+
+
+def counts(record: PhaseRecord) -> bool:
+    """Return whether a phase is told of: always, except the last one where nothing of it was asked for."""
+    return record.phase is not CASE_PHASES[-1] or record.outcome is not Outcome.SKIPPED or bool(record.checks)
+
+
+def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
+    """Return the record of a phase, failed where a check that the case requires gave a warning."""
+    names = frozenset(required)
+    broken = [found for found in record.findings if found.check in names and found.level is Level.WARNING]
+    if not broken or record.outcome in FAILING:
+        return record
+    return replace(record, outcome=Outcome.FAILED, decisive=f"{broken[0].check}: {broken[0].text}")
+
+
+def _unseen(case: Case) -> CaseRecord:
+    return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=())
+
+
+def _counted(phase: Phase, record: PhaseRecord | None, asked: Set[str], required: tuple[str, ...]) -> PhaseRecord:
+    """Tell a phase without meaning (skipped, and a check says so) from one of which a check was asked and left out."""
+    if record is None:
+        return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
+    told = effective(record, required)
+    left_out = asked - MISLEADING - {check.check for check in record.checks}
+    if left_out and told.outcome in {Outcome.PASSED, Outcome.SKIPPED}:
+        return replace(told, outcome=Outcome.NOT_REACHED)
+    return told

@@ -1,0 +1,88 @@
+"""What is asked and expected of a cell, held against what came of it; and the exit code of the whole."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Protocol
+
+from harness.model import Cell, Expectation, Outcome, Phase, Verdict
+from harness.reporttypes import SEVERITY, UNTOLD, ExpectationEntry
+from harness.standalone.silent import plainly_good
+
+Names = Callable[[], Collection[str]]
+"""Gives the ids of the known failures that an expectation may name; called only where one names any."""
+
+
+class Judged(Protocol):
+    """A cell with its verdict, the first phase that decided it, and the line that says why."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict."""
+
+    @property
+    def phase(self) -> Phase | None:
+        """The phase that decided."""
+
+    @property
+    def decisive(self) -> str | None:
+        """The line that says why."""
+
+
+def expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool | None, str | None]:
+    """Return whether a cell is as expected (None where nothing can be said), and why its expectation is stale, if so.
+
+    `today` is an ISO date or instant. A cell without expectation is expected to work.
+    """
+    told = not (cell.tried and cell.tried.proving)
+    stale = outdated(cell.id, judged.verdict, cell.expect, today) if cell.expect else None
+    return met(cell.expect, judged, names) if told else None, stale
+
+
+def met(expect: Expectation | ExpectationEntry | None, judged: Judged, names: Names) -> bool | None:
+    """Return whether a verdict is what was expected; None where it says nothing about the packages."""
+    if judged.verdict in UNTOLD:
+        return None
+    if expect is None:
+        return judged.verdict is Verdict.WORKS
+    return (
+        judged.verdict is expect.verdict
+        and expect.phase in {None, judged.phase}
+        and (expect.match is None or re.search(expect.match, judged.decisive or "") is not None)
+        and (expect.signature is None or expect.signature in names())
+    )
+
+
+def fulfilled(verdict: Verdict, phases: Mapping[Phase, Outcome], unverified: Iterable[str] = ()) -> bool:
+    """Return whether a cell is plainly good, or at least does all that was asked for: import alone never `works`."""
+    asked = {outcome for outcome in phases.values() if outcome is not Outcome.SKIPPED}
+    imports = phases.get(Phase.IMPORT) is Outcome.PASSED and asked == {Outcome.PASSED}
+    return plainly_good(verdict, unverified) or (verdict is Verdict.NOT_RUN and imports)
+
+
+def outdated(cell_id: str, verdict: Verdict, expect: Expectation | ExpectationEntry, today: str) -> str | None:
+    """Return why the expectation of a cell is stale: the cell does better, or its time has passed."""
+    if verdict not in UNTOLD and SEVERITY.index(verdict) > SEVERITY.index(expect.verdict):
+        return f"{cell_id} does better than expected: {verdict} instead of {expect.verdict}"
+    if passed(expect, today):
+        return f"{cell_id} was expected to be {expect.verdict} until {expect.until}, which has passed"
+    return None
+
+
+def passed(expect: Expectation | ExpectationEntry, today: str) -> bool:
+    """Return whether the last day of an expectation is over."""
+    return bool(expect.until) and today[:10] > str(expect.until)[:10]
+
+
+def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fail_on: Collection[str]) -> int:
+    """Return the exit code of verdicts with their `as_expected`: 1 before 3 before 0.
+
+    `fail_on` names verdicts that are to fail whatever was expected, `unexpected` for what is not as expected, and
+    `stale` for expectations out of date.
+    """
+    known = tuple(judged)
+    unexpected = "unexpected" in fail_on and any(right is False for _, right in known)
+    if unexpected or (stale and "stale" in fail_on) or any(verdict in fail_on for verdict, _ in known):
+        return 1
+    return 3 if any(verdict is Verdict.INCONCLUSIVE for verdict, _ in known) else 0

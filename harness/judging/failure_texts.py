@@ -1,0 +1,97 @@
+"""What was written of the failures of a cell: the lines that say why, and beside them logs and what a cell replied."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from harness.hostile_data import json_object
+from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
+from harness.signatures import Evidence
+
+KILLED = re.compile(r"\bkilled by (SIG[A-Z]+)")
+
+WRITTEN = frozenset({"traceback", "stacks", "reason"})
+"""Keys of a reply under which a cell's own words stand."""
+
+SUITE_STEPS = {f"{Phase.SUITE}.{step}": step for step in (Phase.RESOLVE, Phase.INSTALL)}
+"""Checks of a suite that could not be run, with the step that failed."""
+
+Logs = Callable[[str], Mapping[str, str]]
+"""From a path as records or documents hold it to the texts that are kept there, by their names."""
+
+
+def failures(record: CellRecord, cases: Iterable[Sequence[PhaseRecord]], logs: Logs) -> Iterator[Evidence]:
+    """Yield the evidence of each phase that failed, in every case; `cases` are their phases as they count."""
+    for step in (record.resolve, record.install):
+        if step and step.outcome in FAILING:
+            yield _of_step(step, logs)
+    phases = [phase for case in cases for phase in case]
+    for phase in (*phases, *([record.suite] if record.suite else [])):
+        if phase.outcome in FAILING:
+            yield _of_phase(phase, logs)
+
+
+def suite_failures(suite: PhaseRecord, logs: Logs) -> Iterator[Evidence]:
+    """Yield the evidence of the steps by which the environment of a suite could not be made."""
+    kept = logs(suite.evidence) if suite.evidence else {}
+    for check in suite.checks:
+        if check.check in SUITE_STEPS:
+            yield gathered(SUITE_STEPS[check.check], [check.decisive], kept.values())
+
+
+def _of_step(step: Step, logs: Logs) -> Evidence:
+    said = [found.text for found in step.findings]
+    return gathered(step.phase, [step.decisive], [*said, *(logs(step.log) if step.log else {}).values()])
+
+
+def _of_phase(phase: PhaseRecord, logs: Logs) -> Evidence:
+    failed = [check for check in phase.checks if check.outcome in FAILING]
+    told = [phase.decisive, *(line for check in failed for line in (check.decisive, check.masked_by))]
+    said = [found.text for found in phase.findings]
+    return gathered(phase.phase, told, [*said, *written(logs(phase.evidence) if phase.evidence else {}, phase.phase)])
+
+
+def gathered(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> Evidence:
+    """Return the evidence of a phase: the lines that say why, each once, all else, and the signal that killed."""
+    lines = tuple(dict.fromkeys(line for line in told if line))
+    killed = next((found[1] for line in lines if (found := KILLED.search(line))), None)
+    return Evidence(phase=phase, told=lines, logs=tuple(logs), signal=killed)
+
+
+# --- what a probe left -----------------------------------------------------------------------------------------
+
+
+def written(kept: Mapping[str, str], phase: Phase) -> Iterator[str]:
+    """Yield the words of what a probe left, by file: of logs all, of replies those on what failed in this phase."""
+    for name, text in kept.items():
+        yield from _texts(name, text, phase)
+
+
+def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
+    """Yield the words of a log; of the records of a reply those on what failed in this phase."""
+    if not name.endswith(".jsonl"):
+        yield text
+        return
+    for line in text.splitlines():
+        entry = json_object(line)
+        if entry and entry.get("outcome") != "passed" and _about(entry, phase):
+            yield from _words(entry)
+
+
+def _about(entry: Mapping[str, Any], phase: Phase) -> bool:
+    """Return whether a record is of this phase, or says of none."""
+    return str(entry.get("check", phase)).partition(".")[0] == phase
+
+
+def _words(plain: Any) -> Iterator[str]:
+    if isinstance(plain, dict):
+        for key, value in plain.items():
+            if key in WRITTEN and isinstance(value, str):
+                yield value
+            else:
+                yield from _words(value)
+    elif isinstance(plain, list):
+        for value in plain:
+            yield from _words(value)

@@ -1,0 +1,38 @@
+"""What a red cell failed of, so that two cells can be asked whether they failed of the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from harness.judging.expectation import Judged
+from harness.judging.known_failures import has_causes
+from harness.model import Phase
+from harness.vocabulary import CHANGING
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Failure:
+    """Where a cell failed first, the known failures that count there, deepest first, and the line that says why."""
+
+    phase: Phase | None
+    causes: tuple[str, ...]
+    line: str
+
+    def same(self, other: Failure) -> bool:
+        """Return whether both are the same failure: by the deepest cause that is known of both, else by the line."""
+        if self.phase is not other.phase:
+            return False
+        if self.causes and other.causes:
+            return self.causes[0] == other.causes[0]
+        return CHANGING.sub("…", self.line) == CHANGING.sub("…", other.line)
+
+
+def failure(judged: Judged, causes: Iterable[str]) -> Failure | None:
+    """Return what a cell failed of; None where it works, or nothing was told of its packages.
+
+    `causes` are the ids of the known failures that count, taken from it only where it failed.
+    """
+    if not has_causes(judged.verdict):
+        return None
+    return Failure(phase=judged.phase, causes=tuple(causes), line=judged.decisive or "")

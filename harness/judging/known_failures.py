@@ -1,0 +1,108 @@
+"""The known failures that fit a cell, and those of them that count: in a red one its causes, in any one silent issues.
+
+Cells come here as they were measured (`assess`) or as a document holds them (`rediagnosing`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from harness import signatures
+from harness.model import Phase, Verdict
+from harness.reporttypes import UNTOLD
+from harness.signatures import Around, Diagnosis, Evidence, Signature, diagnose
+from harness.standalone import counting, silent
+from harness.standalone.counting import Fit
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Knowledge:
+    """What failures are compared with, read where there are any.
+
+    `silent` are the signatures of silent issues, for results that failed in nothing; all are looked through where it is
+    None. `logs` gives the texts, none of them long, that are kept at a path as records hold it, by their names;
+    `locked` the lines `name==version` of a lock.
+    """
+
+    signatures: Callable[[], tuple[Signature, ...]] = tuple
+    logs: Callable[[str], Mapping[str, str]] = lambda _: {}
+    locked: Callable[[str], tuple[str, ...]] = lambda _: ()
+    silent: Callable[[], tuple[Signature, ...]] | None = None
+
+
+NOTHING_KNOWN = Knowledge()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Packages:
+    """What a cell was asked for and has; `installed` is None where nothing was installed, `lock` a path, if any."""
+
+    installed: Mapping[str, str] | None
+    requirements: tuple[str, ...]
+    python: str
+    lock: str | None
+
+    def around(self, known: Knowledge) -> Around:
+        """Return what known failures are held against: what is installed, else what was asked for and locked."""
+        locked = known.locked(self.lock) if self.lock and self.installed is None else ()
+        return Around(installed=self.installed, requirements=(*self.requirements, *locked), python=self.python)
+
+
+# --- those that fit --------------------------------------------------------------------------------------------
+
+
+def has_causes(verdict: Verdict) -> bool:
+    """Return whether causes are looked for: of what works, or says nothing about packages, there are none."""
+    return verdict not in UNTOLD and verdict is not Verdict.WORKS
+
+
+def fitting(
+    known: Knowledge, packages: Packages, failures: Iterable[Evidence], shown: Iterable[Diagnosis] = ()
+) -> tuple[Diagnosis, ...]:
+    """Return the known failures that fit: those that misleading checks have shown, then the deepest cause."""
+    first = tuple(shown)
+    ids = {one.signature.id for one in first}
+    told = diagnose(known.signatures(), tuple(failures), packages.around(known))
+    return (*first, *(one for one in told if one.signature.id not in ids))
+
+
+def lurking(known: Knowledge, packages: Packages) -> tuple[Signature, ...]:
+    """Return the silent issues whose packages a cell has."""
+    if packages.installed is None:
+        return ()
+    around = Around(installed=packages.installed, python=packages.python)
+    return signatures.lurking((known.silent or known.signatures)(), around)
+
+
+def shown_silent(
+    lurks: Iterable[Signature], cases: Iterable[silent.Exercised], lines: Mapping[str, str | None]
+) -> Iterator[Diagnosis]:
+    """Yield the silent issues that misleading checks have shown in cases; `lines` are those of checks that failed."""
+    found = {one.id: one for case in cases for one in silent.shown_issues(lurks, case, lines)}
+    for one in found.values():
+        phase = Phase(one.check.partition(".")[0])
+        yield Diagnosis(signature=one, phase=phase, seen=lines[one.check] or "", told=True)
+
+
+# --- those that count ------------------------------------------------------------------------------------------
+
+
+def counted(found: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[Diagnosis, ...]:
+    """Return those that count; `lines` are what the cell says."""
+    return counting.counting(_fits(found, lines))
+
+
+def names(found: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[str, ...]:
+    """Return the ids by which an expectation may name the known failures of a cell, former ones among them."""
+    those: tuple[Diagnosis, ...] = counting.nameable(_fits(found, lines))
+    former = (old for one in those for old in one.signature.formerly)
+    return (*(str(one.signature.id) for one in those), *map(str, former))
+
+
+def _fits(found: Iterable[Diagnosis], lines: Iterable[str]) -> Iterator[Fit]:
+    said = tuple(lines)
+    for one in found:
+        known = one.signature
+        says = counting.says(one.seen, said)
+        yield Fit(known=one, masks=known.masks, generic=known.generic, seen=one.seen, says=says)

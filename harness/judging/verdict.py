@@ -1,0 +1,204 @@
+"""Judges evidence: one pure function from what was measured of a cell to what that means.
+
+Evidence is stored and verdicts are computed, so that old results can be judged again. What could not be measured is
+never guessed: where infra trouble hit, the cell is judged twice, once as if everything so hit had passed and once as
+if it had failed, and it is `inconclusive` unless both say the same. A failure that the adapter's control shares counts
+as such trouble.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from harness import misleading
+from harness.exercised import ONLY_IMPORT, idle, lacking, nothing_of
+from harness.judging.counted_phases import Cases, counts, reason, step_outcome, suite_not_run, suite_phase
+from harness.model import CASE_PHASES, FAILING, CellRecord, Outcome, Phase, PhaseRecord, Verdict
+from harness.verdict import worst
+
+AFTER_IMPORT = frozenset({Verdict.PARTIAL, Verdict.BROKEN})
+
+Outcomes = Mapping[Phase, Outcome]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Judgement:
+    """What the evidence means. `phase` is the first that decided it, `decisive` the line that says why.
+
+    `unverified` names the phases that a working cell could not show in every case.
+    """
+
+    verdict: Verdict
+    phases: Outcomes
+    phase: Phase | None = None
+    decisive: str | None = None
+    unverified: tuple[str, ...] = ()
+
+
+def judge(evidence: CellRecord, cases: Cases) -> Judgement:
+    """Apply the table of DESIGN section 5: the first row that fits wins. `cases` are from `counted_cases`."""
+    suite = suite_phase(evidence)
+    phases = _cell_phases(evidence, cases, suite)
+    verdict = _verdict(evidence, cases, suite)
+    needed = lacking(evidence) if evidence.cell.asked and verdict in AFTER_IMPORT else None
+    if needed:
+        return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=needed)
+    missed = idle(evidence)
+    if missed and (verdict is Verdict.WORKS or (verdict in AFTER_IMPORT and len(missed) == len(evidence.cell.asked))):
+        return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=nothing_of(missed, evidence))
+    phase, decisive = _shown(cases) if verdict is Verdict.MISLEADS else _decided_by(verdict, evidence, cases, suite)
+    if verdict is Verdict.NOT_RUN and phases[Phase.IMPORT] is Outcome.PASSED:
+        decisive = _tried_alone(phases)
+        if suite and suite_not_run(suite):
+            decisive += f"; its tests were not run: {suite.decisive}"
+    return Judgement(
+        verdict=verdict,
+        phases=phases,
+        phase=phase,
+        decisive=decisive,
+        unverified=_unverified(cases, suite) if verdict is Verdict.WORKS else (),
+    )
+
+
+def _tried_alone(phases: Outcomes) -> str:
+    """What was tried of a cell in which no environment went through `single`, without which nothing works."""
+    others = [phase for phase in (Phase.VECTOR, Phase.RENDER, Phase.INTEROP) if phases.get(phase) is Outcome.PASSED]
+    left_out = phases[Phase.SINGLE] is Outcome.SKIPPED
+    return f"{' and '.join(others)} passed, but {Phase.SINGLE} was not tried" if others and left_out else ONLY_IMPORT
+
+
+# --- the table -------------------------------------------------------------------------------------------------
+
+
+def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Verdict:
+    resolve, install = step_outcome(evidence.resolve), step_outcome(evidence.install)
+    if install in FAILING and resolve not in FAILING:
+        return Verdict.UNINSTALLABLE
+    for outcome, failed in ((resolve, Verdict.UNRESOLVABLE), (install, Verdict.UNINSTALLABLE)):
+        match outcome:
+            case Outcome.PASSED | Outcome.SKIPPED:
+                continue
+            case Outcome.INFRA:
+                return Verdict.INCONCLUSIVE
+            case Outcome.UNAVAILABLE:
+                return Verdict.UNAVAILABLE
+            case Outcome.NOT_REACHED | None:
+                return Verdict.UNAVAILABLE if evidence.unavailable else Verdict.NOT_RUN
+            case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
+                return failed
+    return _installed(cases, suite)
+
+
+def _installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Verdict:
+    """Return the verdict of an installed cell; a case that misleads decides it whatever infra trouble hit others."""
+    best, poorest = (
+        _probed([_had(case, outcome) for case in cases], _had([suite] if suite else [], outcome))
+        for outcome in (Outcome.PASSED, Outcome.FAILED)
+    )
+    if Verdict.IMPORT_FAILS not in {best, poorest} and any(
+        misleading.shown(phase.checks) for case in cases for phase in case
+    ):
+        return Verdict.MISLEADS
+    return best if best is poorest else Verdict.INCONCLUSIVE
+
+
+def _had(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
+    """The case as it would stand had each infra phase ended `infra`, and with it all that it kept from running.
+
+    In the same way what an unavailable phase kept from running is unavailable.
+    """
+    imagined: dict[Phase, Outcome] = {}
+    cause: Outcome | None = None
+    for record in case:
+        outcome = record.outcome
+        if outcome is Outcome.INFRA:
+            cause = outcome = infra
+        elif outcome is Outcome.UNAVAILABLE:
+            cause = cause or outcome
+        elif outcome is Outcome.NOT_REACHED and cause:
+            outcome = cause
+        imagined[record.phase] = outcome
+    return imagined
+
+
+def _probed(cases: Sequence[Outcomes], suite: Outcomes) -> Verdict:
+    """The verdict of an installed cell without infra trouble.
+
+    A suite that passed shows as much as a `single` where no case asks for one: in a cell without environments.
+    """
+    imports = {case[Phase.IMPORT] for case in cases}
+    single = {case[Phase.SINGLE] for case in cases}
+    after = {outcome for case in cases for phase, outcome in case.items() if phase is not Phase.IMPORT}
+    after |= {*suite.values()}
+    if (imports | after) & FAILING:
+        if Outcome.PASSED in after:
+            return Verdict.PARTIAL
+        untried = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}
+        return Verdict.IMPORT_FAILS if imports & FAILING and imports <= FAILING | untried else Verdict.BROKEN
+    shown = single - {Outcome.SKIPPED} or {*suite.values()}
+    if Outcome.PASSED in shown and Outcome.NOT_REACHED not in shown:
+        return Verdict.WORKS
+    return Verdict.UNAVAILABLE if Outcome.UNAVAILABLE in imports | after else Verdict.NOT_RUN
+
+
+# --- what counts, and what decided -----------------------------------------------------------------------------
+
+
+def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Outcomes:
+    unreached = Outcome.UNAVAILABLE if evidence.unavailable else Outcome.NOT_REACHED
+    resolve = step_outcome(evidence.resolve) or unreached
+    install = step_outcome(evidence.install) or (unreached if resolve is Outcome.PASSED else Outcome.NOT_REACHED)
+    phases = {Phase.RESOLVE: resolve, Phase.INSTALL: install}
+    for number, phase in enumerate(CASE_PHASES):
+        phases[phase] = worst(case[number].outcome for case in cases) if cases else Outcome.NOT_REACHED
+    if not any(counts(case[-1]) for case in cases):
+        phases.pop(Phase.INTEROP, None)
+    if suite:
+        phases[Phase.SUITE] = suite.outcome
+    return phases
+
+
+def _deciding(verdict: Verdict) -> frozenset[Outcome]:
+    """The outcomes that make this verdict what it is."""
+    match verdict:
+        case Verdict.WORKS | Verdict.NOT_RUN | Verdict.MISLEADS:
+            return frozenset()
+        case Verdict.INCONCLUSIVE:
+            return frozenset({Outcome.INFRA})
+        case Verdict.UNAVAILABLE:
+            return frozenset({Outcome.UNAVAILABLE})
+        case Verdict.UNRESOLVABLE | Verdict.UNINSTALLABLE | Verdict.IMPORT_FAILS | Verdict.PARTIAL | Verdict.BROKEN:
+            return FAILING
+
+
+def _shown(cases: Iterable[Iterable[PhaseRecord]]) -> tuple[Phase, str | None]:
+    """Return the first phase, and in it the first case, in which a case contradicts its own specification."""
+    found = ((phase, check) for case in cases for phase in case for check in misleading.shown(phase.checks))
+    phase, check = min(found, key=lambda pair: CASE_PHASES.index(pair[0].phase))
+    return phase.phase, check.decisive
+
+
+def _decided_by(
+    verdict: Verdict,
+    evidence: CellRecord,
+    cases: Sequence[Sequence[PhaseRecord]],
+    suite: PhaseRecord | None,
+) -> tuple[Phase | None, str | None]:
+    """Return the first phase, and in it the first case, whose outcome makes the verdict, and the line that says why."""
+    deciding = _deciding(verdict)
+    steps = [(step.phase, step_outcome(step), step.decisive) for step in (evidence.resolve, evidence.install) if step]
+    missing = Phase.INSTALL if evidence.resolve else Phase.RESOLVE
+    probes = [(record.phase, record.outcome, reason(record)) for phase in zip(*cases, strict=True) for record in phase]
+    last = [(suite.phase, suite.outcome, reason(suite))] if suite else []
+    for phase, outcome, why in steps + probes + last:
+        if outcome in deciding:
+            return phase, why
+    return (missing, evidence.unavailable) if Outcome.UNAVAILABLE in deciding else (None, None)
+
+
+def _unverified(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> tuple[str, ...]:
+    open_ends = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}
+    told = [record for case in cases for record in case] + ([suite] if suite else [])
+    found = {record.phase for record in told if record.outcome in open_ends}
+    return tuple(phase.value for phase in (*CASE_PHASES, Phase.SUITE) if phase in found)

@@ -1,0 +1,46 @@
+"""The known failures that count in a failure, of all that fit it: the one rule for documents, expectations and texts.
+
+A known failure that masks others hides why something failed. It counts only where nothing else is known, and only where
+it is what the failure says: of a mask that stands in a log alone, or behind which a reason was found, the reason is
+told already. Of a line of which something specific is known, nothing general is told.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Iterable, List, NamedTuple, Tuple
+
+
+class Fit(NamedTuple):
+    """A known failure that fits. `seen` is the line by which it was told, `says` whether that is why it failed."""
+
+    known: Any
+    masks: bool
+    generic: bool
+    seen: str
+    says: bool
+
+
+def counting(fits: Iterable[Fit]) -> Tuple[Any, ...]:
+    """Return the known failures that count, in the order given, which is the deepest cause first."""
+    kept = _causes(fits)
+    specific = {one.seen for one in kept if not one.masks and not one.generic and one.seen}
+    return tuple(one.known for one in kept if one.masks or not (one.generic and one.seen in specific))
+
+
+def nameable(fits: Iterable[Fit]) -> Tuple[Any, ...]:
+    """Return the known failures that an expectation may name: those that count, and general ones of the same lines.
+
+    So an expectation stays met when something more specific comes to be known of its failure.
+    """
+    return tuple(one.known for one in _causes(fits))
+
+
+def _causes(fits: Iterable[Fit]) -> List[Fit]:
+    """Return those that are no masks; masks that say why where there is nothing else."""
+    there = list(fits)
+    return [one for one in there if not one.masks] or [one for one in there if one.says]
+
+
+def says(seen: str, lines: Iterable[str]) -> bool:
+    """Return whether one of the lines that say why is that by which a known failure was told."""
+    return any(seen in line for line in lines)
