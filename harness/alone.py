@@ -15,6 +15,7 @@ from typing import Any
 
 from harness import distilling, knowledge, measured, store
 from harness.signatures import Signature
+from harness.standalone import adapters
 
 PACKAGE = Path(__file__).parent / "standalone"
 INSIDE = "simmatrix_doctor"
@@ -50,6 +51,7 @@ def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
         "__main__.py": START.encode(),
         **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},
         f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in known], sort_keys=True).encode(),
+        f"{INSIDE}/{adapters.CARRIED}": adapters.carried(),
         f"{INSIDE}/measured.json.gz": distilling.packed(dict(results)),
     }
     buffer = io.BytesIO(SHEBANG)

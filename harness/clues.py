@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 from harness.model import Cell, Change, Phase
 from harness.moves import Move, Way, asked_for, constraint
 from harness.signatures import Evidence
-from harness.vocabulary import READERS, parsed_requirement, required_name
+from harness.vocabulary import parsed_requirement, readers, required_name
 
 # --- what is imported and not required -------------------------------------------------------------------------
 
@@ -170,8 +170,8 @@ def variables(
         return
     for move in _ways(cell.environment, here):
         names = {name for name, value in move.change.environment.items() if value}
-        readers = [READERS.get(name) for name in names - {"DISPLAY"} or names]
-        if installed is None or not names or any(one is None or one & {*installed} for one in readers):
+        read = [readers(name) for name in names - {"DISPLAY"} or names]
+        if installed is None or not names or any(one is None or {*one} & {*installed} for one in read):
             yield move
 
 

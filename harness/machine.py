@@ -24,7 +24,7 @@ from harness.normalise import normalise
 from harness.process import Command, Completed, Limits, Profile, run
 from harness.scratch_folders import scratch_folder
 from harness.store import cache_folder, digest, write_atomic
-from harness.vocabulary import READERS
+from harness.vocabulary import readers
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 PROBE = Path(__file__).parent / "glprobe.py"
@@ -148,7 +148,7 @@ def other_ways(
         window = {display.VARIABLE: facts().facts["display"]["server"], "SDL_VIDEODRIVER": "x11"}
     found = [{name: text for name, text in supplied.items() if name != "SDL_VIDEODRIVER"}, {**supplied, **window}]
     values = [value for name, value in WAYS.items() if name in capabilities]
-    for value in values if "MUJOCO_GL" in supplied and {*packages} & (READERS["MUJOCO_GL"] or set()) else ():
+    for value in values if "MUJOCO_GL" in supplied and {*packages} & {*(readers("MUJOCO_GL") or ())} else ():
         own = {"PYOPENGL_PLATFORM": "osmesa"} if value == "osmesa" else window if value == "glfw" else {}
         kept = {name: text for name, text in supplied.items() if name != "PYOPENGL_PLATFORM"}
         found.append({**kept, "MUJOCO_GL": value, **own})

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import re
+from functools import cache
+
+from harness.standalone.adapters import adapters
 
 MOST = 10
 """Lines that are told of one run."""
 
-ERROR = re.compile(
-    r"^(?:\[(?:Error|Fatal)\] \[[\w.-]+\] .+"  # carb, the framework below Isaac Gym and Isaac Sim
-    r"|\*\*\* Can't create empty tensor.*|Failed to fill .+ tensor"  # Isaac Gym
-    r"|WARNING: lavapipe is not a conformant vulkan implementation.*)$",  # Mesa, in place of a driver of hardware
-    re.MULTILINE,
-)
+LAVAPIPE = "WARNING: lavapipe is not a conformant vulkan implementation.*"
+"""What Mesa prints that draws in place of a driver of hardware."""
+
+
+@cache
+def _error() -> re.Pattern[str]:
+    """Return the pattern of a line: those that adapters declare, and Mesa's."""
+    declared = [pattern for adapter in adapters().values() for pattern in adapter.native_errors]
+    return re.compile(rf"^(?:{'|'.join([*declared, LAVAPIPE])})$", re.MULTILINE)
 
 
 def errors(log: str) -> tuple[str, ...]:
     """Such lines of a log, each once."""
-    return tuple(dict.fromkeys(found[0].strip() for found in ERROR.finditer(log)))[:MOST]
+    return tuple(dict.fromkeys(found[0].strip() for found in _error().finditer(log)))[:MOST]

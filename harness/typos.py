@@ -24,7 +24,6 @@ from harness.errors import BadInput
 from harness.hostile_data import Unreadable
 from harness.indexsettings import NOTHING, combined
 from harness.model import Cell, IndexSettings, Verdict
-from harness.standalone.keys import MODULES
 from harness.vocabulary import parsed_requirement
 
 Say = Callable[[str], None]
@@ -89,6 +88,8 @@ def _wrong(name: str, asked: Iterable[Requirement], listed: Listed | None) -> It
 
 def nearest(name: str) -> str | None:
     """Return the name of a package that was measured, or is well known here, and is written almost alike."""
+    from harness.standalone.keys import MODULES  # noqa: PLC0415 - start-up
+
     return next(iter(get_close_matches(name, sorted({*MODULES, *measured_names()}), n=1, cutoff=0.75)), None)
 
 

@@ -7,7 +7,7 @@ the file and its rule is part of the JSON Schema. `matcher` gives a `when` its m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from enum import StrEnum
 from functools import cache, partial
@@ -22,6 +22,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion
 
 from harness import requirement_texts
+from harness.standalone.adapters import adapters
 
 
 class Capability(StrEnum):
@@ -467,20 +468,20 @@ def _specifiers(kind: Kind, pattern: str) -> SpecifierSet:
 CHANGING = re.compile(r"\bline \d+|\d+(?:\.\d+)+")
 """Parts that differ between two lines about the same failure: line numbers, and versions."""
 
-READERS = {
-    "DISPLAY": None,
-    "MUJOCO_GL": {"mujoco", "mujoco-py", "free-mujoco-py", "dm-control"},
-    "PYOPENGL_PLATFORM": {"pyopengl"},
-    "SDL_VIDEODRIVER": {"pygame", "pygame-ce"},
-}
+READERS = {"DISPLAY": None, "PYOPENGL_PLATFORM": {"pyopengl"}, "SDL_VIDEODRIVER": {"pygame", "pygame-ce"}}
 """Variables of drawing, and the packages of which one has to be there for it to matter; None for any."""
+
+
+def readers(variable: str) -> Collection[str] | None:
+    """Return the packages of which one has to be there for a variable of drawing to matter; None for any."""
+    if variable != "MUJOCO_GL":
+        return READERS.get(variable)
+    return {name for adapter in adapters().values() for name in adapter.reads_mujoco_gl}
 
 
 def settings(supplied: Mapping[str, str], installed: Iterable[str]) -> tuple[str, ...]:
     """Return what of the supplied variables matters to the packages that are there: `NAME=value` of each."""
     there = {*installed}
     return tuple(
-        f"{name}={value}"
-        for name, value in supplied.items()
-        if (readers := READERS.get(name)) is None or readers & there
+        f"{name}={value}" for name, value in supplied.items() if (known := readers(name)) is None or there & {*known}
     )

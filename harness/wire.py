@@ -16,8 +16,8 @@ interpreter. In `request.folder`, which exists and is empty, the probe leaves:
 
 After a failed `import.*` or `single.*` the probe tries nothing more. `single.repeat` only gives the trajectory, for a
 second process to be compared with the one that `single.loop` has among its facts (`trajectory`, a digest for each
-step; `values`, see `probes/facts.py`). The facts of `render.rgb_array` hold `pictures`, see there, and `gl`: `modules`,
-where something was loaded that draws by OpenGL, whatever the outcome; and `api`, `vendor`, `renderer`, `version`,
+step; `values`, see `probes/facts.py`). The facts of `render.rgb_array` hold `pictures`, see there; `loaded`, the
+top-level modules that were there at its end, whatever the outcome; and `gl`: `api`, `vendor`, `renderer`, `version`,
 `device` of the context that was current after the first frame.
 """
 

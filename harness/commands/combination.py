@@ -174,7 +174,7 @@ def models(cases: Iterable[Case]) -> dict[str, str]:
         if (
             not name.endswith(MODELS)
             or case.api in FAMILY
-            or (case.api in plan.BRING_MODELS and not Path(name).exists())
+            or (plan.brings_models(case.api) and not Path(name).exists())
         ):
             continue
         with located(f"--env {case.env}"):

@@ -18,10 +18,10 @@ from harness.hostile_data import Unreadable, json_object
 from harness.judging.failure_texts import KILLED, WRITTEN
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
 from harness.scratch_folders import scratch_folder
+from harness.standalone import adapters
 from harness.standalone.doctor.choosing import Choice
 from harness.standalone.doctor.declared import NOTE, WARNING, Finding
 from harness.standalone.doctor.differences import versions
-from harness.standalone.doctor.nearest import BRINGS
 from harness.standalone.keys import SIMULATORS
 from harness.standalone.matching import Seen
 from harness.standalone.running import Ran
@@ -125,7 +125,7 @@ def _case(env: str, api: str | None, installed: Mapping[str, str]) -> Case:
     pins = tuple(sorted(pins, key=lambda pin: pin.startswith("gym==")))
     brought = next((name for name in ("gymnasium", "gym") if name in installed), None)
     (case,) = plan.cases_for(plan.Asked(requirements=pins, python="host", envs=(env,), api=api, brought=brought))
-    package = BRINGS.get(case.api, case.api)
+    package = adapters.package(case.api)
     if package not in installed and case.api in {"gym", "gymnasium"}:
         message = f"{package} is not installed"
         raise _Unmade(message)

@@ -8,6 +8,10 @@ from .cell_scene import named
 from .cell_values import numbers
 from .cell_worlds import World
 
+PACKAGES = {"brax": "brax"}
+IDS = r"[a-z][a-z0-9_]*"
+EXAMPLE = "brax:ant"
+
 HEIGHT, WIDTH = 240, 320
 EPISODE = 1000
 

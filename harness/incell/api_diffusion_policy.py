@@ -13,6 +13,8 @@ from .cell_classic import Classic
 from .cell_errors import Skip, library, violate
 from .cell_values import Examiner
 
+PACKAGES = {"diffusion-policy": "diffusion_policy"}
+
 NAME = "kitchen"
 VARIABLE = "DIFFUSION_POLICY"
 DATA = ("data", "kitchen")

@@ -7,6 +7,12 @@ from .cell_errors import Skip, library, violate
 from .cell_own import own
 from .cell_values import array_of, scalar, shown
 
+PACKAGES = {"dm-control": "dm_control"}
+IDS = r"\w+/\w+"
+EXAMPLE = "dm_control:cheetah/run"
+DRAWS = ("dm_control",)
+READS_MUJOCO_GL = ("dm-control",)
+
 FIELDS = ("step_type", "reward", "discount", "observation")
 UNBOUNDED = 1e9
 """A bound beyond this (MuJoCo's own largest is 1e10) is none."""

@@ -2,4 +2,6 @@
 
 from .cell_family import Family
 
+PACKAGES = {"gymnasium": "gymnasium"}
+
 API = Family("gymnasium")

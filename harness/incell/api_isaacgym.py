@@ -13,6 +13,15 @@ from .cell_errors import Skip, library, violate
 from .cell_gpus import devices
 from .cell_values import numbers
 
+PACKAGES = {"isaacgym": "isaacgym"}
+NOT_IMPORTED = {"isaacgym": "it compiles itself when it is imported"}
+NATIVE_ERRORS = (
+    r"\[(?:Error|Fatal)\] \[[\w.-]+\] .+",
+    r"\*\*\* Can't create empty tensor.*",
+    r"Failed to fill .+ tensor",
+)
+"""The first is of carb, the framework below Isaac Gym and Isaac Sim."""
+
 SCENE = "boxes"
 DEFAULTS = {"compute_device": 0, "graphics_device": 0, "path": "tensor", "pipeline": "gpu", "envs": 2}
 HEIGHT, WIDTH = 240, 320

@@ -14,6 +14,15 @@ from .cell_scene import named
 from .cell_values import finite, flag, scalar, shown
 from .cell_worlds import World, Worlds
 
+PACKAGES = {"isaaclab": "isaaclab"}
+NOT_IMPORTED = {
+    "isaaclab": "it starts a simulator when it is imported",
+    "isaacsim": "it starts a simulator when it is imported",
+}
+IDS = r"Isaac-[\w-]+"
+EXAMPLE = "isaaclab:Isaac-Cartpole-Direct"
+NATIVE_ERRORS = (r"\[(?:Error|Fatal)\] \[[\w.-]+\] .+",)
+
 CHOSEN = {"num_envs": 4, "device": "cpu", "overrides": ()}
 """What a case may say of the configuration of a task, and what holds where it does not."""
 

@@ -6,6 +6,10 @@ from .cell_errors import library
 from .cell_scene import load
 from .cell_worlds import World, Worlds
 
+PACKAGES = {"mujoco-mjx": "mujoco.mjx"}
+IDS = r".+\.xml"
+EXAMPLE = "mjx:sphere"
+
 
 class Mjx(Worlds):
     """The calls of a user: put_model, make_data, a compiled step, vmap over worlds."""

@@ -6,6 +6,13 @@ from .cell_adapter import Adapter, Environment
 from .cell_errors import library
 from .cell_scene import PICTURES, load, named
 
+PACKAGES = {"mujoco": "mujoco"}
+IDS = r".+\.xml|markers"
+EXAMPLE = "mujoco:markers"
+DRAWS = ("mujoco",)
+DRAWING_CODE = (r"/mujoco/(?:egl|osmesa|glfw|gl_context|rendering|renderer)\b",)
+READS_MUJOCO_GL = ("mujoco",)
+
 HEIGHT, WIDTH = 240, 320
 STATE = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 """What a state is, beside the time, where the bindings have no mj_getState."""

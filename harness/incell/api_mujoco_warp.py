@@ -6,6 +6,10 @@ from .cell_errors import library
 from .cell_scene import load
 from .cell_worlds import World, Worlds
 
+PACKAGES = {"mujoco-warp": "mujoco_warp"}
+IDS = r".+\.xml"
+EXAMPLE = "mujoco_warp:sphere"
+
 STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart")
 
 

@@ -6,6 +6,10 @@ from .cell_errors import library
 from .cell_scene import source
 from .cell_worlds import World, Worlds
 
+PACKAGES = {"newton": "newton"}
+IDS = r".+\.xml"
+EXAMPLE = "newton:sphere"
+
 SOLVER = "mujoco"
 TIMESTEP = 0.002
 TORQUE = 1.0

@@ -14,6 +14,10 @@ from .cell_errors import Skip, library, violate
 from .cell_own import own, takes
 from .cell_values import Examiner, flag, scalar, shown
 
+PACKAGES = {"pettingzoo": "pettingzoo"}
+IDS = r"(aec:)?[a-z]+/\w+[_-]v\d+"
+EXAMPLE = "pettingzoo:classic/rps_v2"
+
 TURNS = "aec:"
 """What stands before the module of an environment in which agents take turns."""
 

@@ -8,6 +8,11 @@ import importlib
 from .cell_adapter import Adapter, Environment
 from .cell_errors import library, violate
 
+PACKAGES = {"pybullet": "pybullet"}
+IDS = r"direct|.+\.(urdf|sdf|xml)"
+EXAMPLE = "pybullet:direct"
+BRINGS_MODELS = True
+
 HEIGHT, WIDTH = 240, 320
 SCENE = "direct"
 GRAVITY = -9.81

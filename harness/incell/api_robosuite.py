@@ -13,6 +13,10 @@ from .cell_errors import Skip, library, violate
 from .cell_family import Family
 from .cell_values import shown
 
+PACKAGES = {"robosuite": "robosuite"}
+IDS = r"(GymWrapper\()?[A-Z][A-Za-z]+\)?"
+EXAMPLE = "robosuite:Lift"
+
 ROBOT = "Panda"
 """The robot of a case that names none; environments of two arms need two."""
 

@@ -10,7 +10,9 @@ import sys
 PLUGINS = ("[gymnasium.envs]", "[gym.envs]")
 """Entry points that gymnasium and gym import by themselves, whatever environment is asked for."""
 
-MOST = 300
+MOST, MOST_LOADED = 300, 1000
+OURS = os.path.dirname(os.path.abspath(__file__))
+STANDARD = os.path.dirname(os.path.abspath(os.__file__))
 
 
 class Called:
@@ -54,6 +56,16 @@ def exercised(called, imported):
     return sorted({_name(place) for place in places if _holds(place, files)})[:MOST]
 
 
+def loaded():
+    """Return the top-level modules that this process has loaded, without Python's own and ours."""
+    found = set()
+    for name in {name.partition(".")[0] for name in list(sys.modules)}:
+        place = os.path.abspath(_place(sys.modules.get(name)) or STANDARD)
+        if (not place.startswith(STANDARD) or "site-packages" in place) and not place.startswith(OURS):
+            found.add(name)
+    return sorted(found)[:MOST_LOADED]
+
+
 def distribution_of(kind):
     """Return the distribution that a class comes from; None where it is none's."""
     file = _file(sys.modules.get(kind.__module__))
@@ -63,6 +75,11 @@ def distribution_of(kind):
 def _file(module):
     file = getattr(module, "__file__", None)
     return file if isinstance(file, str) else None
+
+
+def _place(module):
+    """Return the file of a module, or the folder of one that has none."""
+    return _file(module) or next((path for path in getattr(module, "__path__", ()) if isinstance(path, str)), None)
 
 
 def _places():

@@ -1,7 +1,6 @@
 """Draws pictures as arrays."""
 
 import os
-import sys
 
 import numpy as np
 
@@ -11,13 +10,11 @@ from .cell_errors import Skip, violate
 from .cell_frames import described
 from .cell_pictures import advance, composed, followed, marred, same, values
 from .cell_pose import seen
-from .cell_used import Called, exercised
+from .cell_used import Called, exercised, loaded
 
 STEPS = 10
 LARGEST = 64 << 20
 SHAPE, WITH_ALPHA = ("height", "width", "colour"), 4
-DRAWERS = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet", "pygame")
-NEED_GL = ("mujoco", "mujoco_py", "dm_control", "OpenGL", "glfw", "pyglet")
 
 
 def run(probe, facts):
@@ -32,9 +29,7 @@ def run(probe, facts):
         message = "the environment declares no render mode rgb_array"
         raise Skip(message) from None
     finally:
-        facts["modules"] = [name for name in DRAWERS if name in sys.modules]
-        needed = [name for name in NEED_GL if name in sys.modules]
-        facts["gl"] = dict(facts.get("gl", {}), **({"modules": needed} if needed else {}))
+        facts["loaded"] = loaded()
 
 
 def _render(probe, facts):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 from harness import normalise, wire
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.probes.facts import plain
+from harness.standalone.adapters import adapters
 from harness.vocabulary import MISLEADING
 
 VIOLATION = "ContractViolation"
@@ -52,7 +54,7 @@ PYGLET_CODE = re.compile(r"/pyglet/")
 IGNORED = re.compile(r"^Traceback \(most recent call last\):\n(?:^[ \t].*\n)+\S.*$(?:\n[ \t].*$)*", re.MULTILINE)
 """A traceback; one that Python prints at its end is of an exception that nobody can catch."""
 
-DRAWING_CODE = re.compile(r"/(?:OpenGL|glfw)/|/mujoco/(?:egl|osmesa|glfw|gl_context|rendering|renderer)\b")
+DRAWING_CODE = r"/(?:OpenGL|glfw)/"
 """Files of a traceback in which something was about to draw by OpenGL, in a way of their own or by MUJOCO_GL."""
 
 
@@ -222,10 +224,24 @@ def _made_up(reply: CheckReply, ending: Ending) -> bool:
 def _drawing(reply: CheckReply) -> str | None:
     """What it failed at drawing with, or at getting ready for it: `pyglet`, empty for another way; None for neither."""
     traceback = reply.raised.traceback if reply.raised else ""
-    gl = reply.facts.get("gl") if phase_of(reply.check) is Phase.RENDER else None
-    if PYGLET_CODE.search(traceback) or (isinstance(gl, dict) and gl.get("modules") == ["pyglet"]):
+    facts = reply.facts if phase_of(reply.check) is Phase.RENDER else {}
+    loaded = _drawing_modules() & {*facts.get("loaded", ())}
+    if PYGLET_CODE.search(traceback) or loaded == {"pyglet"}:
         return "pyglet"
-    return "" if gl or DRAWING_CODE.search(traceback) else None
+    return "" if facts.get("gl") or loaded or _drawing_code().search(traceback) else None
+
+
+@cache
+def _drawing_modules() -> frozenset[str]:
+    """Return the top-level modules that draw by OpenGL: libraries that do nothing else, and what adapters declare."""
+    return frozenset(["OpenGL", "glfw", "pyglet", *(name for each in adapters().values() for name in each.draws)])
+
+
+@cache
+def _drawing_code() -> re.Pattern[str]:
+    """Return the pattern of a path in a traceback that comes from drawing by OpenGL."""
+    declared = [pattern for each in adapters().values() for pattern in each.drawing_code]
+    return re.compile("|".join([DRAWING_CODE, *declared]))
 
 
 def _draws(reply: CheckReply, ending: Ending) -> bool:
@@ -233,7 +249,7 @@ def _draws(reply: CheckReply, ending: Ending) -> bool:
     told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
     if phase_of(reply.check) is Phase.RENDER and (not reply.raised or reply.raised.message.startswith(BLANK)):
         return True
-    return any(code.search(told) for code in (PYGLET_CODE, DRAWING_CODE, WINDOW_CODE))
+    return any(code.search(told) for code in (PYGLET_CODE, _drawing_code(), WINDOW_CODE))
 
 
 def _died(reply: CheckReply, ending: Ending) -> Said:

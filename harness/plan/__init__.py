@@ -7,17 +7,17 @@ second or two.
 from harness.plan.choosing import Ask, choose
 from harness.plan.contents import index_settings
 from harness.plan.product import candidates, expand
-from harness.plan.speaking import BRING_MODELS
+from harness.plan.speaking import brings_models
 from harness.plan.strategies import Candidates
 from harness.plan.trial import NAME as TRY_MATRIX
 from harness.plan.trial import Asked, cases_for, single, unspoken
 
 __all__ = [
-    "BRING_MODELS",
     "TRY_MATRIX",
     "Ask",
     "Asked",
     "Candidates",
+    "brings_models",
     "candidates",
     "cases_for",
     "choose",

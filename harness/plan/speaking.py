@@ -1,15 +1,17 @@
 """Which adapter an environment id means, and what is tried of a package when no environment is named.
 
-An adapter without a row here needs its name before an id, or `--api`.
+An adapter that declares no ids needs its name before an id, or `--api`.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable
+from functools import cache
 from typing import NamedTuple
 
-from harness.vocabulary import APIS, FAMILY, required_name
+from harness.standalone.adapters import adapters, package
+from harness.vocabulary import FAMILY, required_name
 
 
 class Speaker(NamedTuple):
@@ -21,27 +23,22 @@ class Speaker(NamedTuple):
     example: str
 
 
-SPEAKERS = (
-    Speaker("brax", "brax", r"[a-z][a-z0-9_]*", "brax:ant"),
-    Speaker("dm_control", "dm-control", r"\w+/\w+", "dm_control:cheetah/run"),
-    Speaker("isaaclab", "isaaclab", r"Isaac-[\w-]+", "isaaclab:Isaac-Cartpole-Direct"),
-    Speaker("mjx", "mujoco-mjx", r".+\.xml", "mjx:sphere"),
-    Speaker("mujoco", "mujoco", r".+\.xml|markers", "mujoco:markers"),
-    Speaker("mujoco_warp", "mujoco-warp", r".+\.xml", "mujoco_warp:sphere"),
-    Speaker("newton", "newton", r".+\.xml", "newton:sphere"),
-    Speaker("pettingzoo", "pettingzoo", r"(aec:)?[a-z]+/\w+[_-]v\d+", "pettingzoo:classic/rps_v2"),
-    Speaker("pybullet", "pybullet", r"direct|.+\.(urdf|sdf|xml)", "pybullet:direct"),
-    Speaker("robosuite", "robosuite", r"(GymWrapper\()?[A-Z][A-Za-z]+\)?", "robosuite:Lift"),
-)
+@cache
+def declared() -> tuple[Speaker, ...]:
+    """Return a row for each adapter that declares what its environment ids look like."""
+    return tuple(
+        Speaker(api, package(api), adapter.ids, adapter.example) for api, adapter in adapters().items() if adapter.ids
+    )
 
 
-BRING_MODELS = frozenset({"pybullet"})
-"""The APIs whose package brings models of its own, which environments name as they would a file of the user's."""
+def brings_models(api: str) -> bool:
+    """Tell whether an API's package brings models, which environments name as they would a file of the user's."""
+    return api in adapters() and adapters()[api].brings_models
 
 
 def speakers(requirements: Iterable[str]) -> tuple[Speaker, ...]:
     """The adapters whose own package is asked for, in that order; gym and gymnasium apart."""
-    rows = {row.package: row for row in SPEAKERS if row.api in APIS}
+    rows = {row.package: row for row in declared()}
     return tuple(rows[name] for name in dict.fromkeys(map(required_name, requirements)) if name in rows)
 
 

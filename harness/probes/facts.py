@@ -1,6 +1,7 @@
 """Hold what a check recorded for later judging: pictures in numbers, the camera's pose, the values of a trajectory.
 
-They stand among the facts of a reply, under the names in `RECORDED`. Records and documents leave them out.
+Also the top-level modules that were loaded when a picture was drawn. They stand among the facts of a reply, under the
+names in `RECORDED`. Records and documents leave them out.
 """
 
 from __future__ import annotations
@@ -63,7 +64,13 @@ class Values(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     entries: Annotated[tuple[Entry, ...], Meta(max_length=MOST_NUMBERS)]
 
 
-RECORDED: Mapping[str, Any] = {"pictures": Annotated[dict[str, Picture], Meta(max_length=2)], "values": Values}
+Modules = Annotated[tuple[Annotated[str, Meta(max_length=200)], ...], Meta(max_length=1_000)]
+
+RECORDED: Mapping[str, Any] = {
+    "loaded": Modules,
+    "pictures": Annotated[dict[str, Picture], Meta(max_length=2)],
+    "values": Values,
+}
 """The type of each fact that is recorded for later judging."""
 
 

@@ -18,6 +18,7 @@ import msgspec
 
 from harness import store
 from harness.probes import syntax
+from harness.standalone import adapters
 from harness.vocabulary import INCELL
 
 TRANSPORT = ("bootstrap.py", "cell_kept.py", "cell_lines.py", "cell_run.py")
@@ -93,15 +94,26 @@ def read(folder: Path) -> Program:
     """Read the in-cell files of a folder; what they do is remembered, as parsing all of them costs 0.15 s."""
     sources = {path.name: path.read_bytes() for path in sorted(folder.glob("*.py"))}
     marks = {name: hashlib.sha256(source).hexdigest() for name, source in sources.items()}
-    marks["how"] = hashlib.sha256(Path(syntax.__file__).read_bytes()).hexdigest()
+    marks["how"] = hashlib.sha256(Path(syntax.__file__).read_bytes() + repr(adapters.NAMES).encode()).hexdigest()
     decoder = msgspec.json.Decoder(dict[str, File])
 
     def parsed() -> bytes:
-        trees = {name: ast.parse(source) for name, source in sources.items()}
-        files = {name: File(syntax.digest(tree), syntax.neighbours(tree)) for name, tree in trees.items()}
-        return msgspec.json.encode(files)
+        return msgspec.json.encode({name: _file(name, source) for name, source in sources.items()})
 
     return Program(decoder.decode(store.remembered("program", repr(marks), parsed, decoder.decode)))
+
+
+def _file(name: str, source: bytes) -> File:
+    """Describe one file. What an adapter declares changes how it is judged, and nothing that is measured.
+
+    A file that is no Python, which its cell will tell, counts byte by byte.
+    """
+    try:
+        tree = ast.parse(source)
+    except SyntaxError:
+        return File(hashlib.sha256(source).hexdigest()[:32], ())
+    declared = adapters.NAMES if name.startswith(adapters.PREFIX) else ()
+    return File(syntax.digest(tree, declared), syntax.neighbours(tree))
 
 
 def _adapter(api: str) -> list[str]:

@@ -1,21 +1,19 @@
-"""The packages that decide whether a simulation runs: what they are imported as, and what a change of one weighs."""
+"""The packages that decide whether a simulation runs: what they are imported as, and what a change of one weighs.
+
+Those of a simulator are declared by its adapter.
+"""
 
 from __future__ import annotations
 
 from typing import Dict
 
-MODULES = {
+from .adapters import adapters
+
+BESIDE = {
     "numpy": "numpy",
     "scipy": "scipy",
-    "gym": "gym",
-    "gymnasium": "gymnasium",
-    "mujoco": "mujoco",
-    "dm-control": "dm_control",
-    "robosuite": "robosuite",
-    "pybullet": "pybullet",
     "gymnasium-robotics": "gymnasium_robotics",
     "metaworld": "metaworld",
-    "pettingzoo": "pettingzoo",
     "shimmy": "shimmy",
     "stable-baselines3": "stable_baselines3",
     "pygame": "pygame",
@@ -35,31 +33,36 @@ MODULES = {
     "torchrl": "torchrl",
     "tensordict": "tensordict",
     "jax": "jax",
-    "mujoco-mjx": "mujoco.mjx",
-    "brax": "brax",
     "warp-lang": "warp",
-    "mujoco-warp": "mujoco_warp",
-    "newton": "newton",
     "numba": "numba",
     "h5py": "h5py",
     "robomimic": "robomimic",
-    "diffusion-policy": "diffusion_policy",
 }
-"""Distribution: the module that it is imported as, in the order in which they are tried."""
+"""What no adapter declares: the module that a distribution is imported as."""
 
+ORDER = (
+    "numpy scipy gym gymnasium mujoco dm-control robosuite pybullet gymnasium-robotics metaworld pettingzoo shimmy"
+    " stable-baselines3 pygame pygame-ce pyglet glfw pyopengl opencv-python opencv-python-headless"
+    " opencv-contrib-python opencv-contrib-python-headless imageio box2d-py box2d ale-py torch torchrl tensordict jax"
+    " mujoco-mjx brax warp-lang mujoco-warp newton numba h5py robomimic diffusion-policy"
+).split()
+"""The order in which modules are tried, as one may disturb another; those that are not named follow."""
+
+DECLARED: Dict[str, str] = {
+    name: module for adapter in adapters().values() for name, module in adapter.packages.items()
+}
 LEFT_OUT = {
     "mujoco-py": "it compiles itself into the environment when it is imported",
     "d4rl": "it imports mujoco_py, which compiles itself into the environment",
-    "isaacgym": "it compiles itself when it is imported",
-    "isaaclab": "it starts a simulator when it is imported",
-    "isaacsim": "it starts a simulator when it is imported",
 }
 """What is not imported, and why."""
 
-SIMULATORS = frozenset(
-    "gym gymnasium mujoco mujoco-py dm-control robosuite pybullet gymnasium-robotics metaworld pettingzoo torchrl brax"
-    " mujoco-mjx mujoco-warp newton robomimic diffusion-policy isaacgym isaaclab".split()
-)
+LEFT_OUT.update({name: why for adapter in adapters().values() for name, why in adapter.not_imported.items()})
+IMPORTED = {name: module for name, module in {**BESIDE, **DECLARED}.items() if name not in LEFT_OUT}
+MODULES = {name: IMPORTED[name] for name in [*ORDER, *IMPORTED] if name in IMPORTED}
+"""Distribution: the module that it is imported as, in the order in which they are tried."""
+
+SIMULATORS = frozenset(["gymnasium-robotics", "metaworld", "mujoco-py", "robomimic", "torchrl", *DECLARED])
 """What somebody has an environment for."""
 
 WEIGHTS: Dict[str, int] = dict.fromkeys(SIMULATORS, 5)

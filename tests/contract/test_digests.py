@@ -9,6 +9,7 @@ import pytest
 
 from harness import interpreters
 from harness.probes import program, syntax
+from harness.standalone import adapters
 from harness.vocabulary import INCELL
 
 HOSTS = ("3.11", "3.12", "3.13", "3.14")
@@ -20,7 +21,8 @@ syntax = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(syntax)
 trees = {path.name: ast.parse(path.read_bytes()) for path in pathlib.Path(sys.argv[2]).glob("*.py")}
 trees["strings"] = ast.parse("f'{a:<{b}}', f'a{{b}}' 'c' f'{d}', '\\u2028 \\U0001fae8', 1e300, -0.0, 1j, ...")
-print(json.dumps({name: syntax.digest(tree) for name, tree in trees.items()}))
+declared = {name: sys.argv[3:] if name.startswith("api_") else () for name in trees}
+print(json.dumps({name: syntax.digest(tree, declared[name]) for name, tree in trees.items()}))
 """
 
 
@@ -29,7 +31,7 @@ def digests(version: str) -> dict[str, str]:
     python = interpreters.find(version)
     if python is None:
         pytest.skip(f"unavailable: python{version}")
-    command = (python.path, "-c", DIGESTING, syntax.__file__, str(INCELL))
+    command = (python.path, "-c", DIGESTING, syntax.__file__, str(INCELL), *adapters.NAMES)
     return dict(json.loads(subprocess.run(command, capture_output=True, check=True).stdout))
 
 

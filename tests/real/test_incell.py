@@ -237,6 +237,9 @@ def test_pictures_in_numbers(site: str, env: str, api: str, probe, python) -> No
         assert (told["shape"], told["constant"], sum(told["colours"].values())) == (
             list(frame.shape), False, frame.shape[0] * frame.shape[1]
         )  # fmt: skip
+    loaded_then = done["render.rgb_array"].facts["loaded"]
+    assert {api, "mujoco", "numpy"} <= {*loaded_then}
+    assert not {"os", "json", "encodings", "_simmatrix_cell", "__main__"} & {*loaded_then}
     camera = pictures["first"]["camera"]
     assert np.allclose([np.linalg.norm(camera[name]) for name in ("forward", "up")], 1, atol=1e-5)
     assert abs(camera["fovy"] - 45) < 0.01

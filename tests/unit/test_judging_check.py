@@ -30,11 +30,11 @@ def raised(
     file: str = "x.py",
     type: str = "RuntimeError",
     blame: str = "library",
-    modules: Sequence[str] = ("x",),
+    modules: Sequence[str] = ("OpenGL",),
 ) -> CheckReply:
     """A check that failed by an exception raised in a file of the library; when rendering, OpenGL is loaded."""
     error = Raised(type=type, message=text, traceback=f'  File "$ENV/site-packages/{file}"', blame=blame)
-    facts = {"gl": {"modules": list(modules)}} if check.startswith("render") else {}
+    facts = {"loaded": list(modules)} if check.startswith("render") else {}
     return CheckReply(check=check, outcome=Outcome.FAILED, raised=error, facts=facts)
 
 

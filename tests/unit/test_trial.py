@@ -9,7 +9,7 @@ from harness import plan
 from harness.commands.combination import models
 from harness.errors import BadInput
 from harness.model import Case, Question
-from harness.plan.speaking import SPEAKERS
+from harness.plan.speaking import declared
 from harness.vocabulary import APIS, api_of, checks_of
 
 
@@ -313,6 +313,6 @@ def test_environments_of_which_nothing_tells_the_api(
 
 def test_rows_of_adapters() -> None:
     """Each row names an adapter, and its example is an id that tells it, in the form that it says."""
-    assert {row.api for row in SPEAKERS} <= set(APIS)
-    for row in SPEAKERS:
+    assert {row.api for row in declared()} <= set(APIS)
+    for row in declared():
         assert api_of(row.example, None) == row.api

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .. import matching
+from ..adapters import package
 from ..installing import Installer
 from ..keys import SIMULATORS, weight
 from ..matching import Around
@@ -23,8 +24,6 @@ PYTHON, UNCOVERED, FARTHEST = 8, 20, 2
 that is here; and from how many minor versions away nothing is taken."""
 MOST = 40
 FAILED = frozenset(("failed", "crashed", "timed_out"))
-BRINGS = {"dm_control": "dm-control", "mjx": "mujoco-mjx", "mujoco_warp": "mujoco-warp"}
-"""The package that brings an API, where it is called otherwise."""
 
 
 class Change(NamedTuple):
@@ -252,11 +251,7 @@ def failed(facts: Told, measured: Told) -> List[Finding]:
 
 def _failing(cell: Told, wanted: Sequence[str]) -> List[str]:
     """The environments that failed, of those that speak an API of what is there."""
-    return [
-        case["env"]
-        for case in cell["cases"]
-        if case["env"] and BRINGS.get(case["api"], case["api"]) in wanted and _bad(case)
-    ]
+    return [case["env"] for case in cell["cases"] if case["env"] and package(case["api"]) in wanted and _bad(case)]
 
 
 def _bad(case: Told) -> bool:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 from commandline import Desk
@@ -13,16 +16,93 @@ HEADING = "## Adding a simulator\n"
 SECTION = (ROOT / "README.md").read_text(encoding="utf-8").partition(HEADING)[2].partition("\n## ")[0]
 
 
-def test_a_simulator_is_one_file_and_one_matrix(desk: Desk) -> None:
-    """In a copy of the harness the README's adapter and matrix, and nothing else, measure a simulator."""
+DECLARED = """
+IDS = r"heavy|light"
+EXAMPLE = "pointmass:heavy"
+DRAWS = ("fake_pointmass",)
+DRAWING_CODE = (r"/fake_pointmass/egl\\b",)
+NATIVE_ERRORS = (r"\\[pointmass\\] .+",)
+READS_MUJOCO_GL = ("fake-pointmass",)
+"""
+
+ASKED = """
+import json, re
+from harness.judging.check import Ending, check_record
+from harness.model import CheckReply, Outcome, Raised
+from harness.plan import speaking
+from harness.standalone import keys
+from harness.vocabulary import settings
+
+def drawn(traceback, **facts):
+    error = Raised(type="RuntimeError", message="no", traceback=traceback, blame="library")
+    reply = CheckReply(check="render.rgb_array", outcome=Outcome.FAILED, raised=error, facts=facts)
+    return check_record(reply, Ending(), {"": "no EGL here"}).outcome
+
+print(json.dumps({
+    "weight": keys.weight("fake-pointmass"),
+    "module": keys.MODULES.get("fake-pointmass"),
+    "api": speaking.meant("light", ["fake-pointmass"]),
+    "set": settings({"MUJOCO_GL": "egl"}, ["fake-pointmass"]),
+    "loaded": drawn("", loaded=["fake_pointmass"]),
+    "code": drawn('  File "$ENV/site-packages/fake_pointmass/egl.py", line 1'),
+}))
+"""
+
+
+def add(desk: Desk, declared: str = "") -> None:
+    """Make a copy of the harness with the README's adapter, which may declare more, and its matrix."""
     (adapter,) = re.findall(r"```python\n(.*?)```", SECTION, re.DOTALL)
     (matrix,) = re.findall(r"```toml\n(.*?)```", SECTION, re.DOTALL)
     names = re.findall(r"`((?:harness|matrices)/[\w/]+\.\w+)`", SECTION)
     shutil.copytree(ROOT / "harness", desk.folder / "harness", ignore=shutil.ignore_patterns("__pycache__"))
-    (desk.folder / names[0]).write_text(adapter, encoding="utf-8")
+    top, code = adapter.split("\n\n\n", 1)
+    (desk.folder / names[0]).write_text(f"{top}\n{declared}\n\n{code}", encoding="utf-8")
     (desk.folder / "matrices").mkdir()
     index = f'index = {{ no_index = true, find_links = ["{desk.wheels}"] }}\n'
     (desk.folder / names[1]).write_text(index + matrix, encoding="utf-8")
+
+
+def asked(desk: Desk) -> dict[str, object]:
+    """Ask the copy of the harness what it knows of the simulator."""
+    ran = subprocess.run((sys.executable, "-c", ASKED), cwd=desk.folder, capture_output=True, text=True, check=True)
+    return dict(json.loads(ran.stdout))
+
+
+def test_what_a_simulator_declares_is_known_everywhere(desk: Desk) -> None:
+    """Its package, ids, drawing and native errors are judged as those of any other, and nothing else names them."""
+    add(desk, DECLARED)
+
+    ran = desk.run("run", "pointmass", "--json")
+
+    found = ran.cells("fake-pointmass")["2.0"]["findings"]
+    assert [(one["check"], one["text"]) for one in found] == [("import.native", "[pointmass] push: no such force")]
+    assert asked(desk) == {
+        "weight": 5,
+        "module": "fake_pointmass",
+        "api": "pointmass",
+        "set": ["MUJOCO_GL=egl"],
+        "loaded": "unavailable",
+        "code": "unavailable",
+    }
+
+
+def test_what_a_simulator_leaves_out_is_not_guessed(desk: Desk) -> None:
+    """Without declarations but its package's, the same questions have plain answers."""
+    add(desk)
+
+    assert asked(desk) == {
+        "weight": 5,
+        "module": "fake_pointmass",
+        "api": None,
+        "set": [],
+        "loaded": "failed",
+        "code": "failed",
+    }
+
+
+def test_a_simulator_is_one_file_and_one_matrix(desk: Desk) -> None:
+    """In a copy of the harness the README's adapter and matrix, and nothing else, measure a simulator."""
+    add(desk)
 
     ran = desk.run("run", "pointmass", "--json")
 

@@ -1,3 +1,5 @@
+import os
+
 import numpy
 
 VERSION = "@VERSION@"
@@ -15,6 +17,7 @@ class World:
 
     def push(self, force):
         if VERSION == "2.0":
+            os.write(2, b"[pointmass] push: no such force\n")
             raise TypeError("push() takes a vector since 2.0")
         self.speed[0] += force / self.mass
         self.place += 0.1 * self.speed
