@@ -10,14 +10,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from harness.judging.words import wording
 from harness.model import Outcome
 from harness.reporttypes import CaseEntry, CellEntry
 
 CASE = re.compile(r"c(\d+)g(\d+)-(tensor|cpu)")
 CHECK = "render.rgb_array"
 NUMBER = re.compile(r" failed on .* with error (\d+)$")
-NO_PICTURE, NO_CAMERA, BLACK = "camera image is None", "no camera:", "blank frame:"
-"""What the decisive line of a failure has, see `incell/api_isaacgym.py` and `check_render_rgb_array.py`."""
+NO_PICTURE, NO_CAMERA, BLACK = "isaacgym.no_picture", "isaacgym.no_camera", "render.blank"
+"""What the cell observed, of which documents have the sentence as the decisive line of a failure."""
 
 
 class Seen(StrEnum):
@@ -101,10 +102,15 @@ def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
     if outcome is not Outcome.FAILED:
         return Way(seen=ENDS.get(outcome, Seen.UNTOLD), why=why, native=native)
     number = next((int(told[1]) for line in native if (told := NUMBER.search(line))), None)
-    if NO_PICTURE in why:
+    if _says(NO_PICTURE, why):
         return Way(seen=Seen.NONE if number is None else Seen.ERROR, why=why, native=native, error=number)
-    seen = Seen.NO_CAMERA if NO_CAMERA in why else Seen.BLACK if BLACK in why else Seen.FAILED
+    seen = Seen.NO_CAMERA if _says(NO_CAMERA, why) else Seen.BLACK if _says(BLACK, why) else Seen.FAILED
     return Way(seen=seen, why=why, native=native)
+
+
+def _says(code: str, line: str) -> bool:
+    """Tell whether a line is the sentence of a code."""
+    return re.search(wording(code), line) is not None
 
 
 def _pair(devices: tuple[int, int], ways: Mapping[str, Way]) -> Pair:

@@ -123,6 +123,7 @@ def expectation(cell: CellEntry) -> str:
         return f"as expected: {expect.reason}"
     where = f" in {expect.phase}" if expect.phase else ""
     match = f" with a line like {expect.match!r}" if expect.match else ""
+    match += f" with {expect.code} observed" if expect.code else ""
     match += f" by {expect.signature}" if expect.signature else ""
     return f"not as expected, which was {word(expect.verdict)}{where}{match}: {expect.reason}"
 

@@ -331,6 +331,10 @@ class ExpectTable(Table, frozen=True, kw_only=True):
     when: When = {}
     phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
     match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
+    code: Annotated[str | None, Meta(description="what a check of ours observes, instead of a match")] = None
+    data: Annotated[dict[str, Any], Meta(description="of it: expressions for whole values, or tables of them")] = field(
+        default_factory=dict
+    )
     signature: Annotated[str | None, Meta(description="a known failure that it is")] = None
     link: str | None = None
     until: Instant | None = None
@@ -348,6 +352,10 @@ class ChangedTable(Table, frozen=True, kw_only=True):
     reason: Annotated[str | None, Meta(description="by default that of the change")] = None
     phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
     match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
+    code: Annotated[str | None, Meta(description="what a check of ours observes, instead of a match")] = None
+    data: Annotated[dict[str, Any], Meta(description="of it: expressions for whole values, or tables of them")] = field(
+        default_factory=dict
+    )
     signature: Annotated[str | None, Meta(description="a known failure that it is")] = None
     link: str | None = None
     until: Instant | None = None

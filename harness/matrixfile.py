@@ -17,6 +17,7 @@ from packaging.utils import canonicalize_name
 
 from harness import requirement_texts
 from harness.errors import BadInput
+from harness.judging.words import refusal
 from harness.matrix import (
     Axis,
     CaseTable,
@@ -364,6 +365,10 @@ def _check_expect(matrix: Matrix, expected: ExpectTable | ChangedTable) -> None:
         message = f'"{expected.verdict}" says nothing about packages and cannot be expected'
     elif expected.phase is not None and expected.phase not in phases:
         message = f'no cell goes through the phase "{expected.phase}" yet'
+    elif expected.match and expected.code:
+        message = '"match" is of what a library says, "code" of what a check of ours observes; write one of them'
+    else:
+        message = refusal(expected.code, expected.data)
     if message:
         raise ValueError(message)
 

@@ -84,12 +84,31 @@ class Level(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Observed:
+    """What a check in the cell saw, as a code and data; `judging.words` has the sentence.
+
+    `at` is the step at which it was seen, where that is known; `got` and `promised` are such as shapes.
+    """
+
+    check: str
+    code: str
+    at: int | None = None
+    got: Any = field(default=None, hash=False)
+    promised: Any = field(default=None, hash=False)
+    data: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Finding:
-    """Something to know that does not stop a user's loop."""
+    """Something to know that does not stop a user's loop: `observed` is what the cell said of it, `text` the words.
+
+    Findings of one text are equal, at whatever step they were made.
+    """
 
     check: str
     level: Level
     text: str
+    observed: Observed | None = field(default=None, compare=False)
 
 
 # --- what is asked for -----------------------------------------------------------------------------------------
@@ -126,12 +145,17 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Expectation:
-    """What a cell is expected to be; `match` is a regular expression on the decisive line."""
+    """What a cell is expected to be; `match` is a regular expression on the decisive line.
+
+    `code` and `data` stand in its place where that line is a sentence of ours; see `judging.words`.
+    """
 
     verdict: Verdict
     reason: str
     phase: Phase | None = None
     match: str | None = None
+    code: str | None = None
+    data: Mapping[str, Any] = field(default_factory=dict, hash=False)
     signature: str | None = None
     link: str | None = None
     until: str | None = None
@@ -445,7 +469,10 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CheckRecord:
-    """One check of one case. `facts` are what it measured (shapes, digests, start method)."""
+    """One check of one case. `facts` are what it measured (shapes, digests, start method).
+
+    `observed` is what the cell said of its decisive line, where that is our own and no library's.
+    """
 
     check: str
     outcome: Outcome
@@ -453,6 +480,7 @@ class CheckRecord:
     decisive: str | None = None
     masked_by: str | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
+    observed: Observed | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -587,11 +615,15 @@ class WorkerRecord:
     exit_code: int | None = None
     stacks: str | None = None
     reached: str | None = None
+    observed: Observed | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CheckReply:
-    """One check as the cell reported it; `outcome` None means it was started and never ended."""
+    """One check as the cell reported it; `outcome` None means it was started and never ended.
+
+    `observed` is why it was skipped, or failed without an exception of a library; `reason` or `raised` has the words.
+    """
 
     check: str
     outcome: Outcome | None
@@ -600,6 +632,7 @@ class CheckReply:
     reason: str | None = None
     workers: tuple[WorkerRecord, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
+    observed: Observed | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

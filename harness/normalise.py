@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterable
 
-from harness.model import CheckReply, Raised, WorkerRecord
+from harness.model import CheckReply, Observed, Raised, WorkerRecord
 from harness.standalone.lines import (
     CAUSE,
     CONTEXT,
@@ -31,6 +31,7 @@ __all__ = [
     "exception_line",
     "innermost_frame",
     "normalise",
+    "observed_of_check",
     "strip_ansi",
 ]
 
@@ -45,6 +46,15 @@ def decisive_of_check(reply: CheckReply) -> tuple[str | None, str | None]:
     if worker is None or worker == seen:
         return seen, None
     return worker, seen
+
+
+def observed_of_check(reply: CheckReply) -> Observed | None:
+    """Return what the cell observed that the decisive line of a check says; None where that is no sentence of ours."""
+    decisive, mask = decisive_of_check(reply)
+    if mask is None:
+        return reply.observed
+    first = next((worker for worker in reply.workers if worker.raised and not _is_mask(worker.raised)), None)
+    return first.observed if first and first.raised and exception_line(first.raised) == decisive else None
 
 
 def _told(reply: CheckReply) -> str | None:

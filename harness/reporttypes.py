@@ -101,6 +101,8 @@ class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     reason: str
     phase: Phase | None = None
     match: str | None = None
+    code: str | None = None
+    data: dict[str, Any] = {}
     signature: str | None = None
     link: str | None = None
     until: str | None = None
@@ -273,6 +275,10 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     base: str | None = None
     change: ChangeEntry | None = None
     role: Role = Role.MAIN
+
+    @property
+    def observed(self) -> None:
+        """What the cell said of the line that says why: a document has the line alone."""
 
 
 class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -11,13 +11,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
-from msgspec import Meta
+from msgspec import Meta, field
 from msgspec.structs import asdict
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
 from harness.errors import BadInput
+from harness.judging.words import met, refusal, sentence_pattern
 from harness.matrix import Table
-from harness.model import Change, Phase
+from harness.model import Change, Observed, Phase
 from harness.schema import load_toml, located
 from harness.standalone import matching
 from harness.vocabulary import (
@@ -166,6 +167,13 @@ class Signature(Table, frozen=True, kw_only=True):
         tuple[Phase, ...], Meta(description="where it shows; without any it is a trouble of the machine, in any phase")
     ] = ()
     pattern: PortablePattern | None = None
+    code: Annotated[
+        str | Annotated[tuple[str, ...], Meta(min_length=2)] | None,
+        Meta(description="of what a check of ours observes, or one of several: a pattern is of what libraries print"),
+    ] = None
+    data: Annotated[
+        dict[str, Any], Meta(description="of such an observation: expressions for whole values, or tables of them")
+    ] = field(default_factory=dict)
     signal: Annotated[str, Meta(pattern="^SIG[A-Z]+$", description="what killed the process")] | None = None
     packages: Annotated[
         tuple[PartTaking, ...],
@@ -203,18 +211,33 @@ class Signature(Table, frozen=True, kw_only=True):
     @property
     def loud(self) -> bool:
         """True where it prints something by which it can be recognised."""
-        return bool(self.pattern or self.signal)
+        return bool(self.pattern or self.code or self.signal)
+
+    @property
+    def wording(self) -> str | None:
+        """The pattern for texts of which nothing else is known: its own, or that of our sentences of its code."""
+        ours = (sentence_pattern(code, self.data) for code in self.codes)
+        return "|".join([*([str(self.pattern)] if self.pattern else []), *ours]) or None
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """The codes of what it shows in."""
+        return (self.code,) if isinstance(self.code, str) else self.code or ()
+
+    def observes(self, observed: Observed) -> bool:
+        """Tell whether an observation has a code of these, and the data."""
+        return any(met(code, self.data, observed) for code in self.codes)
 
     @property
     def as_file(self) -> dict[str, Any]:
-        """What its file says of it, but for examples and where it was seen: what is matched, and told."""
+        """What its file says of it, but for examples and where it was seen: what is matched in texts, and told."""
         parts = (part.requirements for part in self.packages)
         said = {
             "id": str(self.id),
             "cause": self.cause,
             "remedy": self.remedy.plain,
             "phases": list(map(str, self.phases)),
-            "pattern": self.pattern and str(self.pattern),
+            "pattern": self.wording,
             "signal": self.signal,
             "packages": [list(map(str, each)) if len(each) > 1 else str(each[0]) for each in parts],
             "python": self.python and str(self.python),
@@ -255,19 +278,22 @@ def read(texts: Mapping[str, str]) -> tuple[Signature, ...]:
 
 
 def _check(one: Signature) -> None:
-    message = _check_silent(one)
+    refused = (refusal(code, one.data) for code in one.codes or (None,))
+    message = next((why for why in refused if why), None) or _check_silent(one)
     if message or (one.silent and not one.loud):
         pass
     elif len(one.examples) < EXAMPLES:
         message = f'"{one.id}" has too few examples: {EXAMPLES} texts at least that differ'
     elif not one.loud:
-        message = f'"{one.id}" has neither a "pattern" nor a "signal", and so could be anything'
+        message = f'"{one.id}" has neither a "pattern", a "code" nor a "signal", and so could be anything'
     elif one.generic and not (one.packages or one.masks):
         message = f'"{one.id}" is generic, and so has to name its "packages"'
     elif not one.remedy.plain:
         message = f'"{one.id}" has an empty remedy; say in words ("text") what can be done, or that nothing can'
     if message:
         raise ValueError(message)
+    if one.code:
+        PortablePattern.canonical(one.wording or "")
 
 
 def _check_silent(one: Signature) -> str | None:
@@ -285,16 +311,27 @@ def _check_silent(one: Signature) -> str | None:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Sighting:
+    """An observation with the line that it stands in, which says why something failed where it is `told`."""
+
+    observed: Observed
+    line: str
+    told: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Evidence:
     """What is known of one failure. `told` are the lines that say why, `logs` all else that was written.
 
-    `phase` is None where that is not known: then it may be any.
+    `phase` is None where that is not known: then it may be any. `observed` is what our own of these lines say, as codes
+    and data; None where there are only texts.
     """
 
     phase: Phase | None
     told: tuple[str, ...] = ()
     logs: tuple[str, ...] = ()
     signal: str | None = None
+    observed: tuple[Sighting, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

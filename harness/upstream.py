@@ -16,8 +16,9 @@ from packaging.utils import canonicalize_name
 from harness import changes, redacting, reproducing
 from harness.entry_failures import counted
 from harness.hostile_data import json_object
+from harness.judging.words import VIOLATION, in_words
 from harness.markdown_texts import address, block, code, prose, table_cell
-from harness.model import FAILING, Case, Cell, Phase
+from harness.model import FAILING, Case, Cell, Outcome, Phase
 from harness.reporttypes import CellEntry, DiagnosisEntry, word
 from harness.standalone.control_characters import visible
 from harness.tables import settings
@@ -251,9 +252,12 @@ def _tracebacks(text: str, check: str) -> Iterator[str]:
         if entry and entry.get("check", check) == check:
             workers = entry.get("workers")
             told = [worker for worker in workers if isinstance(worker, dict)] if isinstance(workers, list) else []
-            for raised in (one.get("raised") for one in (*told, entry)):
+            for one in (*told, entry):
+                raised, observed = one.get("raised"), in_words(one.get("observed"))
                 if isinstance(raised, dict) and isinstance(raised.get("traceback"), str):
                     yield raised["traceback"]
+                elif observed and one.get("outcome") == Outcome.FAILED:
+                    yield f"{VIOLATION}: {observed}"
 
 
 def cleaned(traceback: str) -> str:

@@ -9,6 +9,8 @@ interpreter. In `request.folder`, which exists and is empty, the probe leaves:
   never ended has the outcome None. Some checks (`FOLLOWERS`) follow a passed `single.loop` or `render.rgb_array` in the
   same process without being asked for: they have `start` and `check` records, too. Those that can only find have made
   findings of their exceptions already; only their death or hang is left to the host.
+  What is our own to say stands there as `observed`: a code, for which `judging/words.toml` has the words, and data;
+  findings are all told so, and why a check was skipped, or failed without an exception of a library.
 - `NAME.npy`: frames, named by `frame` records.
 - `stacks.txt`: faulthandler's: on a fatal signal, and when nine tenths of a check's limit are spent.
 - `worker-PID.jsonl`, `worker-PID.txt`: the same from each worker of a vector environment: stages `reached`, the first
@@ -35,13 +37,17 @@ import msgspec
 from msgspec import Meta, Struct
 
 from harness.hostile_data import Unreadable, shallow, understanding
-from harness.model import CheckReply, Finding, Level, Outcome, ProbeReply, ProbeRequest, Raised, WorkerRecord
+from harness.judging.words import VIOLATION, sentence
+from harness.model import CheckReply, Finding, Level, Observed, Outcome, ProbeReply, ProbeRequest, Raised, WorkerRecord
 from harness.probes.facts import believed
 
 LONGEST_LINE = 1 << 20
 MOST_LINES = 20_000
 MOST_PROBLEMS = 20
 LONGEST_STACKS = 60_000
+LONGEST_OBSERVED, DEEPEST_OBSERVED = 100_000, 12
+"""Bytes of an observation as JSON, and its levels."""
+
 FOLLOWERS: Mapping[str, tuple[str, ...]] = {
     "render.rgb_array": ("render.camera", "render.unclosed"),
     "single.loop": (
@@ -94,6 +100,29 @@ class _Raised(Struct, forbid_unknown_fields=True, frozen=True):
         return Raised(type=self.type, message=self.message, traceback=self.traceback, blame=self.blame)
 
 
+class _Observed(Struct, forbid_unknown_fields=True, frozen=True):
+    code: Name
+    at: int | None
+    got: Any
+    promised: Any
+    data: dict[Name, Any]
+
+    def of(self, check: str) -> Observed:
+        return Observed(check=check, code=self.code, at=self.at, got=self.got, promised=self.promised, data=self.data)
+
+    @property
+    def refusal(self) -> str | None:
+        if not shallow([self.got, self.promised, self.data], DEEPEST_OBSERVED):
+            return "what it observed is nested too deeply"
+        size = len(msgspec.json.encode(self))
+        return f"what it observed is longer than {LONGEST_OBSERVED} bytes" if size > LONGEST_OBSERVED else None
+
+
+def _violation(observed: Observed) -> Raised:
+    """Return what the cell observed as the exception that its check raised, in words."""
+    return Raised(type=VIOLATION, message=sentence(observed), traceback="", blame="library")
+
+
 class _WorkerEnd(Struct, forbid_unknown_fields=True, frozen=True):
     pid: int
     exit_code: int | None
@@ -114,7 +143,7 @@ class _Check(_Record, tag="check", frozen=True, kw_only=True):
     outcome: Literal["passed", "failed", "skipped"]
     seconds: Annotated[float, Meta(ge=0)]
     raised: _Raised | None
-    reason: Line | None
+    observed: _Observed | None
     workers: Annotated[tuple[_WorkerEnd, ...], Meta(max_length=1_000)]
     facts: dict[str, Any]
 
@@ -122,7 +151,7 @@ class _Check(_Record, tag="check", frozen=True, kw_only=True):
 class _Finding(_Record, tag="finding", frozen=True, kw_only=True):
     check: Name
     level: Level
-    text: Line
+    observed: _Observed
 
 
 class _Frame(_Record, tag="frame", frozen=True, kw_only=True):
@@ -143,7 +172,8 @@ class _Reached(_Record, tag="reached", frozen=True, kw_only=True):
 
 class _WorkerRaised(_Record, tag="raised", frozen=True, kw_only=True):
     check: Name
-    raised: _Raised
+    raised: _Raised | None
+    observed: _Observed | None
 
 
 _reply_records = msgspec.json.Decoder(_Hello | _Start | _Check | _Finding | _Frame | _End)
@@ -186,8 +216,7 @@ def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRec
         problems += sequence.problems
         stacks = files.get(f"worker-{match[1]}.txt", b"")[:LONGEST_STACKS].decode("utf-8", "replace")
         if diary.check:
-            worker = WorkerRecord(pid=int(match[1]), raised=diary.raised, reached=diary.reached, stacks=stacks or None)
-            found.append((diary.check, worker))
+            found.append((diary.check, diary.worker(int(match[1]), stacks)))
     return tuple(found), tuple(problems[:MOST_PROBLEMS])
 
 
@@ -226,7 +255,8 @@ class _Sequence:
             return None, f"not a record: {error}"
         if isinstance(record, _Check) and not shallow(record.facts):
             return None, "its facts are nested too deeply"
-        return record, None
+        observed = getattr(record, "observed", None)
+        return record, observed.refusal if observed else None
 
     def _out_of_place(self, where: str, record: _Record) -> str | None:
         self.pid = record.pid if self.pid is None else self.pid
@@ -264,8 +294,9 @@ class _Reading:
                 return self._start(record)
             case _Check():
                 return self._check(record)
-            case _Finding():
-                self.findings.append(Finding(check=record.check, level=record.level, text=record.text))
+            case _Finding(check=check, level=level):
+                seen = record.observed.of(check)
+                self.findings.append(Finding(check=check, level=level, text=sentence(seen), observed=seen))
             case _Frame():
                 self.frames.append((record.check, record.path))
             case _End():
@@ -284,12 +315,16 @@ class _Reading:
         if started is None or started.outcome is not None:
             return f"{record.check} ends without having been started"
         facts, refusal = believed(record.facts)
+        outcome, seen = Outcome(record.outcome), record.observed.of(record.check) if record.observed else None
+        violation = seen if outcome is Outcome.FAILED and not record.raised else None
+        told = record.raised.told() if record.raised else None
         self.checks[record.check] = CheckReply(
             check=record.check,
-            outcome=Outcome(record.outcome),
+            outcome=outcome,
             seconds=record.seconds,
-            raised=record.raised.told() if record.raised else None,
-            reason=record.reason,
+            raised=_violation(violation) if violation else told,
+            reason=sentence(seen) if seen and not violation else None,
+            observed=seen,
             workers=tuple(WorkerRecord(pid=end.pid, exit_code=end.exit_code) for end in record.workers),
             facts=facts,
         )
@@ -318,6 +353,13 @@ class _Diary:
     check: str | None = None
     reached: str | None = None
     raised: Raised | None = None
+    observed: Observed | None = None
+
+    def worker(self, pid: int, stacks: str) -> WorkerRecord:
+        """Return what is known of the worker."""
+        return WorkerRecord(
+            pid=pid, raised=self.raised, observed=self.observed, reached=self.reached, stacks=stacks or None
+        )
 
     def use(self, record: Any) -> None:
         """Take one record."""
@@ -326,4 +368,7 @@ class _Diary:
             case _Reached():
                 self.reached = record.stage
             case _WorkerRaised():
-                self.raised = self.raised or record.raised.told()
+                if self.raised is None:
+                    self.observed = record.observed.of(record.check) if record.observed else None
+                    told = record.raised.told() if record.raised else None
+                    self.raised = _violation(self.observed) if self.observed else told

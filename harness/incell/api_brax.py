@@ -3,7 +3,8 @@
 import importlib
 
 from .cell_adapter import Adapter
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
+from .cell_observed import place
 from .cell_scene import named
 from .cell_values import numbers
 from .cell_worlds import World
@@ -31,8 +32,7 @@ class Brax(Adapter):
     def make_vector(self, makers, way, tell):
         """Make a batch of environments, which begin anew by themselves; there are no workers."""
         if way is not None:
-            message = "Brax steps a batch in one process, without workers"
-            raise Skip(message)
+            skip("brax.no_workers")
         envs = importlib.import_module("brax.envs")
         case = makers[0].case
         with library:
@@ -62,17 +62,17 @@ class Task(World):
         key = self.key if seed is None else self.jax.random.PRNGKey(seed)
         self.key, used = self.jax.random.split(key)
         self.state = self.resetting(used)
-        return self.seen("the observation", self.state.obs, (self.size,))
+        return self.seen(place("the observation"), self.state.obs, (self.size,))
 
     def advance(self, action):
         """Make one step; Brax says 0.0 or 1.0 for whether an episode is done."""
         self.state = self.stepping(self.state, self.jax.numpy.asarray(action))
-        reward = self.seen("the reward", self.state.reward, ())
-        done = self.seen("done", self.state.done, ())
+        reward = self.seen(place("the reward"), self.state.reward, ())
+        done = self.seen(place("done"), self.state.done, ())
         if not bool(((done == 0) | (done == 1)).all()):
-            violate("step() returned done = {}, not 0 or 1", done)
-        truncated = numbers(self.state.info.get("truncation", 0 * done), "truncation") != 0
-        observation = self.seen("the observation", self.state.obs, (self.size,))
+            violate("brax.done", got=str(done))
+        truncated = numbers(self.state.info.get("truncation", 0 * done), place("truncation")) != 0
+        observation = self.seen(place("the observation"), self.state.obs, (self.size,))
         return observation, reward, (done != 0) & ~truncated, truncated
 
     def draw(self):

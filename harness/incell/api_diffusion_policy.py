@@ -10,7 +10,7 @@ import os
 
 from .cell_adapter import Adapter
 from .cell_classic import Classic
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
 from .cell_values import Examiner
 
 PACKAGES = {"diffusion-policy": "diffusion_policy"}
@@ -60,7 +60,7 @@ class DiffusionPolicy(Adapter):
     def bare(self, case):
         """Do what the runner's `env_fn` does."""
         if not self.knows(case):
-            violate("there is no environment {!r} here, only {!r}", _named(case), NAME)
+            violate("diffusion_policy.environment", got=repr(_named(case)), promised=repr(NAME))
         asked = _asked(case)
         made = _part("env.kitchen.v0").KitchenAllV0(use_abs_action=asked["abs_action"])
         made.robot_noise_ratio = asked["robot_noise_ratio"]
@@ -93,8 +93,7 @@ class DiffusionPolicy(Adapter):
 
     def autoreset_modes(self):
         """Say that none of them begins episodes anew."""
-        message = "Diffusion Policy took the autoreset out of its vector environments"
-        raise Skip(message)
+        skip("diffusion_policy.no_autoreset")
 
 
 class Dummy:
@@ -230,7 +229,7 @@ def _asked(case):
     asked = {name: value for name, value in case["kwargs"].items() if name != "dummy"}
     for name in asked:
         if name not in RUNNER:
-            violate("the runner has no argument {!r}; it has {}", name, ", ".join(RUNNER))
+            violate("diffusion_policy.argument", got=repr(name), promised=", ".join(RUNNER))
     return dict(RUNNER, **asked)
 
 

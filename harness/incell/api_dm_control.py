@@ -3,7 +3,8 @@
 import importlib
 
 from .cell_adapter import Adapter, Environment
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
+from .cell_observed import inside, place
 from .cell_own import own
 from .cell_values import array_of, scalar, shown
 
@@ -74,7 +75,7 @@ class Task(Environment):
             first = self.raw.reset()
         self._examine("reset()", first, ("FIRST",))
         if first.reward is not None or first.discount is not None:
-            self.tell("type", "reset() returned a time step that has a reward or a discount")
+            self.tell("type", "dm_control.first_step")
         return first.observation
 
     def _generator(self):
@@ -87,35 +88,34 @@ class Task(Environment):
         with library:
             result = self.raw.step(action)
         self._examine("step()", result, ("MID", "LAST"))
-        scalar(result.reward, "step() returned a reward")
-        scalar(result.discount, "step() returned a discount")
+        scalar(result.reward, place("a reward", "step()"))
+        scalar(result.discount, place("a discount", "step()"))
         if not 0 <= result.discount <= 1:
-            violate("step() returned a discount of {}, not between 0 and 1", result.discount)
+            violate("dm_control.discount", got=str(result.discount))
         ended = result.step_type.name == "LAST"
         return result.observation, result.reward, ended and result.discount == 0, ended and result.discount != 0
 
     def _examine(self, call, result, types):
         """Examine the parts of a time step, its observation against the specs."""
         if not isinstance(result, tuple) or getattr(result, "_fields", None) != FIELDS:
-            violate("{} returned {}, not a time step of dm_env", call, shown(result))
+            violate("call.result", call=call, got=shown(result), promised="a time step of dm_env")
         named = getattr(result.step_type, "name", None)
         if named not in types:
-            violate("{} returned a time step of type {}, not {}", call, result.step_type, " or ".join(types))
+            violate("dm_control.step_type", call=call, got=str(result.step_type), promised=" or ".join(types))
         found, promised = result.observation, self.promised
         if not hasattr(found, "keys") or set(found) != set(promised):
-            violate("{} returned {} as observation, not {}", call, shown(found), ", ".join(promised))
+            violate("call.observation", call=call, got=shown(found), promised=", ".join(promised))
         told = []
         for name, spec in promised.items():
-            where = "{} returned an observation that at {!r}".format(call, name)
+            where = inside(place("an observation", call), name)
             array_of(found[name], spec.shape, spec.dtype, where, told, "spec")
-        for text in told:
-            self.tell("type", text)
+        for kind, code, data in told:
+            self.tell(kind, code, **data)
 
     def draw(self):
         """Draw what the first camera of the model sees, or the free one."""
         if not hasattr(self.raw, "physics"):
-            message = "this environment has no physics to draw"
-            raise Skip(message)
+            skip("dm_control.no_physics")
         camera = 0 if self.raw.physics.model.ncam else -1
         return self.raw.physics.render(height=240, width=320, camera_id=camera)
 

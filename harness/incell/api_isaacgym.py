@@ -9,8 +9,9 @@ Written against the calls that NVIDIA's documentation and examples show, and che
 import importlib
 
 from .cell_adapter import Adapter, Environment
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
 from .cell_gpus import devices
+from .cell_observed import place
 from .cell_values import numbers
 
 PACKAGES = {"isaacgym": "isaacgym"}
@@ -76,8 +77,7 @@ def there(chosen, needed):
     for role in needed:
         wanted, found = chosen[role + "_device"], seen[role]
         if found is not None and wanted >= len(found):
-            message = "no {} device {}: {} sees {}".format(role, wanted, SEES[role][1], len(found))
-            raise Skip(message)
+            skip("isaacgym.no_device", role=role, promised=wanted, driver=SEES[role][1], got=len(found))
     return seen
 
 
@@ -112,7 +112,7 @@ class Simulation(Environment):
         with library:
             prepared = self.gym.prepare_sim(self.sim)
         if not prepared:
-            tell("simulation", "prepare_sim() says that it failed")
+            tell("simulation", "isaacgym.prepare")
         self.states = self._states()
 
     def _simulation(self, draw):
@@ -133,8 +133,7 @@ class Simulation(Environment):
                 ground.normal = gymapi.Vec3(0.0, 0.0, 1.0)
                 self.gym.add_ground(sim, ground)
         if sim is None:
-            text = "create_sim() returned None for compute device {} and graphics device {}"
-            violate(text, chosen["compute_device"], graphics)
+            violate("isaacgym.no_simulation", compute=chosen["compute_device"], graphics=graphics)
         return sim
 
     def _environment(self, group):
@@ -165,7 +164,7 @@ class Simulation(Environment):
             properties.enable_tensors = self.chosen["path"] == "tensor"
             camera = self.gym.create_camera_sensor(env, properties)
             if camera == gymapi.INVALID_HANDLE:
-                violate("no camera: create_camera_sensor() returned {}", camera)
+                violate("isaacgym.no_camera", got=str(camera))
             self.gym.set_camera_location(camera, env, gymapi.Vec3(*FROM), gymapi.Vec3(*AT))
         return camera
 
@@ -178,7 +177,7 @@ class Simulation(Environment):
             bodies = self.gym.acquire_rigid_body_state_tensor(self.sim)
             self.roots = self.gym.acquire_actor_root_state_tensor(self.sim)
         if bodies is None or self.roots is None:
-            violate("state tensor is None: acquire_{}_state_tensor()", "rigid_body" if bodies is None else "actor_root")
+            violate("isaacgym.no_state", name="rigid_body" if bodies is None else "actor_root")
         with library:
             self.gym.refresh_actor_root_state_tensor(self.sim)
             self.root = self.tensors.wrap_tensor(self.roots)
@@ -193,7 +192,7 @@ class Simulation(Environment):
             self.root.copy_(self.start)
             done = self.gym.set_actor_root_state_tensor(self.sim, self.roots)
         if not done:
-            violate("setting the states of all bodies says that it failed")
+            violate("isaacgym.set_state")
         return self._step()
 
     def advance(self, action):
@@ -209,11 +208,11 @@ class Simulation(Environment):
             states = gym.get_sim_rigid_body_states(sim, self.gymapi.STATE_ALL).copy().view("f4")
         else:
             if not gym.refresh_rigid_body_state_tensor(sim):
-                violate("refresh_rigid_body_state_tensor() says that it failed")
+                violate("isaacgym.refresh")
             states = self.states.cpu().numpy().copy()
         expected = self.chosen["envs"] * len(BODIES)
         if states.size != expected * STATE:
-            violate("the states of all bodies have {} numbers, not {} of {} bodies", states.size, STATE, expected)
+            violate("isaacgym.states", got=int(states.size), promised=STATE, bodies=expected)
         return {"bodies": states.reshape(expected, STATE)}
 
     def draw(self):
@@ -238,7 +237,7 @@ class Simulation(Environment):
         camera = self.cameras[number]
         raw = self.gym.get_camera_image_gpu_tensor(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
         if raw is None:
-            violate("camera image is None: get_camera_image_gpu_tensor() of environment {}", number)
+            violate("isaacgym.no_picture", call="get_camera_image_gpu_tensor()", number=number)
         tensors = importlib.import_module("isaacgym.gymtorch")
         return self._picture(number, tensors.wrap_tensor(raw).cpu().numpy())
 
@@ -247,15 +246,15 @@ class Simulation(Environment):
         camera = self.cameras[number]
         raw = self.gym.get_camera_image(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
         if raw is None:
-            violate("camera image is None: get_camera_image() of environment {}", number)
+            violate("isaacgym.no_picture", call="get_camera_image()", number=number)
         return self._picture(number, raw)
 
     def _picture(self, number, raw):
         """The colours of a picture, whose fourth channel is no colour."""
-        picture = numbers(raw, "the camera image of environment {}".format(number))
+        picture = numbers(raw, place("the camera image of environment {}".format(number)))
         if picture.size != HEIGHT * WIDTH * CHANNELS or picture.dtype.name != "uint8":
-            text = "camera image of environment {} has {} values of {}, not {} x {} x {} of uint8"
-            violate(text, number, picture.size, picture.dtype, HEIGHT, WIDTH, CHANNELS)
+            got = "{} values of {}".format(picture.size, picture.dtype)
+            violate("isaacgym.picture", number=number, got=got, promised="{} x {} x {}".format(HEIGHT, WIDTH, CHANNELS))
         return picture.reshape(HEIGHT, WIDTH, CHANNELS)[:, :, :3].copy()
 
     def describe(self):

@@ -9,7 +9,8 @@ import importlib
 from time import monotonic
 
 from .cell_cartpole import stood_in
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
+from .cell_observed import place
 from .cell_scene import named
 from .cell_values import finite, flag, scalar, shown
 from .cell_worlds import World, Worlds
@@ -41,8 +42,7 @@ class IsaacLab(Worlds):
             with library:
                 settings = self.configured(case)
             if not any(COLOURS in getattr(part, "data_types", ()) for part in vars(settings.scene).values()):
-                message = "this task has no camera in its scene, and render() of Isaac Lab 3 gives no picture"
-                raise Skip(message)
+                skip("isaaclab.no_camera")
         return self.simulate(case, tell)
 
     def simulate(self, case, tell, worlds=None):
@@ -89,7 +89,7 @@ class Task(World):
         """Begin episodes in all worlds."""
         result = self.raw.reset() if seed is None else self.raw.reset(seed=seed)
         if not isinstance(result, tuple) or len(result) != 2:
-            violate("reset() returned {}, not (observation, info)", shown(result))
+            violate("call.result", call="reset()", got=shown(result), promised="(observation, info)")
         return self._observed("reset()", result[0])
 
     def step(self, action):
@@ -103,13 +103,13 @@ class Task(World):
             result = self.raw.step(chosen)
         self.seconds.append(monotonic() - began)
         if not isinstance(result, tuple) or len(result) != 5:
-            violate("step() returned {}, not five values", shown(result))
+            violate("call.result", call="step()", got=shown(result), promised="five values")
         observation = self._observed("step()", result[0])
-        finite(observation, "step() returned an observation that")
+        finite(observation, place("an observation", "step()"))
         reward, terminated, truncated = [
             self._array(value, name) for value, name in zip(result[1:], ("a reward", "terminated", "truncated"))
         ]
-        scalar(reward, "step() returned a reward", self.shape)
+        scalar(reward, place("a reward", "step()"), self.shape)
         for name, ended in (("terminated", terminated), ("truncated", truncated)):
             flag(name, ended, self.tell, self.shape)
             observation[name] = ended
@@ -119,25 +119,26 @@ class Task(World):
         """Copy the parts of an observation, each as its space of one world says, for every world."""
         spaces = self.task.single_observation_space.spaces
         if not isinstance(value, dict) or set(value) != set(spaces):
-            violate("{} returned {} as observation, not a dict of {}", call, shown(value), ", ".join(sorted(spaces)))
+            promised = "a dict of {}".format(", ".join(sorted(spaces)))
+            violate("call.observation", call=call, got=shown(value), promised=promised)
         whole = self.task.observation_space
         if not hasattr(whole, "spaces"):
-            text = "observations are dicts of tensors, and observation_space is a {}: single_observation_space fits"
-            self.tell("space", text.format(type(whole).__name__))
+            self.tell("space", "isaaclab.observation_space", got=type(whole).__name__)
         arrays = {}
         for name, part in value.items():
-            arrays[name] = self.seen("observation {!r}".format(name), self._array(part, name), spaces[name].shape)
-            if arrays[name].dtype != spaces[name].dtype:
-                text = "observation {!r} has dtype {}, its space {}"
-                self.tell("type", text.format(name, arrays[name].dtype, spaces[name].dtype))
+            where, promised = place("observation {!r}".format(name)), spaces[name].dtype
+            arrays[name] = self.seen(where, self._array(part, name), spaces[name].shape)
+            if arrays[name].dtype != promised:
+                got = str(arrays[name].dtype)
+                self.tell("type", "value.dtype", where=where, got=got, promise="space", promised=str(promised))
         return arrays
 
     def _array(self, value, name):
         """The values of a tensor that lies where the task computes."""
         if not isinstance(value, self.torch.Tensor):
-            violate("{} is {}, not a tensor of torch", name, shown(value))
+            violate("isaaclab.not_tensor", where=place(name), got=shown(value))
         if value.device != self.torch.device(self.task.device):
-            violate("{} is on the device {}, the task on {}", name, value.device, self.task.device)
+            violate("isaaclab.device", where=place(name), got=str(value.device), promised=str(self.task.device))
         return value.detach().cpu().numpy().copy()
 
     def draw(self):

@@ -3,6 +3,7 @@
 import importlib
 
 from .cell_errors import library
+from .cell_observed import place
 from .cell_scene import load
 from .cell_worlds import World, Worlds
 
@@ -51,7 +52,7 @@ class Simulation(World):
         return self.stepped(self._observed())
 
     def _observed(self):
-        return {name: self.seen(name, getattr(self.data, name), size) for name, size in self.sizes.items()}
+        return {name: self.seen(place(name), getattr(self.data, name), size) for name, size in self.sizes.items()}
 
     def get_state(self):
         """Return the data."""

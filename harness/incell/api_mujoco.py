@@ -63,7 +63,8 @@ class Simulation(Environment):
         self.mujoco.mj_step(self.model, self.data)
         for number, warning in enumerate(self.data.warning):
             if warning.number:
-                self.tell("simulation", "MuJoCo warns: " + self.mujoco.mju_warningText(number, warning.lastinfo))
+                text = self.mujoco.mju_warningText(number, warning.lastinfo)
+                self.tell("simulation", "mujoco.warned", text=text)
         return self._observed(), 0.0, False, False
 
     def _observed(self):

@@ -3,6 +3,7 @@
 import importlib
 
 from .cell_errors import library
+from .cell_observed import place
 from .cell_scene import load
 from .cell_worlds import World, Worlds
 
@@ -55,7 +56,7 @@ class Simulation(World):
         arrays = {name: getattr(self.data, name).numpy() for name in self.sizes}
         if not self.shape:
             arrays = {name: array[0] for name, array in arrays.items()}
-        return {name: self.seen(name, array, self.sizes[name]) for name, array in arrays.items()}
+        return {name: self.seen(place(name), array, self.sizes[name]) for name, array in arrays.items()}
 
     def get_state(self):
         """Return copies of what a simulation goes on from."""

@@ -3,6 +3,7 @@
 import importlib
 
 from .cell_errors import library
+from .cell_observed import place
 from .cell_scene import source
 from .cell_worlds import World, Worlds
 
@@ -71,7 +72,7 @@ class Simulation(World):
         parts = {"body_q": 7, "body_qd": 6}
         arrays = {name: getattr(self.state, name).numpy() for name in parts}
         shaped = {name: array.reshape((*self.shape, self.bodies, -1)) for name, array in arrays.items()}
-        return {name: self.seen(name, shaped[name], (self.bodies, size)) for name, size in parts.items()}
+        return {name: self.seen(place(name), shaped[name], (self.bodies, size)) for name, size in parts.items()}
 
     def describe(self):
         """The device, and the sizes of the model."""

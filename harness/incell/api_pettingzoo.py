@@ -10,7 +10,8 @@ import re
 import sys
 
 from .cell_adapter import Adapter, Environment
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
+from .cell_observed import place
 from .cell_own import own, takes
 from .cell_values import Examiner, flag, scalar, shown
 
@@ -20,6 +21,8 @@ EXAMPLE = "pettingzoo:classic/rps_v2"
 
 TURNS = "aec:"
 """What stands before the module of an environment in which agents take turns."""
+
+FIVE = ("observations", "rewards", "terminations", "truncations", "infos")
 
 CYCLES = 20
 """How long the library's own test goes on."""
@@ -62,8 +65,7 @@ class PettingZoo(Adapter):
 
     def make_vector(self, makers, way, tell):
         """Environments in batches are those of SuperSuit, another library."""
-        message = "PettingZoo has no environments in batches"
-        raise Skip(message)
+        skip("pettingzoo.no_batches")
 
     def check_env(self, case):
         """Run the library's own test."""
@@ -193,7 +195,7 @@ class Together(Group):
         if several:
             result = result, {}
         elif not isinstance(result, tuple) or len(result) != 2:
-            violate("reset() returned {}, not (observations, infos)", shown(result))
+            violate("call.result", call="reset()", got=shown(result), promised="(observations, infos)")
         observations, infos = result
         self._by_agent("reset()", "observations", observations, self.raw.agents)
         for name in self.raw.agents:
@@ -206,13 +208,13 @@ class Together(Group):
             before = list(self.raw.agents)
             result = self.raw.step(action)
         if not isinstance(result, tuple) or len(result) != 5:
-            violate("step() returned {}, not (observations, rewards, terminations, truncations, infos)", shown(result))
-        for name, part in zip(("observations", "rewards", "terminations", "truncations"), result):
+            violate("call.result", call="step()", got=shown(result), promised="({})".format(", ".join(FIVE)))
+        for name, part in zip(FIVE[:4], result):
             self._by_agent("step()", name, part, before)
         observations, rewards, terminations, truncations, infos = result
         for name in before:
             self.observed("step()", name, observations[name], _of(infos, name))
-            scalar(rewards[name], "step() returned a reward of {}".format(name))
+            scalar(rewards[name], place("a reward of {}".format(name), "step()"))
             flag("the termination of {}".format(name), terminations[name], self.tell)
             flag("the truncation of {}".format(name), truncations[name], self.tell)
         over = not self.raw.agents
@@ -221,10 +223,10 @@ class Together(Group):
 
     def _by_agent(self, call, what, part, names):
         if not isinstance(part, dict):
-            violate("{} returned {} as {}, not a dict by agent", call, shown(part), what)
+            violate("pettingzoo.not_by_agent", call=call, what=what, got=shown(part))
         missing = [name for name in names if name not in part]
         if missing:
-            violate("{} returned {} without {}", call, what, ", ".join(map(str, missing)))
+            violate("pettingzoo.agents_missing", call=call, what=what, missing=", ".join(map(str, missing)))
 
     def action(self):
         """Draw an action for each agent."""
@@ -264,11 +266,11 @@ class Turns(Group):
             name = self.raw.agent_selection
             result = self.raw.last()
         if not isinstance(result, tuple) or len(result) != 5:
-            text = "last() after {} returned {}, not (observation, reward, termination, truncation, info)"
-            violate(text, call, shown(result))
+            promised = "(observation, reward, termination, truncation, info)"
+            violate("call.result", call="last() after {}".format(call), got=shown(result), promised=promised)
         observation, reward, terminated, truncated, info = result
         self.observed(call, name, observation, info)
-        scalar(reward, "last() returned a reward of {}".format(name))
+        scalar(reward, place("a reward of {}".format(name), "last()"))
         flag("the termination of {}".format(name), terminated, self.tell)
         flag("the truncation of {}".format(name), truncated, self.tell)
         return {str(name): observation}, {str(name): reward}, terminated, truncated

@@ -23,8 +23,6 @@ RED, BLUE, GREEN, GREY = (1, 0, 0, 1), (0, 0, 1, 1), (0, 1, 0, 1), (0.6, 0.6, 0.
 PICTURE = {"above": "#ff0000", "below": "#0000ff"}
 """Two boxes of the scene: the red one above the blue one."""
 
-UNNUMBERED = "getCameraImage() returned a tuple where an array was promised: this pybullet was built without numpy"
-
 
 class Bullet(Adapter):
     """The calls of a user: connect(DIRECT), stepSimulation, getCameraImage with the TinyRenderer."""
@@ -63,7 +61,7 @@ class Simulation(Environment):
         with library:
             self.here = {"physicsClientId": bullet.connect(bullet.DIRECT)}
             if not getattr(bullet, "isNumpyEnabled", lambda: 1)():
-                tell("type", UNNUMBERED)
+                tell("type", "pybullet.no_numpy")
 
     def begin(self, seed):
         """Build the scene anew, as the manual has it: states of a simulation that was reset are gone."""
@@ -109,10 +107,10 @@ class Simulation(Environment):
             WIDTH, HEIGHT, view, lens, renderer=bullet.ER_TINY_RENDERER, **dict(light, **self.here)
         )
         if not isinstance(colours, np.ndarray):
-            self.tell("type", UNNUMBERED)
+            self.tell("type", "pybullet.no_numpy")
         picture = np.asarray(colours)
         if picture.size != width * height * 4 or not ((picture >= 0) & (picture <= 255)).all():
-            violate("getCameraImage() returned {} values for a picture of {} x {}", picture.size, width, height)
+            violate("pybullet.picture", got=int(picture.size), promised="{} x {}".format(width, height))
         return picture.reshape(height, width, 4)[:, :, :3].astype(np.uint8)
 
     def get_state(self):

@@ -9,7 +9,7 @@ import sys
 
 from .cell_adapter import Adapter, Environment
 from .cell_classic import Gym
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
 from .cell_family import Family
 from .cell_values import shown
 
@@ -43,8 +43,7 @@ class Robosuite(Adapter):
         """Make the environment of a case; pictures are those of a camera among its observations."""
         task, wrapped = _task(case)
         if wrapped and draw:
-            message = "GymWrapper draws no pictures: render() opens a window"
-            raise Skip(message)
+            skip("robosuite.no_pictures")
         with library:
             raw = self.bare(case) if wrapped else _made(task, case, draw)
         return _family(raw).driven(raw, tell) if wrapped else Task(raw, tell, case["seed"])
@@ -71,8 +70,7 @@ class Robosuite(Adapter):
     def _batching(self):
         """The library that the wrapper is of."""
         if not any(_there(name) for name in FAMILIES):
-            message = "neither gym nor gymnasium is there, and robosuite has no environments in batches"
-            raise Skip(message)
+            skip("robosuite.no_batches")
         with library:
             return _family(_wrapper())
 
@@ -117,10 +115,10 @@ class Task(Environment):
         """Make one step."""
         result = self.raw.step(action)
         if not isinstance(result, tuple) or len(result) != 4:
-            violate("step() returned {}, not (observation, reward, done, info)", shown(result))
+            violate("call.result", call="step()", got=shown(result), promised="(observation, reward, done, info)")
         observation, reward, done, info = result
         if not isinstance(info, dict):
-            violate("step() returned {} as info, not a dict", shown(info))
+            violate("call.info", call="step()", got=shown(info), promised="a dict")
         self.latest = self._kept(observation, "step()")
         return observation, reward, done, False
 
@@ -162,17 +160,16 @@ class Task(Environment):
     def _seeded(self, seed):
         """Tell of a seed that is not heeded: since 1.5 robosuite has a generator of its own."""
         if seed != self.made_with and getattr(self.raw, "rng", None) is not None:
-            text = "only make(seed=...) seeds it, once: a later np.random.seed() and GymWrapper.reset(seed=...) do not"
-            self.tell("seed", text + "; take a new one, or set the state of env.rng.bit_generator")
+            self.tell("seed", "robosuite.seed")
 
     def _kept(self, observation, call):
         """Examine an observation: the same parts of the same shapes every time."""
         if not isinstance(observation, dict) or not observation:
-            violate("{} returned {} as observation, not a dict of arrays", call, shown(observation))
+            violate("call.observation", call=call, got=shown(observation), promised="a dict of arrays")
         for name, part in self.latest.items():
             now = observation.get(name)
             if getattr(now, "shape", None) != getattr(part, "shape", None):
-                violate("{} returned {!r} as {}, before that it was {}", call, name, shown(now), shown(part))
+                violate("robosuite.changed", call=call, name=repr(name), got=shown(now), promised=shown(part))
         return observation
 
 

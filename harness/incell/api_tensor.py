@@ -7,7 +7,8 @@ of a world begins by itself.
 import importlib
 
 from .cell_adapter import Adapter
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
+from .cell_observed import place
 from .cell_own import own
 from .cell_values import finite, flag, scalar, shown
 from .cell_worlds import World
@@ -33,8 +34,7 @@ class Tensors(Adapter):
     def make(self, case, tell, draw=False):
         """Make the environment of a case."""
         if draw:
-            message = "it draws no pictures"
-            raise Skip(message)
+            skip("tensor.no_pictures")
         with library:
             raw = self.bare(case)
         return Batch(raw, tell)
@@ -43,7 +43,7 @@ class Tensors(Adapter):
         """Make the user's own object."""
         found = own(case)
         if found is None or not found.exists():
-            violate("{} is no callable: name one as tensor:module:callable", case["env"])
+            violate("tensor.not_callable", got=case["env"])
         return found.make(dict(case["kwargs"], **more))
 
 
@@ -65,7 +65,7 @@ class Batch(World):
         """Begin episodes in all worlds."""
         result = self.raw.reset() if seed is None else self.raw.reset(seed=seed)
         if not isinstance(result, tuple) or len(result) != 2:
-            violate("reset() returned {}, not (observation, info)", shown(result))
+            violate("call.result", call="reset()", got=shown(result), promised="(observation, info)")
         return self._observed("reset()", result[0])
 
     def step(self, action):
@@ -73,16 +73,16 @@ class Batch(World):
         with library:
             result = self.raw.step(self.torch.as_tensor(action, device=self.raw.device))
         if not isinstance(result, tuple) or len(result) != len(FIVE):
-            violate("step() returned {}, not ({})", shown(result), ", ".join(FIVE))
+            violate("call.result", call="step()", got=shown(result), promised="({})".format(", ".join(FIVE)))
         seen = self._observed("step()", result[0])
         told = zip(FIVE[1:4], result[1:4])
-        reward, *ends = [self._array("step() returned {}".format(name), value) for name, value in told]
-        scalar(reward, "step() returned a reward", self.shape)
+        reward, *ends = [self._array(place(name, "step()"), value) for name, value in told]
+        scalar(reward, place("a reward", "step()"), self.shape)
         for name, ended in zip(FIVE[2:4], ends):
             flag(name, ended, self.tell, self.shape)
             seen[name] = ended
         for name, part in seen.items():
-            finite(part, "step() returned {} that".format(name))
+            finite(part, place(name, "step()"))
         return seen, reward, False, False
 
     def _observed(self, call, value):
@@ -92,23 +92,24 @@ class Batch(World):
         if spaces is None:
             value, spaces = {"observation": value}, {"observation": space}
         if not isinstance(value, dict) or set(value) != set(spaces):
-            violate("{} returned {} as observation, not a dict of {}", call, shown(value), ", ".join(sorted(spaces)))
+            promised = "a dict of {}".format(", ".join(sorted(spaces)))
+            violate("call.observation", call=call, got=shown(value), promised=promised)
         seen = {}
         for name, part in value.items():
-            where = "{} returned the observation {!r}".format(call, name)
+            where, promised = place("the observation {!r}".format(name), call), spaces[name].dtype
             seen[name] = self.seen(where, self._array(where, part), spaces[name].shape)
-            if seen[name].dtype != spaces[name].dtype:
-                self.tell("type", "{} with dtype {}, its space {}".format(where, seen[name].dtype, spaces[name].dtype))
+            if seen[name].dtype != promised:
+                self.tell("type", "tensor.dtype", where=where, got=str(seen[name].dtype), promised=str(promised))
             if not (seen[name] >= spaces[name].low).all() or not (seen[name] <= spaces[name].high).all():
-                self.tell("space", "{} outside its space".format(where))
+                self.tell("space", "tensor.outside", where=where)
         return seen
 
     def _array(self, where, value):
         """The values of a tensor that lies where the environment computes."""
         if not isinstance(value, self.torch.Tensor):
-            violate("{} as {}, not as a tensor", where, shown(value))
+            violate("value.as_other", where=where, got=shown(value), promised="a tensor")
         if value.device != self.torch.device(self.raw.device):
-            violate("{} on the device {}, the environment is on {}", where, value.device, self.raw.device)
+            violate("tensor.device", where=where, got=str(value.device), promised=str(self.raw.device))
         return value.detach().cpu().numpy().copy()
 
     def describe(self):

@@ -4,7 +4,8 @@
 may have forgotten to import itself (numpy, too) is imported inside functions.
 """
 
-from .cell_errors import Skip, library
+from .cell_errors import library, skip
+from .cell_observed import place
 from .cell_values import finite, flag, scalar
 
 
@@ -60,21 +61,18 @@ class Adapter:
 
     def bare(self, case):
         """Make the library's own object, for its vector environments: what a worker does."""
-        message = "this API has no environments in batches"
-        raise Skip(message)
+        skip("skip.no_batches")
 
     def make_vector(self, makers, way, tell):
         """Make one environment of several: `way` is None in this process, or arguments, with a `context` in workers.
 
         Its `processes` are the workers.
         """
-        message = "this API has no environments in batches"
-        raise Skip(message)
+        skip("skip.no_batches")
 
     def autoreset_modes(self):
         """Say in which ways an environment of several begins episodes anew: arguments that choose each, by its name."""
-        message = "this API has no environments in batches that begin episodes anew"
-        raise Skip(message)
+        skip("skip.no_autoreset")
 
     def limited(self, raw, steps):
         """Wrap the library's own object so that its episodes are no longer than this."""
@@ -82,8 +80,7 @@ class Adapter:
 
     def check_env(self, case):
         """Run the library's own checker."""
-        message = "this API has no checker"
-        raise Skip(message)
+        skip("skip.no_checker")
 
     def picture(self, case):
         """Return two colours, `above` and `below`, of a right picture of a scene that the adapter itself brings."""
@@ -103,7 +100,7 @@ class Environment:
     """One environment, driven as a user would; what comes back is examined.
 
     An adapter without spaces to examine says how it is driven: `begin`, `advance`, `draw`. `tell` takes a kind (`type`,
-    `space`) and a text of something that does not stop a user's loop.
+    `space`), a code and data of something that does not stop a user's loop.
     """
 
     processes = ()
@@ -129,8 +126,7 @@ class Environment:
 
     def draw(self):
         """Return a picture: an array (height, width, 3) of uint8."""
-        message = "this environment draws no pictures"
-        raise Skip(message)
+        skip("skip.no_pictures")
 
     def where_drawn(self, ask):
         """Return what a function says in the thread that draws, with the context current that drew last."""
@@ -140,15 +136,15 @@ class Environment:
         """Start an episode and return the observation, which has to be finite."""
         with library:
             observation = self.begin(seed)
-        finite(observation, "reset() returned an observation that")
+        finite(observation, place("an observation", "reset()"))
         return observation
 
     def step(self, action):
         """Make one step and return (observation, reward, terminated, truncated), all of them usable."""
         with library:
             observation, reward, terminated, truncated = self.advance(action)
-        finite(observation, "step() returned an observation that")
-        scalar(reward, "step() returned a reward", self.shape)
+        finite(observation, place("an observation", "step()"))
+        scalar(reward, place("a reward", "step()"), self.shape)
         flag("terminated", terminated, self.tell, self.shape)
         flag("truncated", truncated, self.tell, self.shape)
         return observation, reward, terminated, truncated

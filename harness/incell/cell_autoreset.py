@@ -1,6 +1,6 @@
 """Episode ends in a batch, beside the same episodes of single environments: same seeds, same actions."""
 
-from .cell_errors import Skip, library
+from .cell_errors import library, skip
 from .cell_workers import Maker
 
 LENGTH = 5
@@ -24,11 +24,10 @@ class Short(Maker):
 
 
 def beside_single(probe, env, mode, maker):
-    """Go over episode ends: what differs from single environments, one line or None; and what of ends was missed."""
+    """Go over episode ends: what differs from single environments, if anything; and whether an end was missed."""
     spaces, raw = env.examiner.spaces, env.raw
     if not _divisible(spaces, raw.single_observation_space) or not _plain(spaces, raw.single_action_space):
-        message = "a batch of such observations or actions has no parts to compare"
-        raise Skip(message)
+        skip("vector.autoreset.no_parts")
     env.seed_actions(probe.case["seed"])
     batch = Batch(env, mode)
     batch.begin(probe.case["seed"])
@@ -43,8 +42,7 @@ def beside_single(probe, env, mode, maker):
         for step, (one, other) in enumerate(zip(seen, expected)):
             part = _differing(one, other)
             if part:
-                text = "environment {} of {} gives another {} than alone with its seed and actions, from step {} on"
-                return text.format(number, len(batch.seen), part, step), batch.lost
+                return {"number": number, "environments": len(batch.seen), "part": part, "step": step}, batch.lost
     return None, batch.lost
 
 

@@ -5,8 +5,8 @@ import os
 
 import numpy as np
 
-from .cell_episode import opened, single, tell
-from .cell_errors import Skip
+from .cell_episode import counted, opened, single, teller
+from .cell_errors import skip
 from .cell_trace import Trace
 from .cell_workers import Maker, endings, finish, processes
 
@@ -27,8 +27,7 @@ def in_workers(check, method, **more):
 
     def run(probe, facts):
         if method not in multiprocessing.get_all_start_methods():
-            message = "this system has no start method {}".format(method)
-            raise Skip(message)
+            skip("vector.no_method", method=method)
         skip_several_rewards(probe)
         number = many() if check.endswith(".many") else probe.num_envs
         facts["environments"] = number
@@ -55,16 +54,14 @@ def in_watched_workers(probe, makers, way, use):
     finish(workers)
     for ended in done:
         if ended["exit_code"] is None:
-            probe.finding("vector.teardown", "a worker went on after close()")
+            probe.finding("vector.teardown", "vector.teardown.stays")
         elif ended["exit_code"] != 0:
-            probe.finding(
-                "vector.teardown", "a worker ended with exit code {} after close()".format(ended["exit_code"])
-            )
+            probe.finding("vector.teardown", "vector.teardown.exit", got=ended["exit_code"])
 
 
 def opened_batch(probe, makers, way):
     """Open several environments as one, in the way that is given."""
-    return opened(probe, "vector", lambda: probe.api.make_vector(makers, way, tell(probe, "vector")))
+    return opened(probe, "vector", lambda: probe.api.make_vector(makers, way, teller(probe, "vector")))
 
 
 def skip_several_rewards(probe):
@@ -76,8 +73,7 @@ def skip_several_rewards(probe):
             probe.memo["rewards"] = env.rewards()
     number = probe.memo["rewards"]
     if number > 1:
-        message = "its rewards are {} numbers, and environments in batches hold one of each".format(number)
-        raise Skip(message)
+        skip("vector.rewards", got=number)
 
 
 def roll_out(probe, env, check, facts):
@@ -86,11 +82,11 @@ def roll_out(probe, env, check, facts):
     env.seed_actions(probe.case["seed"])
     facts.update(env.describe())
     trace.add(env.reset(probe.case["seed"]))
-    for _ in range(probe.vector_steps):
+    for _ in counted(probe.vector_steps):
         observation, reward, terminated, truncated = env.step(env.action())
         trace.add(observation, np.asarray(reward, float), terminated, truncated)  # integers in old workers
     known, first = probe.memo.setdefault("vector of {}".format(facts.get("environments")), (trace, check))
     difference = known.difference(trace)
     if difference:
-        text = "the same seed and actions give other values in {} than in {}, {}"
-        probe.finding("vector.repeat", text.format(check, first, difference))
+        at = difference["step"]
+        probe.finding("vector.repeat", "vector.repeat", at=at, here=check, there=first, difference=difference)

@@ -4,7 +4,6 @@ import os
 import sys
 from os.path import abspath as _absolute
 
-from .cell_errors import blame, summary
 from .cell_kept import collect
 
 FOLDER = os.path.dirname(os.path.abspath(__file__))
@@ -16,23 +15,24 @@ def after_check(probe, phase, passed):
     """Turn what happened beside the calls into findings; after a failure the ruins tell nothing."""
     collect()
     for text in probe.watch.take_deprecations():
-        probe.finding(phase + ".deprecation", text, level="note")
+        probe.finding(phase + ".deprecation", "warned.deprecation", text=text, level="note")
     ignored = probe.watch.take_ignored()
-    for text in ignored if passed else ():
-        probe.finding(phase + ".teardown", text)
+    for name, error in ignored if passed else ():
+        probe.finding(phase + ".teardown", "teardown.ignored", name=name, raised=error)
 
 
 def at_end(probe, phase):
     """Tell of functions of ours that were replaced."""
     for name in _replaced():
-        text = "replaced a function of the harness in its own process, so that its checks say nothing: "
-        probe.finding(phase + ".replaced", text + name)
+        probe.finding(phase + ".replaced", "harness.replaced", name=name)
 
 
-def in_words(error):
-    """Return an exception on one line, as a finding has it."""
-    fault = "" if blame(error) == "library" else "a fault of the harness: "
-    return fault + summary(error)
+def tell_raised(probe, check, error, blamed):
+    """Tell of an exception that does not stop a user's loop."""
+    if blamed == "library":
+        probe.finding(check, "raised", raised=error)
+    else:
+        probe.finding(check, "raised.by_harness", raised=error)
 
 
 def _replaced():

@@ -3,8 +3,8 @@
 import numpy as np
 
 from .cell_episode import single
-from .cell_errors import Skip
-from .cell_misleading import misleading
+from .cell_errors import skip
+from .cell_misleading import contradiction, misleading
 from .cell_mujoco import bindings, memory, mended, vectors, watched, written
 
 FREE, TRACKING, FIXED = range(3)
@@ -38,16 +38,14 @@ def camera(probe, facts):
     if drawn.kind == TRACKING:
         return _aside(drawn)
     if drawn.kind == FREE and not np.allclose(drawn.lookat, meant.lookat, atol=1e-6):
-        text = "the free camera looks at {}, not at {}, which was written: all items of `lookat` are written as one"
-        return text.format(_shown(drawn.lookat), _shown(meant.lookat))
+        return contradiction("camera.lookat", got=_shown(drawn.lookat), promised=_shown(meant.lookat))
     if drawn.things != meant.things:
         names = [name for name in meant.options if drawn.options[name] != meant.options[name]]
         for name in names:
-            text = "other things are drawn: with {} {}, not with {}, which was written: all items are written as one"
-            return text.format(name, drawn.options[name], meant.options[name])
+            got, promised = str(drawn.options[name]), str(meant.options[name])
+            return contradiction("camera.options", name=name, got=got, promised=promised)
     if drawn.kind != FREE:
-        reason = "the camera is fixed in the model"
-        raise Skip(reason)
+        skip("camera.fixed")
     return None
 
 
@@ -78,8 +76,7 @@ def _drawn(probe):
         while 0 < len(found) < FRAMES and _moves(found):
             env.render()
     if not found:
-        reason = "could not be measured: no call of mjv_updateScene was seen"
-        raise Skip(reason)
+        skip("unmeasured.camera")
     return found[-1]
 
 
@@ -90,14 +87,14 @@ def _moves(found):
 
 
 def _aside(drawn):
-    """Return a text where the body that the camera follows is not near the middle of the picture."""
+    """Return a contradiction where the body that the camera follows is not near the middle of the picture."""
     places = [_place(drawn, body) for body in drawn.bodies]
     if any(place is not None and max(abs(place)) <= MIDDLE for place in places):
         return None
     if places[0] is None:
-        return "the body that the camera follows is behind it"
-    text = "the body that the camera follows is {:.2g} to the right of the middle of the picture and {:.2g} above it"
-    return (text + ", in halves of its height").format(*places[0])
+        return contradiction("camera.behind")
+    right, above = map(float, places[0])
+    return contradiction("camera.aside", right=right, above=above)
 
 
 def _place(drawn, body):

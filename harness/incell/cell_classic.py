@@ -2,7 +2,7 @@
 
 import importlib
 
-from .cell_errors import Skip, library, violate
+from .cell_errors import library, skip, violate
 from .cell_family import Family, Modern, unheard
 from .cell_own import takes
 from .cell_values import Examiner, shown
@@ -50,8 +50,7 @@ class Gym(Family):
         except ModuleNotFoundError as error:
             if error.name != "gym.utils.env_checker":
                 raise
-            message = "this gym has no checker"
-            raise Skip(message) from None
+            skip("gym.no_checker")
         super().check_env(case)
 
     def pictures(self, raw):
@@ -112,7 +111,8 @@ class Classic(Modern):
         batch = self.examiner.batch
         if batch and isinstance(info, (tuple, list)):
             if len(info) != batch or not all(isinstance(item, dict) for item in info):
-                violate("step() returned {} as info, not a dict for each of {} environments", shown(info), batch)
+                promised = "a dict for each of {} environments".format(batch)
+                violate("call.info", call="step()", got=shown(info), promised=promised)
             return [bool(item.get(TRUNCATED)) for item in info]
         self.examiner.info("step()", info)
         return info.get(TRUNCATED, [False] * batch) if batch else bool(info.get(TRUNCATED))

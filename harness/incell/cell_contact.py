@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .cell_errors import Skip
-from .cell_misleading import misleading
+from .cell_errors import skip
+from .cell_misleading import contradiction, misleading
 from .cell_mujoco import bindings, simulation
 
 POSES = 1000
@@ -35,8 +35,7 @@ def contact(probe, facts):
     scene = Scene(mujoco, model)
     objects = scene.objects()
     if not objects:
-        reason = "nothing here can be pushed: no body that slides or floats may touch what an actuator moves"
-        raise Skip(reason)
+        skip("contact.nothing")
     tried = 0
     for body in objects:
         trials = scene.trials(body)
@@ -45,11 +44,10 @@ def contact(probe, facts):
         if len(trials) >= ENOUGH and not any(_pushed(*trial) for trial in trials):
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body)
             before, after, _ = trials[0]
-            text = "the robot passes through {!r}: they overlap by {:.3g} mm, and after {:g} s still by {:.3g} mm"
-            return text.format(name, 1000 * before, SECONDS, 1000 * after)
+            before, after = 1000 * float(before), 1000 * float(after)
+            return contradiction("contact.through", name=repr(name), before=before, after=after)
     if not tried:
-        reason = "could not be measured: in none of {} poses did the robot touch what can be pushed".format(POSES)
-        raise Skip(reason)
+        skip("unmeasured.contact", poses=POSES)
     return None
 
 

@@ -8,8 +8,8 @@ import json
 import os
 
 from .cell_context import asked, current, described, drawing_device, entry, ordinal
-from .cell_episode import opened, single, tell
-from .cell_errors import Skip, summary, violate
+from .cell_episode import opened, single, teller
+from .cell_errors import Skip, raised, skip, summary, violate
 from .cell_kept import getpid
 from .cell_workers import Maker, endings, finish, processes
 
@@ -82,24 +82,22 @@ def _compare(probe, wanted, got, ordinals):
     asking = {name: numbers for name, numbers in ((name, named(name, wanted[name])) for name in wanted) if numbers}
     if not got:
         if asking:
-            message = "what draws cannot be asked here"
-            raise Skip(message)
+            skip("device.unknown")
         return
     index, cuda = got.get("index"), got.get("cuda")
     if got["api"] == "egl" and index is None:
-        message = "this driver does not tell which of its devices draws"
-        raise Skip(message)
+        skip("device.untold")
     right = [name for name in asking if _means(name, asking, (index, cuda), ordinals)]
     if cuda is None and CUDA in asking and CUDA not in right:
         del asking[CUDA]  # it says nothing of devices that are not CUDA's
     for name in (ARGUMENT, EGL_ID, CUDA):
         if name in asking and name not in right:
-            text = "asked for device {} by {}, drew {}"
             numbers = " or ".join(str(number) for number in asking[name])
-            violate(text, numbers, written(name, wanted[name]), _where(got, [(one, wanted[one]) for one in right]))
+            drew = _where(got, [(one, wanted[one]) for one in right])
+            violate("device.other", promised=numbers, setting=written(name, wanted[name]), got=drew)
     if set(right) - {CUDA} and cuda is not None and cuda != index:
-        text = "EGL device {} is CUDA device {}, and {} may mean either"
-        probe.finding("render.device", text.format(index, cuda, " or ".join(name for name in right if name != CUDA)))
+        names = " or ".join(name for name in right if name != CUDA)
+        probe.finding("render.device", "device.either", index=index, cuda=cuda, names=names)
 
 
 def _means(name, asking, place, ordinals):
@@ -131,11 +129,9 @@ def written(name, value):
 def _where(got, right):
     """Where it was drawn, and which settings name that place."""
     if got["api"] != "egl":
-        return "by {}, which knows no devices".format(got["api"])
-    by = " and ".join(written(*one) for one in right)
-    if got.get("cuda") is not None:
-        return "on EGL device {} (CUDA device {}), which {} named".format(got["index"], got["cuda"], by or "nothing")
-    return "on EGL device {}, which {} named".format(got["index"], by or "nothing")
+        return {"api": got["api"]}
+    place = {"index": got["index"], "by": " and ".join(written(*one) for one in right) or "nothing"}
+    return place if got.get("cuda") is None else dict(place, cuda=got["cuda"])
 
 
 # --- memory ----------------------------------------------------------------------------------------------------
@@ -230,15 +226,15 @@ def _workers(probe, memory):
     env = None
     try:
         way = {"context": "spawn"}
-        with opened(probe, "vector", lambda: probe.api.make_vector(makers, way, tell(probe, "vector"))) as env:
+        with opened(probe, "vector", lambda: probe.api.make_vector(makers, way, teller(probe, "vector"))) as env:
             env.reset(probe.case["seed"])
             memory.note("with {} workers".format(len(makers)))
             names = sorted(name for name in os.listdir(probe.folder) if name.startswith("drew-"))
             return [_read(os.path.join(probe.folder, name)) for name in names]
-    except Skip as skip:
-        return str(skip)
+    except Skip as skipped:
+        return {"skipped": skipped.observed}
     except Exception as error:
-        return "they failed: " + summary(error)
+        return {"failed": raised(error)}
     finally:
         workers = processes(env, None)
         endings(workers, PATIENCE)

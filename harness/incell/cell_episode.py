@@ -2,7 +2,8 @@
 
 from contextlib import contextmanager
 
-from .cell_errors import summary
+from .cell_errors import raised
+from .cell_observed import step
 from .cell_trace import Trace
 
 
@@ -17,26 +18,34 @@ def opened(probe, phase, make):
         raise
     error = _close(env)
     if error:
-        probe.finding(phase + ".teardown", "close() raised {}".format(error))
+        probe.finding(phase + ".teardown", "teardown.close", raised=error)
 
 
 def single(probe, draw=False):
     """Open the environment of the case; what it tells beside is of phase single, whoever runs it."""
     phase = "render" if draw else "single"
-    return opened(probe, phase, lambda: probe.api.make(probe.case, tell(probe, "single"), draw=draw))
+    return opened(probe, phase, lambda: probe.api.make(probe.case, teller(probe, "single"), draw=draw))
 
 
 def _close(env):
     try:
         env.close()
     except BaseException as error:
-        return summary(error)
+        return raised(error)
     return None
 
 
-def tell(probe, phase):
+def teller(probe, phase):
     """Return what an examiner tells its lesser things to."""
-    return lambda kind, text: probe.finding("{}.{}".format(phase, kind), text)
+    return lambda kind, code, **data: probe.finding("{}.{}".format(phase, kind), code, **data)
+
+
+def counted(steps):
+    """Count the steps that are made for each of these, or so many of them, for what is observed meanwhile."""
+    for number, each in enumerate(range(steps) if isinstance(steps, int) else steps):
+        step.number = number + 1
+        yield each
+    step.number = None
 
 
 def rollout(probe, env, seed=None, steps=None):
@@ -45,7 +54,7 @@ def rollout(probe, env, seed=None, steps=None):
     trace = Trace()
     env.seed_actions(seed)
     trace.add(env.reset(seed))
-    for _ in range(probe.case["steps"] if steps is None else steps):
+    for _ in counted(probe.case["steps"] if steps is None else steps):
         values = env.step(env.action())
         trace.add(*values)
         if values[2] or values[3]:
@@ -62,7 +71,7 @@ def episode(probe):
 def onward(env, actions):
     """Go on with these actions, to the end of the episode at most: a `Trace`."""
     trace = Trace()
-    for action in actions:
+    for action in counted(actions):
         values = env.step(action)
         trace.add(*values)
         if values[2] or values[3]:

@@ -3,19 +3,34 @@
 import traceback
 
 from .cell_lines import LONGEST_MESSAGE, LONGEST_TRACEBACK, bounded
+from .cell_observed import observation
 
 
-class ContractViolation(Exception):
+class Ours(Exception):
+    """What we observed, raised. A vector environment raises what a worker raised within an exception of its type."""
+
+    def __init__(self, observed):
+        super().__init__(observed)
+        found = getattr(observed, "observed", observed)
+        self.observed = found if isinstance(found, dict) else observation("raised", {"raised": found})
+
+
+class ContractViolation(Ours):
     """The library returned something a user's loop cannot use."""
 
 
-class Skip(Exception):
+class Skip(Ours):
     """The check has no meaning here."""
 
 
-def violate(text, *values):
-    """Raise a violation of the contract, its text formatted."""
-    raise ContractViolation(text.format(*values))
+def violate(code, **data):
+    """Raise a violation of the contract."""
+    raise ContractViolation(observation(code, data))
+
+
+def skip(code, **data):
+    """End a check that has no meaning here."""
+    raise Skip(observation(code, data))
 
 
 class Library:
@@ -47,6 +62,13 @@ def blame(error):
     return "library" if theirs else "harness"
 
 
+def failure(error):
+    """Return what a record says of an exception: `raised` of a library's or ours, or what we `observed`."""
+    if isinstance(error, ContractViolation):
+        return {"raised": None, "observed": error.observed}
+    return {"raised": describe(error), "observed": None}
+
+
 def describe(error):
     """An exception as plain data, bounded."""
     return {
@@ -76,6 +98,11 @@ def message(error):
 def summary(error):
     """An exception on one line."""
     return "{}: {}".format(type_name(error), " ".join(message(error).split()))
+
+
+def raised(error):
+    """An exception as part of an observation: on one line, or what we observed."""
+    return error.observed if isinstance(error, ContractViolation) else summary(error)
 
 
 def _traceback(error):

@@ -50,7 +50,7 @@ class Family(Adapter):
                 raw = self.bare(case, **({"render_mode": "rgb_array"} if draw else {}))
         except TypeError as error:
             if not case["kwargs"] and _called_without(error):
-                tell("arguments", "needs arguments that only its user has: {}".format(error))
+                tell("arguments", "gym.arguments", text=error)
             raise
         return self.driven(raw, tell)
 
@@ -83,7 +83,7 @@ class Family(Adapter):
             causes = (error, error.__cause__)
             if "CustomSpaceError" not in [type(one).__name__ for one in causes] or "shared_memory" in way:
                 raise
-        tell("space", "a space of its own cannot lie in shared memory: made with shared_memory=False")
+        tell("space", "gym.space_unshared")
         return vector.AsyncVectorEnv(makers, shared_memory=False, **way)
 
     def autoreset_modes(self):
@@ -221,5 +221,5 @@ def _called_without(error):
     return step.tb_frame.f_code.co_filename.replace("\\", "/").endswith("/envs/registration.py")
 
 
-def unheard(_kind, _text):
+def unheard(_kind, _code, **_data):
     """Tell nobody."""

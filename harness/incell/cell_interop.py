@@ -2,7 +2,7 @@
 
 import importlib
 
-from .cell_errors import Skip, library
+from .cell_errors import Skip, library, skip
 
 
 def present(module, distribution):
@@ -13,8 +13,7 @@ def present(module, distribution):
     except ModuleNotFoundError as error:
         if error.name != module:
             raise
-        message = "{} is not among the packages of this cell".format(distribution)
-        raise Skip(message) from None
+        return skip("interop.absent", name=distribution)
 
 
 def made(probe):
@@ -22,8 +21,7 @@ def made(probe):
     try:
         return probe.api.bare(probe.case)
     except Skip:
-        message = "environments of this API are not those of gym or gymnasium"
-        raise Skip(message) from None
+        return skip("interop.other_api")
 
 
 def close(env):

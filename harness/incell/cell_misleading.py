@@ -1,24 +1,29 @@
 """Checks that compare a case with its own specification. Nothing is raised where one fails: the case misleads."""
 
-from .cell_errors import Skip, summary, violate
+from .cell_errors import ContractViolation, Skip, raised, skip
+from .cell_observed import observation
+
+
+def contradiction(code, **data):
+    """Return what a misleading check measured that contradicts the specification of its case."""
+    return observation(code, data)
 
 
 def misleading(measure):
-    """Make a check of a function that returns a text of the contradiction that it measured, or None.
+    """Make a check of a function that returns the contradiction that it measured, or None.
 
     Nothing else fails such a check: what it raises, by whose fault ever, shows nothing of the environment.
     """
 
     def check(probe, facts):
         try:
-            text = measure(probe, facts)
+            found = measure(probe, facts)
         except Skip:
             raise
         except Exception as error:
-            reason = "could not be measured: {}".format(summary(error))
-            raise Skip(reason) from None
-        if text:
-            violate("{}", text)
+            skip("unmeasured.raised", raised=raised(error))
+        if found:
+            raise ContractViolation(found)
 
     check.compares = True
     return check

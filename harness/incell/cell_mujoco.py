@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from .cell_episode import single
-from .cell_errors import Skip
+from .cell_errors import skip
 
 STEPPING = ("mj_step", "mj_step1", "mj_step2")
 
@@ -16,8 +16,7 @@ def bindings():
     """Return the module of MuJoCo's bindings, which the environment has imported."""
     module = sys.modules.get("mujoco")
     if not hasattr(module, "MjModel"):
-        reason = "the environment does not use MuJoCo's own bindings"
-        raise Skip(reason)
+        skip("mujoco.no_bindings")
     return module
 
 
@@ -135,8 +134,7 @@ def _simulation(probe):
         env.reset(probe.case["seed"])
         env.step(env.action())
         if not calls:
-            reason = "the environment does not step with MuJoCo's own bindings"
-            raise Skip(reason)
+            skip("mujoco.no_steps")
         values, named = calls[-1]
         model = copy.copy(values[0] if values else named["m"])
         raw = getattr(env.raw, "unwrapped", env.raw) if hasattr(env, "raw") else None

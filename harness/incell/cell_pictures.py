@@ -5,6 +5,8 @@ No rule here knows the environment, so each tells only of what cannot be right: 
 
 import numpy as np
 
+from .cell_observed import remark
+
 WINDOW = 5
 """Steps from one picture to the next."""
 
@@ -24,7 +26,7 @@ def same(one, other):
 
 
 def followed(env, draw, pictures, start, since, steps):
-    """Look closer at two pictures that do not show the steps between them: (kind, text) of what is wrong, or None.
+    """Look closer at two pictures that do not show the steps between them: a remark on what is wrong, or None.
 
     `start` are the values of the observation (see `values`) of the first, `since` is what `advance` said of
     the steps; `draw` returns a picture of `env`. Up to `steps` more are made.
@@ -38,7 +40,7 @@ def followed(env, draw, pictures, start, since, steps):
             at_resets = True
         elif changed(start, latest):
             if not same(draw(env), picture):
-                return "stale", "render() draws an earlier state: asked again, without a step, it draws another picture"
+                return remark("stale", "render.stale.again")
             count += WINDOW if whole else 0
         if steps < WINDOW:
             break
@@ -50,10 +52,8 @@ def followed(env, draw, pictures, start, since, steps):
         return None
     env.reset()
     if at_resets or not same(draw(env), picture):
-        text = "the picture stays the same over {} steps while the observations change, and changes at a reset"
-        return "stale", text.format(count)
-    text = "the picture never changes: the same over {} steps while the observations change, and after a reset"
-    return "constant", text.format(count)
+        return remark("stale", "render.stale", steps=count)
+    return remark("constant", "render.constant", steps=count)
 
 
 def advance(env, steps):
@@ -88,25 +88,24 @@ def changed(before, after):
 
 
 def composed(picture, above, below):
-    """Whether what has the one colour lies above what has the other: (kind, text) of what is wrong, or None.
+    """Whether what has the one colour lies above what has the other: a remark on what is wrong, or None.
 
     Colours are written `#rrggbb`, as a right picture has them. One that is missing makes the picture a wrong one.
     """
     heights = [_height(picture, colour) for colour in (above, below)]
     missing = [colour for colour, height in zip((above, below), heights) if height is None]
     if missing:
-        return "picture", "nothing in the picture has the colour {}".format(" or ".join(missing))
+        return remark("picture", "render.colour_missing", promised=" or ".join(missing))
     if heights[0] < heights[1]:
         return None
-    text = "what is {} lies below what is {}: the picture is upside down"
-    return "upside_down", text.format(above, below)
+    return remark("upside_down", "render.upside_down", above=above, below=below)
 
 
 def marred(picture, never):
-    """Whether a picture shows a colour that none should: (kind, text) of what is wrong, or None."""
+    """Whether a picture shows a colour that none should: a remark on what is wrong, or None."""
     if never is None or _height(picture, never) is None:
         return None
-    return "picture", "something in the picture has the colour {}, which a right one never has".format(never)
+    return remark("picture", "render.colour_wrong", got=never)
 
 
 def _height(picture, colour):

@@ -11,15 +11,15 @@ import json
 import platform
 import sys
 
-from .cell_beside import after_check, at_end, in_words
-from .cell_errors import Skip, describe, library
+from .cell_beside import after_check, at_end, tell_raised
+from .cell_errors import Skip, blame, failure, library, raised, skip
 from .cell_imports import Imports
-from .cell_kept import getpid, import_module, join, leave, monotonic, write
-from .cell_lines import LAST_WORDS, Lines, bounded
+from .cell_kept import encoded, getpid, import_module, join, leave, monotonic, write
+from .cell_lines import LAST_WORDS, Lines
+from .cell_observed import observation, step
 from .cell_watch import Stacks, Watch
 
 FINDINGS_OF_A_CHECK = 10
-LONGEST_FINDING = 2000
 DEFAULT_SECONDS = 120.0
 TOLD = ("gym", "gymnasium", "numpy", "mujoco", "mujoco_py", "dm_control", "pygame", "OpenGL", "glfw", "torch", "jax")
 """Libraries whose version as imported is told, where they were imported."""
@@ -76,19 +76,21 @@ class Probe(Imports):
             elif outcome == "failed" and check.startswith(("import.", "single.")):
                 break
 
-    def finding(self, check, text, level="warning"):
-        """Say something that does not stop a user's loop: each text once, a bounded number of them."""
-        known = self._found.setdefault(check, set())
-        if text in known or len(known) > FINDINGS_OF_A_CHECK:
+    def finding(self, check, code, level="warning", **data):
+        """Say something that does not stop a user's loop: each once, at whatever step, a bounded number of them."""
+        observed = observation(code, data)
+        known = self._found.setdefault(check, {})
+        mark = encoded(dict(observed, at=None))
+        if mark in known or len(known) > FINDINGS_OF_A_CHECK:
             return
-        known.add(text)
+        known[mark] = observed
         if len(known) > FINDINGS_OF_A_CHECK:
-            text = "and more of this kind"
-        self.reply.write("finding", check=check, level=level, text=bounded(text, LONGEST_FINDING))
+            observed = observation("more", {})
+        self.reply.write("finding", check=check, level=level, observed=observed)
 
     def findings(self, check):
-        """Return the texts that were found so far."""
-        return sorted(self._found.get(check, ()))
+        """Return what was found so far."""
+        return list(self._found.get(check, {}).values())
 
     def frame(self, check, which, name):
         """Tell of a picture that lies in the folder."""
@@ -111,20 +113,20 @@ class Probe(Imports):
         return import_module(".check_" + check.replace(".", "_"), __package__).run
 
     def _check(self, check):
-        outcome, error = self._attempt(check)
-        after_check(self, check.partition(".")[0], passed=error is None)
+        outcome, told = self._attempt(check)
+        after_check(self, check.partition(".")[0], passed=told is None)
         return outcome
 
     def _follow(self, check):
         """Run a check that nobody asked for. Where it can only find, what it raises is a finding, too."""
-        _, error = self._attempt(check)
-        if error and not self._compares:
-            self.finding(check, error)
-        after_check(self, check.partition(".")[0], passed=error is None)
+        _, told = self._attempt(check)
+        if told and not self._compares:
+            tell_raised(self, check, *told)
+        after_check(self, check.partition(".")[0], passed=told is None)
 
     def _attempt(self, check):
-        """Run one check and write its record: (outcome, the exception on one line or None)."""
-        outcome, raised, reason, told, facts = "passed", None, None, None, {}
+        """Run one check and write its record: (outcome, what is told of an exception or None)."""
+        outcome, record, told, facts = "passed", {"raised": None, "observed": None}, None, {}
         self.workers, self._compares = [], False
         self._phases.append(check.partition(".")[0])
         self.reply.write("start", check=check)
@@ -135,24 +137,24 @@ class Probe(Imports):
             function = self._function(check)
             self._compares = getattr(function, "compares", False)
             function(self, facts)
-        except Skip as skip:
-            outcome, reason = "skipped", str(skip)
+        except Skip as skipped:
+            outcome, record = "skipped", {"raised": None, "observed": skipped.observed}
         except BaseException as error:  # SystemExit and KeyboardInterrupt of a library are outcomes, too
-            outcome, raised, told = "failed", describe(error), in_words(error)
+            outcome, record, told = "failed", failure(error), (raised(error), blame(error))
         self.stacks.disarm()
+        step.number = None
         if getpid() != self.reply.pid:  # a child that a library forked and let come back here
             leave(0)
         seconds = round(monotonic() - began, 4)
-        record = {"outcome": outcome, "seconds": seconds, "raised": raised, "reason": reason}
-        self.reply.write("check", check=check, workers=self.workers, facts=facts, **record)
+        record.update(outcome=outcome, seconds=seconds, workers=self.workers, facts=facts)
+        self.reply.write("check", check=check, **record)
         library.raised = None
         return outcome, told
 
     def _prepare(self):
         """Import the libraries before those modules of ours that bring numpy in."""
         if not self.case["env"]:
-            reason = "no environment was asked for"
-            raise Skip(reason)
+            skip("skip.no_environment")
         self.import_modules()
 
     def _arm(self, check):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .cell_misleading import misleading
+from .cell_misleading import contradiction, misleading
 from .cell_mujoco import bindings, simulation
 
 STEPS = 50
@@ -33,10 +33,7 @@ def solver(probe, facts):
         dense, stored = (_accelerations(mujoco, model, data, way) for way in (DENSE, SPARSE))
         gap, largest = abs(dense - stored).max(), abs(dense).max()
         if gap > APART * max(1.0, largest):
-            text = "after {} steps the sparse constraint Jacobian gives accelerations that differ by {:.3g}"
-            return (text + " from those of the dense one, of which the largest is {:.3g}").format(
-                step + 1, gap, largest
-            )
+            return contradiction("solver.differs", at=step + 1, steps=step + 1, gap=float(gap), largest=float(largest))
     return None
 
 

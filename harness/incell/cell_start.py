@@ -1,7 +1,7 @@
 """The start pose: whether an environment begins where it says that it does."""
 
-from .cell_errors import Skip
-from .cell_misleading import misleading
+from .cell_errors import skip
+from .cell_misleading import contradiction, misleading
 from .cell_mujoco import bindings, simulation
 
 FAR = 0.05
@@ -18,24 +18,23 @@ def start_pose(probe, facts):
     """
     mujoco, found = bindings(), simulation(probe)
     if found.starts is None:
-        reason = "no start pose is documented"
-        raise Skip(reason)
+        skip("start.undocumented")
     if found.settles:
-        reason = "the simulation is stepped in a reset, so that joints move from their start pose"
-        raise Skip(reason)
+        skip("start.settles")
     joints = [joint for joint in range(found.model.njnt) if _fixed(found, joint)]
     if not joints:
-        reason = "each joint begins elsewhere with another seed"
-        raise Skip(reason)
+        skip("start.random")
     away = [joint for joint in joints if _gap(found, joint) > FAR]
     facts["joints"] = len(joints)
     if not away:
         return None
     farthest = max(away, key=lambda joint: _gap(found, joint))
-    text = "after reset() {} of {} joints are not where initial_qpos has them: {!r} is at {:.3g}, not at {:.3g}"
     name = mujoco.mj_id2name(found.model, mujoco.mjtObj.mjOBJ_JOINT, farthest)
     place = _farthest(found, farthest)
-    return text.format(len(away), len(joints), name, found.starts[0][place], found.held[place])
+    got, promised = float(found.starts[0][place]), float(found.held[place])
+    return contradiction(
+        "start.elsewhere", away=len(away), joints=len(joints), name=repr(name), got=got, promised=promised
+    )
 
 
 def _places(found, joint):

@@ -9,7 +9,7 @@ import sys
 from contextlib import ExitStack
 
 from . import cell_interop
-from .cell_errors import Skip, library
+from .cell_errors import library, skip
 from .cell_exchange import Exchange, equal, reuses, rows, same_memory, shown
 
 FIRST, LOOKED_AT = 2, 4
@@ -18,7 +18,6 @@ FIRST, LOOKED_AT = 2, 4
 BESIDE = ("reward", "terminated", "truncated", "done")
 """What TorchRL stores of a step besides the observations."""
 
-REUSES = "; the environment gives the same memory at every step"
 ZEROS = "zeros"
 MADE = "simmatrix/Made-v0"
 
@@ -52,11 +51,9 @@ def _isaaclab(probe, facts, **options):
     except ModuleNotFoundError as error:
         if error.name != "torchrl.envs.libs.isaac_lab":
             raise
-        message = "TorchRL {} has no IsaacLabWrapper".format(torchrl.__version__)
-        raise Skip(message) from None
+        skip("torchrl.no_wrapper", version=torchrl.__version__)
     if not set(options) <= set(inspect.signature(wrapper.__init__).parameters):
-        message = "the IsaacLabWrapper of TorchRL {} has no {}".format(torchrl.__version__, ", ".join(options))
-        raise Skip(message)
+        skip("torchrl.no_option", version=torchrl.__version__, options=", ".join(options))
     options["device"] = importlib.import_module("torch").device("cpu")
     _drive(probe, facts, lambda raw: wrapper(raw, **options))
 
@@ -169,10 +166,10 @@ def _keys(probe, exchange, stored, places):
     wanted = [name for name in exchange.steps[-1].parts if name not in BESIDE]
     renamed = {name: places[name] for name in wanted if places.get(name, name) != name}
     for name, key in renamed.items():
-        probe.finding("interop.torchrl.keys", "TorchRL stores the observation {!r} as {!r}".format(name, key), "note")
+        probe.finding("interop.torchrl.keys", "torchrl.renamed", level="note", promised=repr(name), got=repr(key))
     for name in wanted:
         if name not in places:
-            probe.finding("interop.torchrl.keys", "TorchRL does not store the observation {!r}".format(name))
+            probe.finding("interop.torchrl.keys", "torchrl.missing", promised=repr(name))
     return {"environment": wanted, "stored": _observed(stored[-1][1]), "renamed": renamed}
 
 
@@ -181,8 +178,7 @@ def _stored(probe, wrapper, steps, rollout, places):
     wrong, ends, apart = {}, set(), 0
     ended = sum(bool(step.ended.any()) for step in steps)
     if not ended:
-        text = "no episode ended in {} steps: what is done then was not seen"
-        probe.finding("interop.torchrl.ends", text.format(len(steps)), "note")
+        probe.finding("interop.torchrl.ends", "torchrl.no_end", level="note", steps=len(steps))
     for number, step in enumerate(steps):
         after = rollout[..., number]["next"]
         apart += bool(step.ended.any() and not step.ended.all())
@@ -193,13 +189,13 @@ def _stored(probe, wrapper, steps, rollout, places):
             if step.ended.any() and name not in BESIDE:
                 ends.add(_at_end(step, name, after[key]))
     if ZEROS in ends:
-        text = "{}: where an episode ended, zeros are stored for its last observation"
-        probe.finding("interop.torchrl.last", text.format(wrapper))
+        probe.finding("interop.torchrl.last", "torchrl.zeros", wrapper=wrapper)
     if wrong:
         where = ", ".join("{} in {}".format(name, number) for name, number in sorted(wrong.items()))
-        text = "{}: a stored rollout of {} steps holds other values than the steps returned: {}"
-        text = text.format(wrapper, len(steps), where)
-        probe.finding("interop.torchrl.alias", text + (REUSES if reuses(steps) else ""))
+        if reuses(steps):
+            probe.finding("interop.torchrl.alias", "torchrl.alias", wrapper=wrapper, steps=len(steps), got=where)
+        else:
+            probe.finding("interop.torchrl.alias", "torchrl.rollout", wrapper=wrapper, steps=len(steps), got=where)
     return {"steps": len(steps), "ends": ended, "ends_apart": apart, "wrong": wrong, "at_ends": sorted(ends)}
 
 
@@ -221,8 +217,7 @@ def _resets(probe, resets):
     """How often the environment was reset besides the beginning, and how often with worlds amid an episode."""
     amid = [number for number in resets if number]
     if amid:
-        text = "the whole environment was reset {} times while some of its worlds were amid an episode"
-        probe.finding("interop.torchrl.reset", text.format(len(amid)))
+        probe.finding("interop.torchrl.reset", "torchrl.reset", times=len(amid))
     return {"number": len(resets), "amid": len(amid)}
 
 
@@ -279,6 +274,6 @@ def _library(probe):
         importlib.import_module("torchrl._torchrl")
     except ImportError as error:
         told["compiled"] = str(error).rpartition(": ")[2][:100]
-        text = "TorchRL's compiled part (prioritized replay) does not load beside torch {}: undefined symbol {}"
-        probe.finding("interop.torchrl.compiled", text.format(told["torch"], told["compiled"]), level="note")
+        torch, symbol = told["torch"], told["compiled"]
+        probe.finding("interop.torchrl.compiled", "torchrl.compiled", level="note", torch=torch, symbol=symbol)
     return told

@@ -61,24 +61,24 @@ class Trace:
         return {"steps": len(self.digests), "sizes": sizes, "entries": entries}
 
     def difference(self, other):
-        """Where the two part and how far: one phrase, or None where they agree."""
+        """Return the step where the two part, what differs there and by how much; None where they agree."""
         if self.digests == other.digests:
             return None
         pairs = enumerate(zip(self.digests, other.digests))
         entry = next((n for n, (one, two) in pairs if one != two), min(len(self.digests), len(other.digests)))
-        return "from step {} on{}".format(entry, self._how(other, entry))
+        return dict(self._how(other, entry), step=entry)
 
     def _how(self, other, entry):
         both = list(zip(self._values, other._values))
         if entry >= len(both) or None in both[entry]:
-            return ""
+            return {}
         gaps = [(name, _gap(one, two)) for name, one, two in zip(PARTS, *both[entry])]
         name, gap = next(((name, gap) for name, gap in gaps if gap != 0), ("episode end", None))
         if gap is None:
-            return " ({})".format(name)
+            return {"part": name}
         most = [_gap(one[0], two[0]) for one, two in both if one is not None and two is not None]
         most = max([gap] + [g for g in most if g is not None]) if name == PARTS[0] else gap
-        return " ({} off by {:.3g} there, at most by {:.3g} later)".format(name, gap, most)
+        return {"part": name, "gap": gap, "most": most}
 
 
 def _numbers(leaves):

@@ -1,13 +1,14 @@
 """What an environment returned against what its spaces promise; numpy is imported late, see `cell_adapter`."""
 
 from .cell_errors import library, violate
+from .cell_observed import inside, place, remark
 
 
 class Examiner:
     """Looks at the values of one environment: raises where a user could not go on, tells of lesser things.
 
     `batch` is None for a single environment, else the number of them in a vector environment. `tell` takes a kind
-    (`type`, `space`) and a text. What the environment declares beside its spaces holds, too: rewards are as its
+    (`type`, `space`), a code and data. What the environment declares beside its spaces holds, too: rewards are as its
     `reward_space` says, and where both its spaces are tuples of one length, of as many agents.
     """
 
@@ -34,23 +35,23 @@ class Examiner:
     def arity(self, call, result, parts):
         """Examine how many values a call returned; `parts` are their names."""
         if not isinstance(result, tuple) or len(result) != len(parts):
-            violate("{} returned {}, not ({})", call, shown(result), ", ".join(parts))
+            violate("call.result", call=call, got=shown(result), promised="({})".format(", ".join(parts)))
 
     def info(self, call, info):
         """Examine an info, which is a dict."""
         if not isinstance(info, dict):
-            violate("{} returned {} as info, not a dict", call, shown(info))
+            violate("call.info", call=call, got=shown(info), promised="a dict")
 
     def observation(self, call, observation):
         """Examine an observation against its space."""
         told = []
-        self._conform(self.space, observation, call + " returned an observation that", told)
-        for text in told:
-            self.tell("type", text)
+        self._conform(self.space, observation, place("an observation", call), told)
+        for kind, code, data in told:
+            self.tell(kind, code, **data)
         with library:
-            inside = bool(self.space.contains(observation))
-        if not inside and not told:
-            self.tell("space", "{} returned an observation outside its space {}".format(call, _short(self.space)))
+            contained = bool(self.space.contains(observation))
+        if not contained and not told:
+            self.tell("space", "space.outside", call=call, promised=_short(self.space))
 
     def _conform(self, space, value, where, told):
         if isinstance(space, self.spaces.Dict):
@@ -68,52 +69,51 @@ class Examiner:
 
     def _dict(self, space, value, where, told):
         if not hasattr(value, "keys"):
-            violate("{} is {}, its space a Dict", where, shown(value))
+            violate("value.kind", where=where, got=shown(value), promised="a Dict")
         missing, extra = set(space.spaces) - set(value.keys()), set(value.keys()) - set(space.spaces)
         if missing:
-            text = "{} has not the keys of its space: missing {}, not in the space {}"
-            violate(text, where, _names(missing), _names(extra))
+            violate("value.keys_missing", where=where, missing=_names(missing), extra=_names(extra))
         if extra:
-            told.append("{} has keys that are not in its space: {}".format(where, _names(extra)))
+            told.append(remark("type", "value.keys_extra", where=where, extra=_names(extra)))
         for key, part in space.spaces.items():
-            self._conform(part, value[key], "{} at {!r}".format(where, key), told)
+            self._conform(part, value[key], inside(where, key), told)
 
     def _tuple(self, space, value, where, told):
         if not isinstance(value, (tuple, list)):
-            violate("{} is {}, its space a Tuple", where, shown(value))
+            violate("value.kind", where=where, got=shown(value), promised="a Tuple")
         if len(value) != len(space.spaces):
-            violate("{} has {} parts, its space has {}", where, len(value), len(space.spaces))
+            violate("value.parts", where=where, got=len(value), promised=len(space.spaces))
         if not isinstance(value, tuple):
-            told.append("{} is a list, its space a Tuple".format(where))
+            told.append(remark("type", "value.kind", where=where, got="a list", promised="a Tuple"))
         for number, (part, item) in enumerate(zip(space.spaces, value)):
-            self._conform(part, item, "{} at {}".format(where, number), told)
+            self._conform(part, item, inside(where, number), told)
 
     def reward(self, reward):
         """Examine a reward, or a batch of them."""
-        where = "step() returned a reward"
+        where = place("a reward", "step()")
         if self.batch is not None:
             scalar(reward, where, (self.batch,))
             return
-        array = numbers(reward, where + " that")
+        array = numbers(reward, where)
         self.rewards = int(array.size)
         if array.shape != self.reward_shape:
             self._other_shape(where, array)
-        _finite(array, where + " that")
+        _finite(array, where)
 
-    def _other_shape(self, what, array):
+    def _other_shape(self, where, array):
         """Tell of a value of another shape that a loop can use: one number, or one of each agent."""
         if array.size == 1 and not self.reward_shape:
-            self.tell("type", "{} of shape {}, not a number".format(what, array.shape))
+            self.tell("type", "value.of_shape", where=where, got=str(array.shape), promised="a number")
         elif self.agents and array.shape == (self.agents,):
-            self.tell("type", "{} for each of its {} agents".format(what, self.agents))
+            self.tell("type", "value.by_agent", where=where, agents=self.agents)
         else:
-            violate("{} of shape {}, not {}", what, array.shape, self.reward_shape)
+            violate("value.of_shape", where=where, got=str(array.shape), promised=str(self.reward_shape))
 
     def flag(self, name, value):
         """Examine a truth value, or a batch of them, and return it: of several agents, whether it holds for all."""
-        if self.batch is None and self.agents and numbers(value, name).shape == (self.agents,):
+        if self.batch is None and self.agents and numbers(value, place(name)).shape == (self.agents,):
             flag(name, value, self.tell, (self.agents,))
-            self.tell("type", "step() returned {} for each of its {} agents".format(name, self.agents))
+            self.tell("type", "value.by_agent", where=place(name, "step()"), agents=self.agents)
             return all(value)
         flag(name, value, self.tell, () if self.batch is None else (self.batch,))
         return value
@@ -121,21 +121,22 @@ class Examiner:
 
 def scalar(value, where, shape=()):
     """Examine a number, or numbers of this shape: it has to be finite."""
-    array = numbers(value, where + " that")
+    array = numbers(value, where)
     if array.shape != shape:
-        violate("{} of shape {}, not {}", where, array.shape, shape)
-    _finite(array, where + " that")
+        violate("value.of_shape", where=where, got=str(array.shape), promised=str(shape))
+    _finite(array, where)
 
 
 def flag(name, value, tell, shape=()):
     """Examine a truth value, or several of this shape."""
-    array = numbers(value, "step() returned {} that".format(name))
+    where = place(name, "step()")
+    array = numbers(value, where)
     if array.shape != shape:
-        violate("step() returned {} of shape {}, not {}", name, array.shape, shape)
+        violate("value.of_shape", where=where, got=str(array.shape), promised=str(shape))
     if array.dtype.kind != "b":
         if not bool(((array == 0) | (array == 1)).all()):
-            violate("step() returned {} = {}, not a bool", name, _short(value))
-        tell("type", "step() returned {} as {}, not as bool".format(name, shown(value)))
+            violate("value.not_bool", where=where, got=_short(value))
+        tell("type", "value.as_other", where=where, got=shown(value), promised="bool")
 
 
 def array_of(value, shape, dtype, where, told, promise="space", *, within=None):  # noqa: PLR0913 - of one promise
@@ -147,16 +148,18 @@ def array_of(value, shape, dtype, where, told, promise="space", *, within=None):
 
     array = numbers(value, where)
     if array.shape != tuple(shape):
-        violate("{} has shape {}, its {} {}", where, array.shape, promise, tuple(shape))
+        violate("value.shape", where=where, got=str(array.shape), promise=promise, promised=str(tuple(shape)))
     if not isinstance(value, (np.ndarray, np.generic)):
-        told.append("{} is {} where an array was promised".format(where, shown(value)))
+        told.append(remark("type", "value.not_array", where=where, got=shown(value)))
     elif array.dtype != dtype:
         if not _holds(dtype, array):
-            violate("{} has dtype {}, its {} {}", where, array.dtype, promise, dtype)
-        told.append("{} has dtype {}, its {} {}".format(where, array.dtype, promise, dtype))
+            violate("value.dtype", where=where, got=str(array.dtype), promise=promise, promised=str(dtype))
+        told.append(
+            remark("type", "value.dtype", where=where, got=str(array.dtype), promise=promise, promised=str(dtype))
+        )
     endless = array.dtype.kind == "f" and within is not None and bool(np.isinf(array).any())
     if endless and bool(((array >= within[0]) & (array <= within[1])).all()):
-        told.append("{} is infinite, which its {} allows".format(where, promise))
+        told.append(remark("type", "value.infinite", where=where, promise=promise))
     else:
         _finite(array, where)
 
@@ -174,9 +177,9 @@ def _holds(dtype, array):
 def _integer(value, where, told):
     array = numbers(value, where)
     if array.size != 1 or array.dtype.kind not in "biu":
-        violate("{} is {}, its space Discrete", where, shown(value))
+        violate("value.kind", where=where, got=shown(value), promised="Discrete")
     if array.shape != ():
-        told.append("{} is {}, its space Discrete".format(where, shown(value)))
+        told.append(remark("type", "value.kind", where=where, got=shown(value), promised="Discrete"))
 
 
 def finite(value, where):
@@ -202,7 +205,7 @@ def numbers(value, where):
     except Exception:  # told below, without the chain of causes that points elsewhere
         array = None
     if array is None or array.dtype.kind not in "biufc":
-        violate("{} is {}, not numbers", where, shown(value))
+        violate("value.not_numbers", where=where, got=shown(value))
     return array
 
 
@@ -211,7 +214,7 @@ def _finite(array, where):
 
     if array.dtype.kind in "fc" and not bool(np.isfinite(array).all()):
         count = int(array.size - np.isfinite(array).sum())
-        violate("{} is not finite ({} of {} values)", where, count, array.size)
+        violate("value.not_finite", where=where, got=count, size=int(array.size))
 
 
 def shown(value):

@@ -7,7 +7,7 @@ import signal
 import sys
 import warnings
 
-from .cell_errors import summary
+from .cell_errors import raised
 from .cell_kept import ITIMER_REAL, open_file, setitimer
 
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")
@@ -60,7 +60,7 @@ class Watch:
 
     def _unraisable(self, unraisable):
         where = getattr(unraisable.object, "__qualname__", type(unraisable.object).__qualname__)
-        self._ignored.append("exception ignored in {}: {}".format(where, summary(unraisable.exc_value)))
+        self._ignored.append((where, raised(unraisable.exc_value)))
         sys.__unraisablehook__(unraisable)
 
     def take_warnings(self):
@@ -74,6 +74,6 @@ class Watch:
         return seen
 
     def take_ignored(self):
-        """Return the ignored exceptions since the last call."""
+        """Return the ignored exceptions since the last call, each with the name of what was being deleted or called."""
         seen, self._ignored = self._ignored, []
         return seen

@@ -6,7 +6,7 @@ worker, and in gym 0.26 a `TypeError` for any exception of step().
 
 import functools
 
-from .cell_errors import describe, library
+from .cell_errors import failure, library
 from .cell_kept import getpid, join, monotonic
 from .cell_lines import Lines
 from .cell_search import imported
@@ -83,7 +83,7 @@ class Diary:
     def _wrote(self, error):
         if not self._raised:
             self._raised = True
-            self._lines.write("raised", check=self._check, raised=describe(error))
+            self._lines.write("raised", check=self._check, **failure(error))
 
 
 def processes(env, error):

@@ -1,7 +1,7 @@
 """Simulators that step one world or many at once, and whose values are arrays of another library than numpy."""
 
 from .cell_adapter import Adapter, Environment
-from .cell_errors import Skip, violate
+from .cell_errors import skip, violate
 from .cell_values import numbers
 
 
@@ -13,15 +13,13 @@ class Worlds(Adapter):
     def make(self, case, tell, draw=False):
         """Make a simulation of one world."""
         if draw:
-            message = "{} draws no pictures itself".format(self.name)
-            raise Skip(message)
+            skip("worlds.no_pictures", name=self.name)
         return self.simulate(case, tell)
 
     def make_vector(self, makers, way, tell):
         """Make one simulation with a world for each maker; there are no workers."""
         if way is not None:
-            message = "{} steps many worlds in one process, without workers".format(self.name)
-            raise Skip(message)
+            skip("worlds.no_workers", name=self.name)
         return self.simulate(makers[0].case, tell, len(makers))
 
     def simulate(self, case, tell, worlds=None):
@@ -43,13 +41,13 @@ class World(Environment):
         self.low, self.high = low, high
         self.random = np.random.RandomState(0)
 
-    def seen(self, name, value, shape):
+    def seen(self, where, value, shape):
         """Copy an array of the library, as numpy sees it: floating-point numbers of this shape for each world."""
-        array = numbers(value, name)
+        array, promised = numbers(value, where), self.shape + tuple(shape)
         if array.dtype.kind != "f":
-            violate("{} has dtype {}, not one of floating-point numbers", name, array.dtype)
-        if array.shape != self.shape + tuple(shape):
-            violate("{} has shape {}, not {}", name, array.shape, self.shape + tuple(shape))
+            violate("worlds.not_floats", where=where, got=str(array.dtype))
+        if array.shape != promised:
+            violate("worlds.shape", where=where, got=str(array.shape), promised=str(promised))
         return array.copy()
 
     def stepped(self, observation):

@@ -21,4 +21,4 @@ def run(probe, facts):
             checker.check_env(env)
     close(env)
     for text in probe.watch.take_warnings():
-        probe.finding("interop.sb3.check_env", text)
+        probe.finding("interop.sb3.check_env", "warned.check_env", text=text)

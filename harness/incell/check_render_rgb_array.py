@@ -6,8 +6,9 @@ import numpy as np
 
 from .cell_context import current
 from .cell_episode import single
-from .cell_errors import Skip, violate
+from .cell_errors import Skip, skip, violate
 from .cell_frames import described
+from .cell_observed import remark
 from .cell_pictures import advance, composed, followed, marred, same, values
 from .cell_pose import seen
 from .cell_used import Called, exercised, loaded
@@ -26,8 +27,7 @@ def run(probe, facts):
     except Exception:
         if probe.api.declares_pictures(probe.case):
             raise
-        message = "the environment declares no render mode rgb_array"
-        raise Skip(message) from None
+        skip("render.undeclared")
     finally:
         facts["loaded"] = loaded()
 
@@ -66,14 +66,14 @@ def _drawn(env):
     """Draw, as the environment does it: any array."""
     picture = env.render()
     if not isinstance(picture, np.ndarray):
-        violate("render() returned a {}, not an array", type(picture).__name__)
+        violate("render.not_array", got=type(picture).__name__)
     return picture
 
 
 def _alpha(drawn):
     """Tell of a picture that has an alpha channel."""
     if drawn.ndim == len(SHAPE) and drawn.shape[2] == WITH_ALPHA:
-        return "alpha", "render() returned a picture with an alpha channel, which was left out"
+        return remark("alpha", "render.alpha")
     return None
 
 
@@ -92,15 +92,16 @@ def _context(env):
 
 def _tell(probe, found):
     if found:
-        probe.finding("render." + found[0], found[1])
+        kind, code, data = found
+        probe.finding("render." + kind, code, **data)
 
 
 def _examine(probe, facts, frame, which, pose):
     """A frame has to be an array (height, width, 3) of uint8 that shows something."""
     if frame.ndim != 3 or frame.shape[2] != 3 or 0 in frame.shape:
-        violate("render() returned shape {}, not (height, width, 3)", frame.shape)
+        violate("render.shape", got=str(frame.shape), promised="(height, width, 3)")
     if frame.dtype != np.uint8:
-        violate("render() returned dtype {}, not uint8", frame.dtype)
+        violate("render.dtype", got=str(frame.dtype), promised="uint8")
     facts["shape"] = list(frame.shape)
     if frame.nbytes <= LARGEST:
         name = "render.rgb_array-{}.npy".format(which)
@@ -115,8 +116,8 @@ def _blank(first, last):
         return None
     colour = [int(v) for v in first[0, 0]]
     if _plain(last):
-        violate("blank frame: every pixel is {}", colour)
-    return "blank", "the picture after the reset shows nothing yet: every pixel is {}".format(colour)
+        violate("render.blank", got=colour)
+    return remark("blank", "render.blank_at_first", got=colour)
 
 
 def _plain(frame):

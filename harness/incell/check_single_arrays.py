@@ -2,16 +2,22 @@
 
 import sys
 
-from .cell_errors import Skip
+from .cell_errors import skip
+
+OTHERS = ("value.not_array", "pybullet.no_numpy")
+"""What was found where an array was promised and something else came."""
 
 
 def run(probe, _facts):
     """See whether what was promised as an array was one."""
     bullet = sys.modules.get("pybullet")
     if not getattr(bullet, "isNumpyEnabled", lambda: 1)():
-        reason = "could not be measured as arrays: this pybullet was built without numpy, and gives tuples"
-        raise Skip(reason)
-    for text in probe.findings("single.type"):
-        if "where an array was promised" in text:
-            reason = "could not be measured as arrays: " + text
-            raise Skip(reason)
+        skip("unmeasured.pybullet")
+    found = [each for each in probe.findings("single.type") if each["code"] in OTHERS]
+    if found:
+        skip("unmeasured.arrays", found=min(found, key=_place))
+
+
+def _place(observed):
+    where = observed["data"].get("where", {})
+    return [where.get(name, "") for name in ("call", "value", "path")]

@@ -10,4 +10,4 @@ def run(probe, _facts):
         warnings.simplefilter("always")
         probe.api.check_env(probe.case)
     for text in probe.watch.take_warnings():
-        probe.finding("single.check_env", text)
+        probe.finding("single.check_env", "warned.check_env", text=text)

@@ -7,6 +7,4 @@ def run(probe, _facts):
     """The same seed in another new environment of this process."""
     difference = probe.memo["trace"].difference(episode(probe))
     if difference:
-        probe.finding(
-            "single.repeat.fresh", "the same seed gives another trajectory in a new environment, " + difference
-        )
+        probe.finding("single.repeat.fresh", "repeat.fresh", at=difference["step"], difference=difference)

@@ -15,14 +15,12 @@ def run(probe, _facts):
             between = _by_chance(probe, env, second)
         other = rollout(probe, env, probe.case["seed"] + 1, STEPS_WITH_ANOTHER_SEED)
     if between:
-        text = "the same environment, reset with the same seed, gives another trajectory, "
-        probe.finding("single.repeat.same", text + between)
+        probe.finding("single.repeat.same", "repeat.same", at=between["step"], difference=between)
     elif first.difference(second):
-        text = "the first episode after make differs from later ones with the same seed, which agree, "
-        probe.finding("single.repeat.first", text + first.difference(second))
+        difference = first.difference(second)
+        probe.finding("single.repeat.first", "repeat.first", at=difference["step"], difference=difference)
     elif other.digests[0] == first.digests[0]:
-        text = "another seed gives the same first observation: it starts always alike, or does not heed its seed"
-        probe.finding("single.repeat.seed", text, level="note")
+        probe.finding("single.repeat.seed", "repeat.seed", level="note")
 
 
 def _by_chance(probe, env, expected):

@@ -1,7 +1,7 @@
 """Saves a state, restores it and goes on from it."""
 
 from .cell_episode import onward, rollout, single
-from .cell_errors import Skip
+from .cell_errors import skip
 
 STEPS_FROM_A_STATE = 10
 
@@ -10,8 +10,7 @@ def run(probe, _facts):
     """A state that was saved and restored goes on as it did the first time."""
     with single(probe) as env:
         if env.get_state is None:
-            message = "its state cannot be had"
-            raise Skip(message)
+            skip("skip.no_state")
         rollout(probe, env, steps=STEPS_FROM_A_STATE)
         kept = env.get_state()
         actions = [env.action() for _ in range(STEPS_FROM_A_STATE)]
@@ -19,4 +18,4 @@ def run(probe, _facts):
         env.set_state(kept)
         difference = first.difference(onward(env, actions))
     if difference:
-        probe.finding("single.state", "a restored state goes on otherwise than it did, " + difference)
+        probe.finding("single.state", "state.restored", at=difference["step"], difference=difference)

@@ -16,10 +16,10 @@ def run(probe, facts):
         def go_over(env, mode=name):
             difference, lost = beside_single(probe, env, mode, makers[0])
             if difference:
-                probe.finding(check, "{}, episodes that begin in mode {}".format(difference, mode))
+                at = difference["step"]
+                probe.finding(check, "vector.autoreset.differs", at=at, difference=difference, mode=mode)
             if lost:
-                text = "the last observation of an episode is not handed out: the next one's first stands in its place"
-                probe.finding(check, text, level="note")
+                probe.finding(check, "vector.autoreset.lost", level="note")
 
         with opened_batch(probe, makers, dict(chosen)) as env:
             go_over(env)

@@ -16,7 +16,7 @@ from harness.judging.counted_phases import Cases, counted_cases, suite_not_run, 
 from harness.judging.identity import Failure
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge, Packages
 from harness.judging.verdict import Judgement, Outcomes, judge
-from harness.model import CASE_PHASES, CellRecord, Finding, Level, Phase, PhaseRecord, Verdict
+from harness.model import CASE_PHASES, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
 from harness.reporttypes import UNTOLD
 from harness.signatures import Diagnosis, Evidence, Signature
 from harness.standalone import silent
@@ -69,6 +69,11 @@ class Assessed:
     def decisive(self) -> str | None:
         """The line that says why."""
         return self._judged.decisive
+
+    @property
+    def observed(self) -> Observed | None:
+        """What the cell said of that line, where it is ours."""
+        return self._judged.observed
 
     @cached_property
     def unverified(self) -> tuple[str, ...]:

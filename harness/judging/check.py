@@ -13,11 +13,8 @@ from harness.probes.facts import plain
 from harness.standalone.adapters import adapters
 from harness.vocabulary import MISLEADING
 
-VIOLATION = "ContractViolation"
-"""The type of what a check raises by which something contradicts what it promises."""
-
-UNMEASURED = "could not be measured"
-"""The first words of the reason of a misleading check that shows nothing, and refutes nothing either."""
+UNMEASURED = "unmeasured."
+"""What the codes begin with by which a misleading check says that it shows nothing, and refutes nothing either."""
 
 NEEDS = {Phase.SINGLE: Phase.IMPORT} | dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.INTEROP), Phase.SINGLE)
 """The phase without which another says nothing new."""
@@ -29,7 +26,7 @@ DRAWING = "drawing"
 """The fact of a check that it failed while it drew, or got ready for that: other settings may let it pass."""
 
 WINDOW_CODE = re.compile(r"/pygame/|pygame\.error|\bSDL_|XOpenDisplay|\bDISPLAY\b")
-BLANK = "blank frame"
+BLANK = "render.blank"
 
 MACHINE_TROUBLE = re.compile(
     r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
@@ -113,6 +110,7 @@ def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str
         decisive=decisive,
         masked_by=mask,
         facts={**plain(reply.facts), **drawing},
+        observed=normalise.observed_of_check(reply),
     )
 
 
@@ -161,7 +159,7 @@ def _outcome(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -
             return _died(reply, ending)
         case Outcome.FAILED:
             return _failed(reply, undrawable)
-        case Outcome.SKIPPED if reply.check in MISLEADING and (reply.reason or "").startswith(UNMEASURED):
+        case Outcome.SKIPPED if reply.check in MISLEADING and _code(reply).startswith(UNMEASURED):
             return Outcome.NOT_REACHED, reply.reason, None
         case other:
             return other, reply.reason, None
@@ -175,8 +173,8 @@ def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
     way = _drawing(reply)
     if way is not None and way in undrawable:
         return Outcome.UNAVAILABLE, f"{undrawable[way]} ({told})", mask
-    if reply.check in MISLEADING and reply.raised and reply.raised.type != VIOLATION:
-        return Outcome.NOT_REACHED, f"{UNMEASURED}: {told}", mask
+    if reply.check in MISLEADING and reply.raised and not reply.observed:
+        return Outcome.NOT_REACHED, f"could not be measured: {told}", mask
     return Outcome.FAILED, decisive, mask
 
 
@@ -221,6 +219,11 @@ def _made_up(reply: CheckReply, ending: Ending) -> bool:
     return not reply.raised.type.endswith(("OSError", "IOError")) and "rrno" not in reply.raised.message
 
 
+def _code(reply: CheckReply) -> str:
+    """The code of what the cell observed, empty where it is no observation that says why."""
+    return reply.observed.code if reply.observed else ""
+
+
 def _drawing(reply: CheckReply) -> str | None:
     """What it failed at drawing with, or at getting ready for it: `pyglet`, empty for another way; None for neither."""
     traceback = reply.raised.traceback if reply.raised else ""
@@ -247,7 +250,7 @@ def _drawing_code() -> re.Pattern[str]:
 def _draws(reply: CheckReply, ending: Ending) -> bool:
     """Tell whether a check failed by drawing: with nothing to see, or in the code of a library that draws."""
     told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
-    if phase_of(reply.check) is Phase.RENDER and (not reply.raised or reply.raised.message.startswith(BLANK)):
+    if phase_of(reply.check) is Phase.RENDER and (not reply.raised or _code(reply) == BLANK):
         return True
     return any(code.search(told) for code in (PYGLET_CODE, _drawing_code(), WINDOW_CODE))
 

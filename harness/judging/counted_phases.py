@@ -15,6 +15,7 @@ from harness.model import (
     CaseRecord,
     CellRecord,
     Level,
+    Observed,
     Outcome,
     Phase,
     PhaseRecord,
@@ -37,6 +38,13 @@ def reason(record: PhaseRecord) -> str | None:
     """Return why a phase ended as it did: its own line, or that of its first check that ended so."""
     own = (check.decisive for check in misleading.settled(record.checks) if check.outcome is record.outcome)
     return record.decisive or next((line for line in own if line), None)
+
+
+def observed(record: PhaseRecord, line: str | None) -> Observed | None:
+    """Return what the cell said of a line of a phase: why a check ended so, or a finding that the case requires."""
+    checks = ((check.observed, check.decisive) for check in record.checks)
+    findings = ((found.observed, f"{found.check}: {found.text}") for found in record.findings)
+    return next((seen for seen, told in (*checks, *findings) if seen and line and told == line), None)
 
 
 def suite_phase(evidence: CellRecord) -> PhaseRecord | None:

@@ -6,7 +6,9 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Protocol
 
-from harness.model import Cell, Expectation, Outcome, Phase, Verdict
+from harness.judging.words import met as observes
+from harness.judging.words import sentence_pattern
+from harness.model import Cell, Expectation, Observed, Outcome, Phase, Verdict
 from harness.reporttypes import SEVERITY, UNTOLD, ExpectationEntry
 from harness.standalone.silent import plainly_good
 
@@ -29,6 +31,10 @@ class Judged(Protocol):
     def decisive(self) -> str | None:
         """The line that says why."""
 
+    @property
+    def observed(self) -> Observed | None:
+        """What the cell said of that line, where it is ours and that is known."""
+
 
 def expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool | None, str | None]:
     """Return whether a cell is as expected (None where nothing can be said), and why its expectation is stale, if so.
@@ -49,9 +55,18 @@ def met(expect: Expectation | ExpectationEntry | None, judged: Judged, names: Na
     return (
         judged.verdict is expect.verdict
         and expect.phase in {None, judged.phase}
-        and (expect.match is None or re.search(expect.match, judged.decisive or "") is not None)
+        and says(expect, judged.decisive, judged.observed)
         and (expect.signature is None or expect.signature in names())
     )
+
+
+def says(expect: Expectation | ExpectationEntry, line: str | None, seen: Observed | None) -> bool:
+    """Return whether a line, and what the cell said of it, are as expected; an old document has the line alone."""
+    if expect.code is not None and seen is not None:
+        return observes(expect.code, expect.data, seen)
+    if expect.code is not None:
+        return re.search(sentence_pattern(expect.code, expect.data), line or "") is not None
+    return expect.match is None or re.search(expect.match, line or "") is not None
 
 
 def fulfilled(verdict: Verdict, phases: Mapping[Phase, Outcome], unverified: Iterable[str] = ()) -> bool:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from harness.hostile_data import json_object
+from harness.judging.counted_phases import observed
+from harness.judging.words import in_words
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
-from harness.signatures import Evidence
+from harness.signatures import Evidence, Sighting
 
 KILLED = re.compile(r"\bkilled by (SIG[A-Z]+)")
 
-WRITTEN = frozenset({"traceback", "stacks", "reason"})
+WRITTEN = frozenset({"traceback", "stacks"})
 """Keys of a reply under which a cell's own words stand."""
 
 SUITE_STEPS = {f"{Phase.SUITE}.{step}": step for step in (Phase.RESOLVE, Phase.INSTALL)}
@@ -50,7 +53,8 @@ def _of_phase(phase: PhaseRecord, logs: Logs) -> Evidence:
     failed = [check for check in phase.checks if check.outcome in FAILING]
     told = [phase.decisive, *(line for check in failed for line in (check.decisive, check.masked_by))]
     said = [found.text for found in phase.findings]
-    return gathered(phase.phase, told, [*said, *written(logs(phase.evidence) if phase.evidence else {}, phase.phase)])
+    kept = written(logs(phase.evidence) if phase.evidence else {}, phase.phase)
+    return replace(gathered(phase.phase, told, [*said, *kept]), observed=tuple(_sightings(phase, told)))
 
 
 def gathered(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> Evidence:
@@ -58,6 +62,17 @@ def gathered(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> E
     lines = tuple(dict.fromkeys(line for line in told if line))
     killed = next((found[1] for line in lines if (found := KILLED.search(line))), None)
     return Evidence(phase=phase, told=lines, logs=tuple(logs), signal=killed)
+
+
+def _sightings(phase: PhaseRecord, told: Iterable[str | None]) -> Iterator[Sighting]:
+    """Yield what the cell observed of a phase: in the lines that say why, and in what it found besides."""
+    for line in dict.fromkeys(told):
+        seen = observed(phase, line)
+        if line and seen:
+            yield Sighting(observed=seen, line=line, told=True)
+    for found in phase.findings:
+        if found.observed:
+            yield Sighting(observed=found.observed, line=found.text, told=False)
 
 
 # --- what a probe left -----------------------------------------------------------------------------------------
@@ -78,6 +93,8 @@ def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
         entry = json_object(line)
         if entry and entry.get("outcome") != "passed" and _about(entry, phase):
             yield from _words(entry)
+            observed = in_words(entry.get("observed")) if entry.get("kind") == "check" else None
+            yield from [observed] if observed else []
 
 
 def _about(entry: Mapping[str, Any], phase: Phase) -> bool:

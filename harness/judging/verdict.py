@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from harness import misleading
 from harness.exercised import ONLY_IMPORT, idle, lacking, nothing_of
-from harness.judging.counted_phases import Cases, counts, reason, step_outcome, suite_not_run, suite_phase
-from harness.model import CASE_PHASES, FAILING, CellRecord, Outcome, Phase, PhaseRecord, Verdict
+from harness.judging.counted_phases import Cases, counts, observed, reason, step_outcome, suite_not_run, suite_phase
+from harness.model import CASE_PHASES, FAILING, CellRecord, Observed, Outcome, Phase, PhaseRecord, Verdict
 from harness.verdict import worst
 
 AFTER_IMPORT = frozenset({Verdict.PARTIAL, Verdict.BROKEN})
@@ -26,7 +26,8 @@ Outcomes = Mapping[Phase, Outcome]
 class Judgement:
     """What the evidence means. `phase` is the first that decided it, `decisive` the line that says why.
 
-    `unverified` names the phases that a working cell could not show in every case.
+    `observed` is what the cell said of that line, where it is ours. `unverified` names the phases that a working cell
+    could not show in every case.
     """
 
     verdict: Verdict
@@ -34,6 +35,7 @@ class Judgement:
     phase: Phase | None = None
     decisive: str | None = None
     unverified: tuple[str, ...] = ()
+    observed: Observed | None = None
 
 
 def judge(evidence: CellRecord, cases: Cases) -> Judgement:
@@ -58,6 +60,7 @@ def judge(evidence: CellRecord, cases: Cases) -> Judgement:
         phase=phase,
         decisive=decisive,
         unverified=_unverified(cases, suite) if verdict is Verdict.WORKS else (),
+        observed=next((seen for case in cases for one in case if (seen := observed(one, decisive))), None),
     )
 
 

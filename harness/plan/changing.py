@@ -106,6 +106,8 @@ def _expectation(table: ChangedTable, reason: str) -> Expectation | None:
         reason=table.reason or reason,
         phase=table.phase,
         match=str(table.match) if table.match else None,
+        code=table.code,
+        data=table.data,
         signature=table.signature,
         link=table.link,
         until=str(table.until) if table.until else None,

@@ -295,6 +295,8 @@ def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
             reason=table.reason,
             phase=table.phase,
             match=str(table.match) if table.match else None,
+            code=table.code,
+            data=table.data,
             signature=table.signature,
             link=table.link,
             until=str(table.until) if table.until else None,

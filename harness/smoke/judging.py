@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -10,9 +9,9 @@ from enum import StrEnum
 from harness import misleading
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import NEEDS
-from harness.judging.counted_phases import reason, step_outcome, suite_phase
-from harness.judging.expectation import passed
-from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Outcome, Phase, PhaseRecord, Verdict
+from harness.judging.counted_phases import observed, reason, step_outcome, suite_phase
+from harness.judging.expectation import passed, says
+from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Observed, Outcome, Phase, PhaseRecord, Verdict
 
 POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
     Verdict.UNRESOLVABLE: frozenset({Phase.RESOLVE}),
@@ -55,6 +54,7 @@ class Seen:
     more: tuple[str, ...] = ()
     evidence: str | None = None
     seconds: float = 0.0
+    observed: Observed | None = None
 
 
 def seen(record: CellRecord) -> dict[Phase, Seen]:
@@ -137,31 +137,34 @@ def needs(phase: Phase) -> tuple[Phase, ...]:
     return (needed, *needs(needed)) if needed else ()
 
 
-def foreseen(expect: Expectation | None, phase: Phase, line: str | None, today: str) -> bool:
+def foreseen(expect: Expectation | None, at: Seen, today: str) -> bool:
     """Whether a failure is the expected one, or the same one seen again in a later phase; after `until` none is."""
-    if expect is None or passed(expect, today) or phase not in POSSIBLE.get(expect.verdict, frozenset()):
+    if expect is None or passed(expect, today) or at.phase not in POSSIBLE.get(expect.verdict, frozenset()):
         return False
-    fits = expect.match is not None and re.search(expect.match, line or "") is not None
-    if expect.phase in {None, phase}:
-        return fits or expect.match is None
+    fits = says(expect, at.line, at.observed)
+    if expect.phase in {None, at.phase}:
+        return fits
     order = list(Phase)
-    return fits and expect.phase is not None and order.index(phase) > order.index(expect.phase)
+    told = expect.match is not None or expect.code is not None
+    return told and fits and expect.phase is not None and order.index(at.phase) > order.index(expect.phase)
 
 
 def _probed(record: PhaseRecord) -> Seen:
     """Return a phase as its item ends: one that passed and in which a case misleads has not passed."""
     shown = misleading.shown(record.checks) if record.outcome is Outcome.PASSED else ()
     told = tuple(check.decisive for check in shown)
-    line = f"misleads: {told[0]}" if told else reason(record)
+    why = told[0] if told else reason(record)
+    line = f"misleads: {why}" if told else why
     lines = []
     for check in (one for one in record.checks if one.outcome not in {Outcome.PASSED, Outcome.SKIPPED}):
-        why = f": {check.decisive}" if check.decisive and check.decisive not in {line, *told} else ""
-        lines.append(f"{check.check} {check.outcome}{why}")
+        further = f": {check.decisive}" if check.decisive and check.decisive not in {line, *told} else ""
+        lines.append(f"{check.check} {check.outcome}{further}")
         lines += [f"{check.check} is hidden by: {check.masked_by}"] if check.masked_by else []
     return Seen(
         phase=record.phase,
         outcome=Outcome.FAILED if shown else record.outcome,
         line=line,
+        observed=observed(record, why),
         more=tuple(lines),
         evidence=record.evidence,
         seconds=0.0 if record.reused else record.seconds,
@@ -181,7 +184,7 @@ def _told(cell: Cell, at: Seen, today: str) -> Ended:
         case Outcome.INFRA | Outcome.NOT_REACHED:
             kind, line = Kind.INCONCLUSIVE, f"inconclusive: {line}"
         case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
-            if cell.expect and foreseen(cell.expect, at.phase, at.line, today):
+            if cell.expect and foreseen(cell.expect, at, today):
                 return Ended(
                     kind=Kind.XFAILED, text=f"{line} ({cell.expect.reason})", evidence=at.evidence, seconds=at.seconds
                 )
@@ -204,5 +207,6 @@ def _expected(expect: Expectation | None) -> str:
         return Verdict.WORKS
     where = f" in {expect.phase}" if expect.phase else ""
     match = f", its line matching {expect.match!r}" if expect.match else ""
+    match += f", observed {expect.code}" if expect.code else ""
     known = f", known as {expect.signature}" if expect.signature else ""
     return f"{expect.verdict}{where}{match}{known} ({expect.reason})"

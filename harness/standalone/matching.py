@@ -42,6 +42,12 @@ class Known(NamedTuple):
     apis: Tuple[str, ...] = ()
     check: Optional[str] = None
     opengl: bool = False
+    code: Optional[str] = None
+
+    @property
+    def wording(self) -> Optional[str]:
+        """The pattern for texts of which nothing else is known."""
+        return self.pattern
 
     @property
     def loud(self) -> bool:
@@ -90,13 +96,15 @@ def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str
 class Seen(NamedTuple):
     """What is known of one failure. `told` are the lines that say why, `logs` all else that was written.
 
-    `phase` is None where that is not known: then it may be any.
+    `phase` is None where that is not known: then it may be any. `observed` is what our own of these lines say, as codes
+    and data; None where there are only texts.
     """
 
     phase: Optional[str]
     told: Tuple[str, ...] = ()
     logs: Tuple[str, ...] = ()
     signal: Optional[str] = None
+    observed: Optional[Tuple[Any, ...]] = None
 
 
 class Around(NamedTuple):
@@ -175,11 +183,25 @@ def _hit(one: Any, evidence: Any) -> Optional[Hit]:
         return None
     if one.signal and one.signal != evidence.signal:
         return None
-    if one.pattern is None:
+    if one.wording is None:
         return Hit(one, evidence.phase, "killed by {}".format(one.signal), told=True)
+    return _by_code(one, evidence) or _by_pattern(one, evidence)
+
+
+def _by_code(one: Any, evidence: Any) -> Optional[Hit]:
+    """The observation that has the code and data of this failure."""
+    for each in evidence.observed or () if one.code else ():
+        if one.observes(each.observed):
+            return Hit(one, evidence.phase, bounded(each.line), told=each.told)
+    return None
+
+
+def _by_pattern(one: Any, evidence: Any) -> Optional[Hit]:
+    """The text that the failure's pattern finds; where there are only texts, one that finds our own sentences, too."""
+    pattern = one.wording if evidence.observed is None else one.pattern
     for told, texts in ((True, evidence.told), (False, evidence.logs)):
-        for text in texts:
-            found = search(one.pattern, text)
+        for text in texts if pattern else ():
+            found = search(pattern, text)
             if found:
                 return Hit(one, evidence.phase, _line(text, found), told=told)
     return None

@@ -26,14 +26,26 @@ from harness.store import Installed, Store
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}
 GONE = [{"pid": 77, "exit_code": 1}]
-CHECK = {"kind": "check", "outcome": "passed", "seconds": 1.5, "raised": None, "reason": None, "workers": []}
+WHERE = {"call": "reset()", "value": "an observation", "path": "'x'"}
+OBSERVED = {
+    "code": "value.shape",
+    "at": 3,
+    "got": "(2,)",
+    "promised": "(3,)",
+    "data": {"where": WHERE, "promise": "space"},
+}
+CHECK = {"kind": "check", "outcome": "passed", "seconds": 1.5, "raised": None, "observed": None, "workers": []}
 RECORDS: list[dict[str, object]] = [
     {"kind": "hello", "python": "3.9.1", "implementation": "CPython", "executable": "/python"},
     {"kind": "start", "check": "single.loop"},
-    {"kind": "finding", "check": "single.space", "level": "warning", "text": "outside"},
+    {"kind": "finding", "check": "single.space", "level": "warning", "observed": OBSERVED},
     {**CHECK, "check": "single.loop", "facts": {"trajectory": ["ab", "cd"], "gl": {"renderer": "x"}}},
     {"kind": "start", "check": "vector.async.fork"},
     {**CHECK, "check": "vector.async.fork", "outcome": "failed", "raised": RAISED, "facts": {}, "workers": GONE},
+    {"kind": "start", "check": "single.solver"},
+    {**CHECK, "check": "single.solver", "outcome": "skipped", "observed": {**OBSERVED, "data": {}}, "facts": {}},
+    {"kind": "start", "check": "single.contact"},
+    {**CHECK, "check": "single.contact", "outcome": "failed", "observed": OBSERVED, "facts": {}},
     {"kind": "start", "check": "render.rgb_array"},
     {"kind": "frame", "check": "render.rgb_array", "which": "first", "path": "render.rgb_array-first.npy"},
     {"kind": "end", "modules": ["bootstrap.py"], "versions": {"numpy": "2.0.0"}},
@@ -41,7 +53,7 @@ RECORDS: list[dict[str, object]] = [
 ASKED = {str(one["check"]) for one in RECORDS if one["kind"] == "start"}
 WORKER: list[dict[str, object]] = [
     {"kind": "reached", "check": "vector.async.fork", "stage": "step"},
-    {"kind": "raised", "check": "vector.async.fork", "raised": RAISED},
+    {"kind": "raised", "check": "vector.async.fork", "raised": RAISED, "observed": None},
 ]
 METADATA = (
     "Metadata-Version: 2.1\nName: hx\nVersion: 1.0\nRequires-Python: >=3.8\nRequires-Dist: numpy>=1.26\n"

@@ -128,7 +128,7 @@ def test_the_device_that_was_asked_for(drawn) -> None:
     done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0")
 
     assert done[CHECK].outcome is Outcome.PASSED
-    assert done[CHECK].facts["told"]["workers"] == "this API has no environments in batches"
+    assert done[CHECK].facts["told"]["workers"]["skipped"]["code"] == "skip.no_batches"
     assert done.findings == {CHECK: ["EGL device 1 is CUDA device 0, and MUJOCO_EGL_DEVICE_ID may mean either"]}
 
 

@@ -14,8 +14,21 @@ from harness import document, entry_failures, knowledge, signature_files, signat
 from harness.errors import BadInput
 from harness.judging.assess import assess
 from harness.judging.known_failures import Knowledge
-from harness.model import CellRecord, CheckRecord, Expectation, Outcome, Phase, Plan, Step, Subject, Suite, Verdict
+from harness.model import (
+    CellRecord,
+    CheckRecord,
+    Expectation,
+    Observed,
+    Outcome,
+    Phase,
+    Plan,
+    Step,
+    Subject,
+    Suite,
+    Verdict,
+)
 from harness.reporttypes import CellEntry, DiagnosisEntry
+from harness.signatures import Sighting
 
 KNOWN = signatures.read(
     {
@@ -46,6 +59,7 @@ remedy = { text = "who knows" }
 """
     }
 )
+HUNG = {"code": "raised", "at": None, "got": None, "promised": None, "data": {"raised": "KeyError: 'x'"}}
 VECTOR = phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET, evidence="evidence/v")
 MASKED = record(case("ppfp", vector=VECTOR))
 
@@ -65,7 +79,13 @@ def test_what_a_failure_says() -> None:
     """Its lines first, what hid them last of these; findings and what was kept of its phase are beside."""
     reply = [
         {"check": "vector.sync", "outcome": "failed", "raised": {"type": "E", "traceback": "File a\nE: deep"}},
-        {"check": "vector.sync", "outcome": "failed", "workers": [{"stacks": "File b"}], "reason": "it hung"},
+        {
+            "kind": "check",
+            "check": "vector.sync",
+            "outcome": "skipped",
+            "workers": [{"stacks": "File b"}],
+            "observed": HUNG,
+        },
         {"check": "single.loop", "outcome": "failed", "raised": {"traceback": "of another phase"}},
         {"check": "vector.async.fork", "outcome": "passed", "raised": {"traceback": "of what passed"}},
         {"kind": "raised", "raised": {"traceback": "of a worker"}},
@@ -77,8 +97,21 @@ def test_what_a_failure_says() -> None:
     (told,) = assess(record(case("ppfp", vector=failed)), known(**logs)).failures
     assert (told.phase, told.told, told.signal) == (Phase.VECTOR, (XML, RESET), None)
     assert told.logs == (
-        "another trajectory", "libEGL warning", "File a\nE: deep", "File b", "it hung", "of a worker",
+        "another trajectory", "libEGL warning", "File a\nE: deep", "File b", "KeyError: 'x'", "of a worker",
     )  # fmt: skip
+
+
+def test_what_was_observed_of_a_failure() -> None:
+    """With the line that it stands in: one that says why, or a finding beside."""
+    said, beside = (Observed(check="vector.sync", code=code) for code in ("vector.rewards", "vector.repeat"))
+    check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=XML, observed=said)
+    finding = replace(warning("vector.repeat", "another trajectory"), observed=beside)
+    failed = replace(VECTOR, checks=(check,), findings=(finding, warning("vector.x", "of a library")))
+    (told,) = assess(record(case("ppfp", vector=failed))).failures
+    assert told.observed == (
+        Sighting(observed=said, line=XML, told=True),
+        Sighting(observed=beside, line="another trajectory", told=False),
+    )
 
 
 def test_a_step_of_the_host_and_a_signal() -> None:

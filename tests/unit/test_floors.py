@@ -16,7 +16,7 @@ FLOORS = {
         "accepting", "advising", "answering", "apart", "cameras", "changes", "clues", "distilling", "document",
         "drafts", "entry_failures", "exercised", "expansion", "explaining", "grouping", "hostile_data",
         "inferring", "inputfiles",
-        "interrupts", "judging", "known_issues", "locks", "markdown_texts",
+        "interrupts", "judging", "judging.words", "known_issues", "locks", "markdown_texts",
         "matrix", "matrixfile", "measured_cells", "mending", "merging",
         "misleading", "moves", "nativesays",
         "normalise", "notices", "pages", "pasting", "pipelines", "plan", "platforms", "present",
@@ -147,7 +147,7 @@ def test_the_host_knows_only_the_path_of_the_cell_side() -> None:
 FACE = {
     "assess": {"Assessed", "assess"},
     "assessed_case": {"AssessedCase"},
-    "counted_phases": {"reason", "step_outcome", "suite_phase"},
+    "counted_phases": {"observed", "reason", "step_outcome", "suite_phase"},
     "discount": set(),
     "identity": {"Failure"},
     "known_failures": {"NOTHING_KNOWN", "Knowledge"},

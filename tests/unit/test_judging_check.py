@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import pytest
 
 from harness import wire
 from harness.judging.check import SHOT, Ending, check_record, found_beside, machine_trouble, reachable, shot
-from harness.model import CheckReply, Finding, Level, Outcome, Phase, ProbeReply, Raised, WorkerRecord
+from harness.judging.words import sentence
+from harness.model import CheckReply, Finding, Level, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
 
 PASSED = Outcome.PASSED
 NOT_REACHED = "not looked at: the process ended before"
@@ -70,6 +72,82 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
     """Its process died, hung, or was ended by us: the last says nothing about packages."""
     record = check_record(CheckReply(check="single.loop", outcome=None), ending, NO_GL)
     assert (record.outcome, record.decisive) == (outcome, decisive)
+
+
+def seen(code: str, check: str = "single.contact", **data: str) -> Observed:
+    """An observation of a check."""
+    return Observed(check=check, code=code, data=data)
+
+
+def violation(observed: Observed) -> Raised:
+    """What the cell observed as the exception that it stands for."""
+    return Raised(type="ContractViolation", message=sentence(observed), traceback="", blame="library")
+
+
+@pytest.mark.parametrize(
+    ("check", "outcome", "decisive"),
+    [
+        (
+            CheckReply(
+                check="single.contact", outcome=Outcome.SKIPPED, reason="x", observed=seen("unmeasured.contact")
+            ),
+            Outcome.NOT_REACHED,
+            "x",
+        ),
+        (
+            CheckReply(check="single.contact", outcome=Outcome.SKIPPED, reason="x", observed=seen("contact.nothing")),
+            Outcome.SKIPPED,
+            "x",
+        ),
+        (
+            CheckReply(check="single.state", outcome=Outcome.SKIPPED, reason="could not be measured: x"),
+            Outcome.SKIPPED,
+            "could not be measured: x",
+        ),
+        (
+            CheckReply(
+                check="single.contact",
+                outcome=Outcome.FAILED,
+                raised=violation(seen("camera.behind")),
+                observed=seen("camera.behind"),
+            ),
+            Outcome.FAILED,
+            "ContractViolation: the body that the camera follows is behind it",
+        ),
+        (
+            raised("too old", check="single.contact", type="ContractViolation"),
+            Outcome.NOT_REACHED,
+            "could not be measured: ContractViolation: too old",
+        ),
+    ],
+)
+def test_what_a_misleading_check_observed_decides(check: CheckReply, outcome: Outcome, decisive: str) -> None:
+    """Its code, not its words: what could not be measured shows nothing, whatever name an exception has."""
+    record = check_record(check, Ending(), {})
+    assert (record.outcome, record.decisive, record.observed) == (outcome, decisive, check.observed)
+
+
+@pytest.mark.parametrize(("code", "drew"), [("render.blank", True), ("render.blank_at_first", False)])
+def test_a_blank_frame_is_a_failure_of_drawing(code: str, drew: bool) -> None:
+    """Known by its code, whatever its words."""
+    observed = seen(code, check="render.rgb_array")
+    failed = CheckReply(check="render.rgb_array", outcome=Outcome.FAILED, raised=violation(observed), observed=observed)
+    assert check_record(failed, Ending(), {}).facts == ({"drawing": True} if drew else {})
+
+
+def test_what_a_worker_observed_goes_with_its_line() -> None:
+    """The line of a worker comes before its parent's, and so does what it observed; an exception is no observation."""
+    own, parents = seen("tensor.not_callable"), seen("value.kind")
+    check = CheckReply(check="vector.async.fork", outcome=Outcome.FAILED, raised=violation(parents), observed=parents)
+    alone = check_record(check, Ending(), {})
+    assert alone.observed == parents
+    told = check_record(
+        replace(check, workers=(WorkerRecord(pid=1, raised=violation(own), observed=own),)), Ending(), {}
+    )
+    assert (told.observed, told.decisive) == (own, f"ContractViolation: {sentence(own)}")
+    error = Raised(type="KeyError", message="'x'", traceback="", blame="library")
+    other = check_record(replace(check, workers=(WorkerRecord(pid=1, raised=error),)), Ending(), {})
+    assert (other.observed, other.decisive) == (None, "KeyError: 'x'")
 
 
 @pytest.mark.parametrize(

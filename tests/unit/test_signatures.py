@@ -81,7 +81,7 @@ def test_words_alone_are_no_change() -> None:
         ('python = ">=3.9"', 'python = "new"', '.python: "new" is not a specifier such as ">=3.8,<3.12"'),
         ('python = "3.10"', 'python = "new"', '.remedy.python: "new" is not a version'),
         ("\npattern = ", "\nremark = 1\n#", ".remark: unknown key"),
-        ("\npattern = ", "\n#", ': "numpy-2" has neither a "pattern" nor a "signal", and so could be anything'),
+        ("\npattern = ", "\n#", ': "numpy-2" has neither a "pattern", a "code" nor a "signal"'),
         ('packages = [', 'generic = true\n#', ': "numpy-2" is generic, and so has to name its "packages"'),
         ("has no attr", "|has no attr", " matches the empty text, and so everything"),
         ("has no attr", "(?i)has no attr", " has what a browser does not know: an inline flag; "),

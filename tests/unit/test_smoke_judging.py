@@ -15,6 +15,7 @@ from harness.model import (
     CellRecord,
     CheckRecord,
     Expectation,
+    Observed,
     Outcome,
     Phase,
     PhaseRecord,
@@ -190,7 +191,19 @@ def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
 )
 def test_which_failures_are_foreseen(cell: Cell, phase: str, line: str | None, expected: bool) -> None:
     """Those of the phase and line expected, and the same again in a later phase, as long as that is expected."""
-    assert judging.foreseen(cell.expect, Phase(phase), line, TODAY) is expected
+    assert (
+        judging.foreseen(cell.expect, judging.Seen(phase=Phase(phase), outcome=Outcome.FAILED, line=line), TODAY)
+        is expected
+    )
+
+
+def test_a_code_is_foreseen() -> None:
+    """By what the cell observed, in its own phase and seen again in a later one."""
+    cell = replace(CELL, expect=Expectation(verdict=Verdict.PARTIAL, reason="known", phase=Phase.VECTOR, code="more"))
+    for phase, code, expected in (("vector", "more", True), ("vector", "raised", False), ("render", "more", True)):
+        observed = Observed(check="x", code=code)
+        at = judging.Seen(phase=Phase(phase), outcome=Outcome.FAILED, line="other words", observed=observed)
+        assert judging.foreseen(cell.expect, at, TODAY) is expected
 
 
 @pytest.mark.parametrize(

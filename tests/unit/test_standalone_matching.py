@@ -70,13 +70,13 @@ def test_random_patterns_are_found_all_the_same() -> None:
 def test_known_patterns_are_found_all_the_same() -> None:
     """In the examples of every signature, whole, and with a character lost."""
     chance = random.Random(7)
-    known = [one for one in knowledge.known() if one.pattern]
+    known = [one for one in knowledge.known() if one.wording]
     texts = [text for one in known for text in one.examples]
     texts += [text[:place] + text[place + 1 :] for text in texts for place in [chance.randrange(len(text))]]
     for one in known:
-        plain = re.compile(str(one.pattern), re.MULTILINE)
+        plain = re.compile(str(one.wording), re.MULTILINE)
         for text in texts:
-            assert bool(matching.search(str(one.pattern), text)) is bool(plain.search(text)), (one.id, text)
+            assert bool(matching.search(str(one.wording), text)) is bool(plain.search(text)), (one.id, text)
 
 
 @pytest.mark.parametrize(
@@ -102,15 +102,16 @@ def test_literals_of_a_pattern(written: str, expected: list[set[str]]) -> None:
 
 def test_most_known_patterns_have_literals() -> None:
     """Otherwise looking for them first would gain nothing."""
-    known = [str(one.pattern) for one in knowledge.known() if one.pattern]
+    known = [str(one.wording) for one in knowledge.known() if one.wording]
     assert sum(bool(literals.clauses(one)) for one in known) > 0.9 * len(known)
 
 
 def plain(one: signatures.Signature) -> dict[str, object]:
     """A signature as its file has it."""
     packages = [list(map(str, part.requirements)) for part in one.packages]
-    keys = ("id", "pattern", "signal", "python", "masks", "generic", "silent")
-    return {"phases": list(one.phases), "packages": packages, **{key: getattr(one, key) for key in keys}}
+    keys = ("id", "signal", "python", "masks", "generic", "silent")
+    told = {key: getattr(one, key) for key in keys}
+    return {"phases": list(one.phases), "packages": packages, "pattern": one.wording, **told}
 
 
 def test_plain_signatures_are_matched_as_typed_ones() -> None:

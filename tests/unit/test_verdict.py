@@ -10,6 +10,7 @@ from harness import misleading
 from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.counted_phases import effective
+from harness.judging.expectation import says
 from harness.model import (
     CASE_PHASES,
     CELL_PHASES,
@@ -22,6 +23,7 @@ from harness.model import (
     Expectation,
     Finding,
     Level,
+    Observed,
     Outcome,
     Phase,
     PhaseRecord,
@@ -424,6 +426,45 @@ def test_expectations(
 ) -> None:
     """A judgement is compared with verdict, phase and line; better than expected is stale, not as expected."""
     assert expectation.expected(cell(expect=expect), judged, TODAY, tuple) == (as_expected, stale)
+
+
+BLANK = Observed(check="render.rgb_array", code="render.blank", got=[0, 0, 0])
+BLACK = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
+
+
+@pytest.mark.parametrize(
+    ("code", "data", "line", "seen", "expected"),
+    [
+        ("render.blank", {}, "in other words", BLANK, True),
+        ("render.blank", {"got": r"\[0, 0, 0\]"}, "in other words", BLANK, True),
+        ("render.blank", {"got": r"\[1, .*"}, BLACK, BLANK, False),
+        ("render.shape", {}, BLACK, BLANK, False),
+        ("render.blank", {}, BLACK, None, True),
+        ("render.blank", {"got": r"\[1, .*"}, BLACK, None, False),
+        ("render.blank", {}, "ValueError: no", None, False),
+        ("render.blank", {}, None, None, False),
+    ],
+)
+def test_an_expected_code(
+    code: str, data: dict[str, str], line: str | None, seen: Observed | None, expected: bool
+) -> None:
+    """What the cell observed is compared; where a document has the line alone, that."""
+    expect = Expectation(verdict=Verdict.PARTIAL, reason="known", code=code, data=data)
+    assert says(expect, line, seen) is expected
+
+
+def test_what_was_observed_of_the_line_that_decides() -> None:
+    """Of the check that has this line, or of a finding that the case requires not to be there; of no library's line."""
+    check = CheckRecord(check="render.rgb_array", outcome=Outcome.FAILED, decisive=BLACK, observed=BLANK)
+    failed = replace(phase(Phase.RENDER, Outcome.FAILED, BLACK), checks=(check,))
+    assert assess(record(case("pppp", render=failed))).observed == BLANK
+    plain = replace(failed, checks=(replace(check, observed=None),))
+    assert assess(record(case("pppp", render=plain))).observed is None
+    found = Finding(check="render.blank", level=Level.WARNING, text="black", observed=BLANK)
+    passed = phase(Phase.RENDER, Outcome.PASSED, findings=(found,))
+    required = replace(case("pppp", render=passed), required=("render.blank",))
+    judged = assess(record(required))
+    assert (judged.decisive, judged.observed) == ("render.blank: black", BLANK)
 
 
 BOTH = {"unexpected", "stale"}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from harness.model import (
     CheckReply,
     Finding,
     Level,
+    Observed,
     Outcome,
     Phase,
     ProbeReply,
@@ -30,11 +33,15 @@ PASSED = {
     "outcome": "passed",
     "seconds": 1.5,
     "raised": None,
-    "reason": None,
+    "observed": None,
     "workers": [],
     "facts": {"trajectory": ["ab"]},
 }
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...", "blame": "library"}
+OUTSIDE = {"code": "space.outside", "at": 3, "got": None, "promised": "Discrete(2)", "data": {"call": "step()"}}
+SEEN = Observed(check="single.space", code="space.outside", at=3, promised="Discrete(2)", data={"call": "step()"})
+WORDS = "step() returned an observation outside its space Discrete(2)"
+DEEP = reduce(lambda inner, _: [inner], range(20), [0])
 END = {"kind": "end", "modules": ["bootstrap.py"], "versions": {"numpy": "2.0.0"}}
 FACTS = {"python": "3.9.1", "implementation": "CPython", "executable": "/python"}
 
@@ -46,16 +53,45 @@ def lines(*records: dict[str, Any], pid: int = 7) -> list[bytes]:
 
 def test_a_whole_reply() -> None:
     """Everything a probe tells arrives."""
-    finding = {"kind": "finding", "check": "single.space", "level": "warning", "text": "outside"}
+    finding = {"kind": "finding", "check": "single.space", "level": "warning", "observed": OUTSIDE}
     frame = {"kind": "frame", "check": "render.rgb_array", "which": "first", "path": "a-1.npy"}
     assert wire.read_reply(lines(HELLO, START, finding, frame, PASSED, END)) == ProbeReply(
         checks=(CheckReply(check="single.loop", outcome=Outcome.PASSED, seconds=1.5, facts={"trajectory": ["ab"]}),),
-        findings=(Finding(check="single.space", level=Level.WARNING, text="outside"),),
+        findings=(Finding(check="single.space", level=Level.WARNING, text=WORDS, observed=SEEN),),
         frames=(("render.rgb_array", "a-1.npy"),),
         facts={**FACTS, "versions": {"numpy": "2.0.0"}},
         modules=("bootstrap.py",),
         complete=True,
     )
+
+
+def test_what_was_observed() -> None:
+    """Code and data arrive beside the words that are made of them: of findings, skips, violations, and of workers."""
+    finding = {"kind": "finding", "check": "single.space", "level": "note", "observed": OUTSIDE}
+    skipped = {**PASSED, "outcome": "skipped", "observed": OUTSIDE}
+    reply = wire.read_reply(lines(HELLO, START, finding, skipped))
+    assert [(one.text, one.observed) for one in reply.findings] == [(WORDS, SEEN)]
+    seen = replace(SEEN, check="single.loop")
+    assert [(one.reason, one.observed, one.raised) for one in reply.checks] == [(WORDS, seen, None)]
+    failed = {**PASSED, "outcome": "failed", "observed": OUTSIDE}
+    (check,) = wire.read_reply(lines(HELLO, START, failed)).checks
+    violation = Raised(type="ContractViolation", message=WORDS, traceback="", blame="library")
+    assert (check.reason, check.observed, check.raised) == (None, seen, violation)
+    worker = _worker({"kind": "raised", "raised": None, "observed": OUTSIDE}, pid=11)
+    (check,) = wire.read_reply(_vector((11, 0)), {"worker-11.jsonl": worker}).checks
+    seen = replace(SEEN, check="vector.async.fork")
+    assert [(one.raised, one.observed) for one in check.workers] == [(violation, seen)]
+
+
+def test_what_was_observed_may_say_nothing() -> None:
+    """An unknown code, or data that are missing, are shown as they came."""
+    strange = [{**OUTSIDE, "code": "no.code"}, {**OUTSIDE, "data": {}}]
+    findings = [{"kind": "finding", "check": "x", "level": "note", "observed": one} for one in strange]
+    reply = wire.read_reply(lines(HELLO, *findings))
+    assert [one.text for one in reply.findings] == [
+        'no.code: {"call": "step()", "promised": "Discrete(2)"}',
+        'space.outside: {"promised": "Discrete(2)"}',
+    ]
 
 
 def test_nothing() -> None:
@@ -96,6 +132,11 @@ def test_an_exception() -> None:
         (lines({**PASSED, "facts": {"a": float("inf")}})[0], "not a record: JSON is malformed: invalid character"),
         (lines({**PASSED, "facts": "BIG"})[0].replace(b'"BIG"', b'{"a": 1e999}'), "not a record: Number out of range"),
         (lines({**PASSED, "seconds": -1})[0], "not a record: Expected `float` >= 0.0 - at `$.seconds`"),
+        (lines({**PASSED, "observed": {**OUTSIDE, "data": 3}})[0], "not a record: Expected `object`, got `int` - at"),
+        (lines({**PASSED, "observed": {**OUTSIDE, "code": "x" * 101}})[0], "not a record: Expected `str` of length"),
+        (lines({**PASSED, "observed": {**OUTSIDE, "at": "soon"}})[0], "not a record: Expected `int | null`"),
+        (lines({**PASSED, "observed": {**OUTSIDE, "got": "x" * 100_001}})[0], "what it observed is longer than 100000"),
+        (lines({**PASSED, "observed": {**OUTSIDE, "got": DEEP}})[0], "what it observed is nested too deeply"),
         (lines({**PASSED, "outcome": "crashed"})[0], "not a record: Invalid enum value 'crashed' - at `$.outcome`"),
         (
             lines({"kind": "frame", "check": "r", "which": "first", "path": "../a.npy"})[0],
@@ -153,7 +194,7 @@ def _vector(*ends: tuple[int, int | None], ended: bool = True) -> list[bytes]:
 def test_workers() -> None:
     """What workers wrote joins the exit codes that their parent saw; a worker without files has its exit code."""
     files = {
-        "worker-11.jsonl": _worker(*REACHED, {"kind": "raised", "raised": RAISED}, pid=11),
+        "worker-11.jsonl": _worker(*REACHED, {"kind": "raised", "raised": RAISED, "observed": None}, pid=11),
         "worker-12.jsonl": _worker(*REACHED[:2], pid=12),
         "worker-12.txt": b"Fatal Python error: Segmentation fault\n",
         "worker-12.npy": b"no file of ours",

@@ -10,7 +10,7 @@ class Liar(fake_healthy.Healthy):
         for seq, check in enumerate(["single.loop", "vector.sync", "vector.async.fork", "render.rgb_array"]):
             start = {"kind": "start", "seq": 3 + 2 * seq, "pid": os.getpid(), "check": check}
             done = {**start, "kind": "check", "seq": start["seq"] + 1, "outcome": "passed", "seconds": 0.1}
-            rest = {"raised": None, "reason": None, "workers": [], "facts": {}}
+            rest = {"raised": None, "observed": None, "workers": [], "facts": {}}
             print(json.dumps(start), json.dumps({**done, **rest}), sep="\n", flush=True)
         os._exit(0)
 

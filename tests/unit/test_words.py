@@ -1,0 +1,161 @@
+"""Sentences made of codes and data, the patterns that find them, and observations that nothing can be made of."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+
+from harness.judging import words
+from harness.model import Observed
+
+
+def seen(code: str, **more: Any) -> Observed:
+    """An observation of some check."""
+    named = {name: more.pop(name) for name in ("at", "got", "promised") if name in more}
+    return Observed(check="single.loop", code=code, data=more, **named)
+
+
+WHERE = {"call": "reset()", "value": "an observation"}
+NESTED = {"code": "render.blank", "at": None, "got": [0, 0, 0], "promised": None, "data": {}}
+
+
+@pytest.mark.parametrize(
+    ("observed", "sentence"),
+    [
+        (seen("render.blank", got=[0, 0, 0]), "blank frame: every pixel is [0, 0, 0]"),
+        (
+            seen("value.shape", got="(2,)", promised="(3,)", where=WHERE, promise="space"),
+            "reset() returned an observation that has shape (2,), its space (3,)",
+        ),
+        (
+            seen("value.not_finite", got=1, size=3, where={**WHERE, "path": "'arm' at 2"}),
+            "reset() returned an observation that at 'arm' at 2 is not finite (1 of 3 values)",
+        ),
+        (seen("value.not_finite", got=1, size=3, where={"value": "qpos"}), "qpos is not finite (1 of 3 values)"),
+        (
+            seen("repeat.same", difference={"step": 1, "part": "observation", "gap": 0.30912, "most": 50.22}),
+            "the same environment, reset with the same seed, gives another trajectory, "
+            "from step 1 on (observation off by 0.309 there, at most by 50.2 later)",
+        ),
+        (
+            seen("repeat.fresh", difference={"step": 4, "part": "terminated"}),
+            "the same seed gives another trajectory in a new environment, from step 4 on (terminated)",
+        ),
+        (
+            seen("device.other", promised="1", setting="X=1", got={"index": 0, "by": "Y=0"}),
+            "asked for device 1 by X=1, drew on EGL device 0, which Y=0 named",
+        ),
+        (seen("raised", raised="KeyError: 'x'"), "KeyError: 'x'"),
+        (seen("raised", raised=NESTED), "ContractViolation: blank frame: every pixel is [0, 0, 0]"),
+        (
+            seen("unmeasured.raised", raised=NESTED),
+            "could not be measured: ContractViolation: blank frame: every pixel is [0, 0, 0]",
+        ),
+        (
+            seen(
+                "unmeasured.arrays",
+                found={**NESTED, "code": "value.not_array", "data": {"where": WHERE}, "got": "a list"},
+            ),
+            "could not be measured as arrays: "
+            "reset() returned an observation that is a list where an array was promised",
+        ),
+    ],
+    ids=lambda value: value.code if isinstance(value, Observed) else "",
+)
+def test_sentences(observed: Observed, sentence: str) -> None:
+    """Each as users have read it; the pattern of the code finds it, and so does that of all its data."""
+    assert words.sentence(observed) == sentence
+    if observed.code in {"raised", "unmeasured.raised", "unmeasured.arrays"}:
+        return
+    assert re.search(words.wording(observed.code), sentence)
+    wanted = {name: _exactly(value) for name, value in words.values(observed).items()}
+    assert words.met(observed.code, wanted, observed)
+    assert re.search(words.sentence_pattern(observed.code, wanted), sentence)
+
+
+def _exactly(value: Any) -> Any:
+    """A condition that only this value meets."""
+    if isinstance(value, dict):
+        return {name: _exactly(one) for name, one in value.items()}
+    return value if isinstance(value, int | float) else words.escaped(str(value))
+
+
+@pytest.mark.parametrize(
+    "observed",
+    [
+        seen("no.such.code", got=1),
+        seen("value.shape"),
+        seen("value.shape", got="(2,)", promised="(3,)", promise="space", where=None),
+        seen("value.shape", got={"a": 1}, promised=[[[]]], promise=True, where={"call": 3}),
+        seen("start.elsewhere", away="two", joints=None, name=[1], got="far", promised={}),
+        seen("camera.aside", right=float("inf"), above=10**5000),
+        seen("raised", raised={"code": "raised", "data": {"raised": {"code": "raised", "data": 3}}}),
+        seen("raised", raised={"code": ["raised"]}),
+        seen("more", got="\x1b[31m\n\x00"),
+        seen("{got.__class__}", got=1),
+    ],
+    ids=lambda observed: observed.code,
+)
+def test_whatever_a_cell_writes_has_words(observed: Observed) -> None:
+    """An unknown code, data that are missing and data of another kind: some text, and no exception."""
+    assert words.sentence(observed)
+    assert not words.met("render.blank", {}, observed)
+
+
+def test_an_observation_within_itself_ends() -> None:
+    """Nesting is followed to some depth, however deep it goes."""
+    inner: dict[str, Any] = {"code": "raised", "data": {}}
+    for _ in range(200):
+        inner = {"code": "raised", "data": {"raised": inner}}
+    assert len(words.sentence(seen("raised", raised=inner))) <= words.LONGEST
+
+
+def test_a_long_sentence_keeps_its_ends() -> None:
+    """Its beginning and its end, where the news is."""
+    text = words.sentence(seen("warned.check_env", text="a" * 3000 + "z" * 3000))
+    assert len(text) <= words.LONGEST + 40
+    assert (text[0], text[-1]) == ("a", "z")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "fits"),
+    [
+        ({}, True),
+        ({"got": r"\(\d+, \d+, 4\)"}, True),
+        ({"got": r"\(\d+, \d+"}, False),
+        ({"got": r"\(\d+, \d+, 3\)"}, False),
+        ({"promised": 3}, False),
+        ({"other": "x"}, False),
+        ({"got": {"a": 1}}, False),
+    ],
+)
+def test_conditions(wanted: dict[str, Any], *, fits: bool) -> None:
+    """A text is an expression for all of a value; in a sentence it stands in the value's place."""
+    observed = seen("render.shape", got="(480, 720, 4)", promised="(height, width, 3)")
+    assert words.met("render.shape", wanted, observed) is fits
+    if {"other"} != wanted.keys() and not isinstance(wanted.get("got"), dict):
+        assert bool(re.search(words.sentence_pattern("render.shape", wanted), words.sentence(observed))) is fits
+
+
+def test_conditions_of_tables_and_of_what_is_within() -> None:
+    """A table has conditions of its own, of the phrases that fit it; an exception of ours is looked into."""
+    wanted = {"setting": "X=.*", "got": {"api": "osmesa"}}
+    drew = seen("device.other", promised="1", setting="X=1", got={"api": "osmesa"})
+    assert words.met("device.other", wanted, drew)
+    assert re.search(words.sentence_pattern("device.other", wanted), words.sentence(drew))
+    egl = seen("device.other", promised="1", setting="X=1", got={"index": 0, "by": "nothing"})
+    assert not words.met("device.other", wanted, egl)
+    assert not re.search(words.sentence_pattern("device.other", wanted), words.sentence(egl))
+    within = seen("raised", raised=NESTED)
+    assert words.met("render.blank", {}, within)
+    assert words.met("raised", {}, within)
+
+
+def test_numbers_are_looked_for_as_they_are_written() -> None:
+    """By the format that the template gives them."""
+    told = seen("solver.differs", steps=5, gap=0.123456, largest=2.0)
+    assert re.search(words.sentence_pattern("solver.differs", {"gap": 0.123456}), words.sentence(told))
+    assert words.met("solver.differs", {"gap": 0.123456}, told)
+    assert not words.met("solver.differs", {"steps": 5.0}, told)
