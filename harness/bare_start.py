@@ -7,6 +7,7 @@ does not with them, the packages are at fault, not the harness.
 from __future__ import annotations
 
 from harness import guarded_files, launch, normalise, process
+from harness.probes.evidence import LOG
 from harness.scratch_folders import scratch_folder
 from harness.store import own_folders
 
@@ -46,7 +47,7 @@ def _start(site: launch.Site, options: tuple[str, ...]) -> tuple[process.Complet
                     cwd=home,
                     env=site.cached(home, code),
                     limits=LIMITS,
-                    log=scratch / launch.LOG,
+                    log=scratch / LOG,
                     profile=process.Profile.CELL,
                     home=home,
                     sealed=sealed,
@@ -54,5 +55,5 @@ def _start(site: launch.Site, options: tuple[str, ...]) -> tuple[process.Complet
                     writable=(scratch, *code.writable),
                 )
             )
-        text = guarded_files.log_text(scratch / launch.LOG)
+        text = guarded_files.log_text(scratch / LOG)
     return done, done.exit_code == 0 and STARTED in text, text

@@ -1,9 +1,9 @@
-"""Frames that a probe rendered, kept as small PNGs."""
+"""Frames that a probe rendered, as small PNGs."""
 
 from __future__ import annotations
 
+import io
 import re
-from pathlib import Path
 
 from harness.hostile_data import Unreadable, understanding
 
@@ -18,17 +18,17 @@ ARRAY = re.compile(
 """The first bytes of an `.npy` of bytes with three channels, as every numpy writes it; no other file is read."""
 
 
-def keep(content: bytes, picture: Path) -> bool:
+def thumbnail(content: bytes) -> bytes | None:
     """Turn an `.npy` of shape (height, width, 3) and dtype uint8 into a PNG at most 192 pixels wide.
 
-    False where the bytes are not such an array: they come out of a cell and are not trusted.
+    None where the bytes are not such an array: they come out of a cell and are not trusted.
     """
     found = ARRAY.match(content)
     if not found or len(content) > LARGEST:
-        return False
+        return None
     height, width = int(found[2]), int(found[3])
     if not height * width or len(content) - found.end() < height * width * 3:
-        return False
+        return None
     import numpy as np  # noqa: PLC0415 - only runs that render pay for it
     from PIL import Image  # noqa: PLC0415
 
@@ -38,7 +38,7 @@ def keep(content: bytes, picture: Path) -> bool:
             image = Image.fromarray(pixels.reshape((height, width, 3), order="F" if found[1] == b"True" else "C"))
             image.thumbnail((WIDTH, WIDTH))
     except Unreadable:
-        return False
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    image.save(picture, optimize=True)
-    return True
+        return None
+    written = io.BytesIO()
+    image.save(written, "PNG", optimize=True)
+    return written.getvalue()

@@ -19,9 +19,9 @@ import msgspec
 from harness import bytecode, display, process, wire
 from harness.guarded_files import Folder
 from harness.hostile_data import Absent, Unreadable, understanding
-from harness.judging import check as outcomes
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
 from harness.probes import program
+from harness.probes.evidence import LOG, REPLY, STACKS, STARTUP_SECONDS
 from harness.scratch_folders import scratch_folder
 from harness.store import digest, own_folders
 
@@ -29,13 +29,8 @@ INCELL = Path(__file__).parent / "incell"
 LEADS_ON = "_simmatrix_below.pth"
 """What makes Python look on in the environment below."""
 
-TAKEN_AWAY = "the environment was taken away, or changed, while it was used"
-"""What a failure comes to where the environment no longer stands: it says nothing of packages."""
-
 POLL_SECONDS = 0.05
-STARTUP_SECONDS = 120.0
 LITTLE_ROOM, FEW_NAMES = 1 << 18, 8
-LOG, REPLY, STACKS = "log.txt", "reply.jsonl", "stacks.txt"
 MOST_REPLY, MOST_TEXT, MOST_WORKERS, MOST_WRITTEN = 16 << 20, 200_000, 64, 100
 """Bytes that are read of a reply and of another file, and files of workers: what a cell leaves is not trusted."""
 
@@ -83,46 +78,22 @@ class Site:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ProbeRun:
-    """What came of one probe process.
+class Ran:
+    """Hold what one probe process left, while its folders are there.
 
     `overran` is the limit (seconds) that ended it, `left` the folder that it wrote its reply to, `beside` the one with
-    the log. `full` is whether their disk is, `lost` how the display that it drew on ended.
+    the log. `full` is whether their disk is, `lost` how the display that it drew on ended. `places` maps the folders of
+    the run to the names that evidence gives them.
     """
 
     reply: ProbeReply
     completed: process.Completed
     overran: float | None
-    stacks: str
     left: Folder
     beside: Folder
     full: bool
-    last_lines: str
-    memory_mb: int
     places: Mapping[str, str]
     lost: str | None = None
-
-    def ending(self) -> outcomes.Ending:
-        """What the end of the process says about the check that was running then."""
-        done = self.completed
-        overran = STARTUP_SECONDS if done.timed_out else self.overran
-        limit = f"needs more than the {self.memory_mb} MB that its case allows; `memory_mb` of the case raises that"
-        trouble = done.killed if overran is None or done.out_of_memory else None
-        return outcomes.Ending(
-            exit_code=done.exit_code,
-            signal=done.signal,
-            overran=overran,
-            trouble=trouble or (limit if done.out_of_memory else None),
-            full=self.full,
-            lost=self.lost,
-            least_room_mb=done.least_room_mb,
-            shares_memory=done.sandbox != process.UNSEALED or os.access("/dev/shm", os.W_OK | os.X_OK),
-            stacks=self.last_lines + self.stacks,
-        )
-
-    def printed(self) -> str:
-        """What the process printed, as far as its log is kept."""
-        return self.text(LOG)
 
     def texts(self) -> Iterator[tuple[str, str]]:
         """Yield what the probe and its workers wrote under the names that they were given, by name; nothing else."""
@@ -132,16 +103,17 @@ class ProbeRun:
 
     def text(self, name: str) -> str:
         """Return the beginning of one of these texts, empty where there is none."""
-        return _content(self.beside if name == LOG else self.left, name, MOST_KEPT).decode("utf-8", "replace")
+        most = MOST_REPLY if name == REPLY else MOST_KEPT
+        return _content(self.beside if name == LOG else self.left, name, most).decode("utf-8", "replace")
 
-    def last_words(self) -> str:
-        """The last line that the process printed, or how it ended."""
-        lines = [line for line in self.last_lines.splitlines() if line != wire.LAST_WORDS]
-        return lines[-1] if lines else f"exit code {self.completed.exit_code}, signal {self.completed.signal}"
+
+def shared_memory_here() -> bool:
+    """Tell whether this machine has a /dev/shm that can be written to."""
+    return os.access("/dev/shm", os.W_OK | os.X_OK)
 
 
 @contextmanager
-def probe(site: Site, case: Case, limits: Mapping[str, float]) -> Iterator[ProbeRun]:
+def probe(site: Site, case: Case, limits: Mapping[str, float]) -> Iterator[Ran]:
     """Run the checks named in `limits` (in their order, each with its seconds) in one process of the cell.
 
     HOME and the reply are below a folder that goes with the block; its path is short, as sockets below it need.
@@ -152,7 +124,7 @@ def probe(site: Site, case: Case, limits: Mapping[str, float]) -> Iterator[Probe
             yield _run(site, case, limits, scratch, beside, left)
 
 
-def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path, beside: Folder, left: Folder) -> ProbeRun:
+def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path, beside: Folder, left: Folder) -> Ran:
     home, replies = scratch / "home", scratch / "reply"
     furnish(site, home)
     allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
@@ -184,16 +156,13 @@ def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path, bes
         except display.NoDisplayError as error:
             completed, overran, lost, places = process.unstarted(command, str(error)), None, None, {}
     completed = watched(site, folder, completed)
-    return ProbeRun(
+    return Ran(
         reply=_reply(left),
         completed=completed,
         overran=overran,
-        stacks=_content(left, STACKS, MOST_TEXT).decode("utf-8", "replace"),
         left=left,
         beside=beside,
         full=_full(scratch),
-        last_lines=_last_lines(beside),
-        memory_mb=case.memory_mb,
         lost=lost,
         places={
             **{str(one): "$ENV" for one in site.folders},
@@ -357,15 +326,6 @@ def _workers(left: Folder) -> list[str]:
 
 def _worker_files(left: Folder) -> dict[str, bytes]:
     return {name: _content(left, name, MOST_TEXT) for name in _workers(left)}
-
-
-def _last_lines(beside: Folder, size: int = 12_000) -> str:
-    """The end of our own log, whole lines."""
-    try:
-        text = beside.tail(LOG, size).decode("utf-8", "replace")
-    except Unreadable:
-        text = ""
-    return "\n".join([*text.strip().splitlines(), ""])
 
 
 def _content(folder: Folder, name: str, limit: int, start: int = 0) -> bytes:

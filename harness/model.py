@@ -6,7 +6,7 @@ normalised (PEP 440), package names are normalised (PEP 503).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -47,6 +47,15 @@ class Outcome(StrEnum):
     NOT_REACHED = "not_reached"
     PASSED = "passed"
     SKIPPED = "skipped"
+
+
+RANK = {outcome: place for place, outcome in enumerate(Outcome)}
+"""The worst is 0."""
+
+
+def worst(outcomes: Iterable[Outcome]) -> Outcome:
+    """Return the first in the order of `Outcome`, which is worst first; `skipped` of nothing."""
+    return min(outcomes, key=RANK.__getitem__, default=Outcome.SKIPPED)
 
 
 FAILING = frozenset({Outcome.FAILED, Outcome.CRASHED, Outcome.TIMED_OUT, Outcome.FLAKY})

@@ -1,8 +1,7 @@
-"""Where results, locks and evidence live: plain JSON files, written atomically, found again by content.
+"""Where records, locks and logs live: plain JSON files, written atomically, found again by content.
 
-`results/` holds one phase of one case on one machine per file, `locks/` and `steps/` the answer to each question,
-`installed/` what became of each lock's install, `cells/` the last record of each cell on each machine, `evidence/`
-logs and frames.
+`locks/` and `steps/` hold the answer to each question, `installed/` what became of each lock's install, `cells/` the
+last record of each cell on each machine, `evidence/` logs and frames. Probe runs are kept apart (`probes.vault`).
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from harness import cellid, guarded_files
 from harness.errors import BadInput
 from harness.filelocks import exclusive
 from harness.hostile_data import Absent, Unreadable, understanding
-from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, PhaseRecord, Question, Step
+from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step
 
 T = TypeVar("T")
 
@@ -94,14 +93,14 @@ def now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def write_atomic(path: Path, content: bytes) -> None:
+def write_atomic(path: Path, content: bytes, *, mode: int = 0o644) -> None:
     """Write the whole file or nothing."""
     temporary = f"{path.parent}/.{os.urandom(8).hex()}.tmp"
     try:
-        descriptor = os.open(temporary, NEW, 0o644)
+        descriptor = os.open(temporary, NEW, mode)
     except FileNotFoundError:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(temporary, NEW, 0o644)
+        descriptor = os.open(temporary, NEW, mode)
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
@@ -111,12 +110,12 @@ def write_atomic(path: Path, content: bytes) -> None:
         raise
 
 
-def write_changed(path: Path, content: bytes) -> None:
+def write_changed(path: Path, content: bytes, *, mode: int = 0o644) -> None:
     """Write the whole file, unless it says that already."""
     with suppress(Unreadable):
         if guarded_files.read(path, len(content) + 1) == content:
             return
-    write_atomic(path, content)
+    write_atomic(path, content, mode=mode)
 
 
 def remembered(kind: str, mark: str, make: Callable[[], bytes], check: Callable[[bytes], object]) -> bytes:
@@ -243,14 +242,6 @@ class Store:
                 kept = now()
                 write_atomic(path, kept.encode())
             return kept
-
-    def load_phase(self, key: str) -> PhaseRecord | None:
-        """One phase of one case, if it was measured here under the same key."""
-        return self._load("results", key, PhaseRecord)
-
-    def save_phase(self, key: str, record: PhaseRecord) -> None:
-        """Keep one phase of one case."""
-        self._save("results", key, record)
 
     def cell_file(self, machine: str, cell_id: str) -> Path:
         """Where the last record of a cell on a machine is kept."""

@@ -11,22 +11,18 @@ import shutil
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from secrets import token_hex
 
-from harness import bytecode, display, launch, normalise, process, pytestsays, sources, subjects
+from harness import bytecode, display, launch, normalise, process, subjects
 from harness.errors import CouldNotTell
 from harness.guarded_files import Folder
 from harness.hostile_data import Unreadable
-from harness.judging.check import Ending
+from harness.judging.suite import CHECK, SOURCE
 from harness.model import (
-    FAILING,
     CheckRecord,
-    Finding,
     Interpreter,
-    Level,
     Lock,
     Outcome,
     Phase,
@@ -36,21 +32,19 @@ from harness.model import (
     Subject,
     Suite,
 )
-from harness.pytestsays import Report
+from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
+from harness.probes.measure import end_of
+from harness.probes.vault import Vault, kept
 from harness.scratch_folders import scratch_folder
-from harness.store import Store, now, own_folders, write_atomic
+from harness.store import now, own_folders
 from harness.subjects import TESTS, Ready
 from harness.vocabulary import required_name
 
-CHECK = "suite.pytest"
 DOOR = launch.INCELL / "bootstrap_suite.py"
 PYTEST = "pytest"
 MOST_REPORT = 32 << 20
 HOST = re.compile(r' hostname="[^"]*"')
 """What pytest's report tells of this machine."""
-
-RUNS_TO_CONFIRM = 3
-
 
 # --- its packages ----------------------------------------------------------------------------------------------
 
@@ -101,117 +95,67 @@ def not_run(decisive: str, step: Step) -> PhaseRecord:
     )
 
 
-def judging() -> str:
-    """Identify what turns a run into an outcome: one judged in another way is measured again."""
-    return sources.digest(__name__)
-
-
 # --- running it ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bench:
-    """All that a run of a suite takes. `name` is that of its evidence, `places` this machine's folders."""
+    """All that a run of a suite takes; `places` maps this machine's folders to their names in evidence."""
 
     subject: Subject
     known: Ready
     site: launch.Site
-    store: Store
-    name: str
+    vault: Vault
+    host: Host
     places: Mapping[str, str]
-    verify: bool = False
-    notify: Callable[[str], None] = lambda _: None
 
     @property
     def suite(self) -> Suite:
         """How it is to be run."""
         return self.subject.suite or Suite()
 
+    def measure(self, request: Request, key: str) -> str:
+        """Run the suite, keep what it showed as an answer to a key, and return the run's name."""
+        with scratch_folder() as scratch, Folder(scratch) as left:
+            try:
+                source = subjects.copied(self.subject, scratch / "source")
+            except CouldNotTell as error:
+                host = replace(self.host, source=str(error))
+                return self._kept(request, key, End(), host, {})
+            without(source, self.known)
+            end, host, texts = self._ran(request.limits[CHECK], scratch, source, left)
+        return self._kept(request, key, end, host, texts)
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Ran:
-    """How one run ended: what pytest reported, and how its process did."""
-
-    outcome: Outcome
-    decisive: str | None
-    seconds: float
-    evidence: str
-    tests: Mapping[str, int] = field(default_factory=dict)
-    bad: tuple[str, ...] = ()
-    findings: tuple[Finding, ...] = ()
-
-
-def measure(bench: Bench) -> PhaseRecord:
-    """Run the suite: again with twice the time where that ran out, and where `verify` confirms a failure."""
-    ran, attempts = _run(bench, bench.suite.seconds), 1
-    if ran.outcome is Outcome.TIMED_OUT:
-        ran, attempts = _run(bench, 2 * bench.suite.seconds), 2
-    elif bench.verify and ran.outcome in FAILING:
-        again = [_run(bench, 2 * bench.suite.seconds) for _ in range(RUNS_TO_CONFIRM - 1)]
-        passed = sum(one.outcome is Outcome.PASSED for one in again)
-        attempts = RUNS_TO_CONFIRM
-        if passed:
-            told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {ran.decisive}"
-            ran = replace(ran, outcome=Outcome.FLAKY, decisive=told)
-    check = CheckRecord(
-        check=CHECK,
-        outcome=ran.outcome,
-        seconds=ran.seconds,
-        decisive=ran.decisive,
-        facts={"tests": dict(ran.tests), "failed": list(ran.bad)},
-    )
-    return PhaseRecord(
-        phase=Phase.SUITE,
-        outcome=ran.outcome,
-        seconds=ran.seconds,
-        decisive=ran.decisive,
-        checks=(check,),
-        findings=ran.findings,
-        evidence=ran.evidence,
-        attempts=attempts,
-        measured=now(),
-    )
-
-
-def _run(bench: Bench, seconds: float) -> _Ran:
-    bench.notify(Phase.SUITE)
-    with scratch_folder() as scratch, Folder(scratch) as left:
-        try:
-            source = subjects.copied(bench.subject, scratch / "source")
-        except CouldNotTell as error:
-            return _Ran(outcome=Outcome.INFRA, decisive=str(error), seconds=0.0, evidence="")
-        without(source, bench.known)
-        site, places = bench.site, {**bench.places, str(source): "$SUBJECT", str(scratch): "$SCRATCH"}
+    def _ran(self, seconds: float, scratch: Path, source: Path, left: Folder) -> tuple[End, Host, dict[str, bytes]]:
+        site = self.site
         launch.furnish(site, scratch / "home")
         folder, sealed = launch.entered(site, scratch)
-        with site.code(folder, CHECK, bench.known.modules) as code:
+        with site.code(folder, CHECK, self.known.modules) as code:
             place = _Place(scratch, source, folder, sealed, code)
-            ran, shown = _shown(_command(bench, seconds, place), scratch)
+            ran, lost, shown = _shown(_command(self, seconds, place), scratch)
         completed = launch.watched(site, folder, ran)
-        places |= {**{str(one): "$ENV" for one in (*site.folders, folder)}, **shown}
+        environments = {str(one): "$ENV" for one in (*site.folders, folder)}
+        places = {**self.places, str(source): SOURCE, str(scratch): "$SCRATCH", **environments, **shown}
 
         def clean(text: str) -> str:
             return normalise.normalise(text, places)
 
-        text = clean(_text(left, completed.log.name))
-        report = HOST.sub("", _text(left, "junit.xml"))
-        evidence = bench.store.evidence(f"{bench.name}-{token_hex(4)}")
-        write_atomic(evidence / "log.txt", text.encode())
-        write_atomic(evidence / "junit.xml", clean(report).encode())
-        told = Report.read(report)
-        ending = _ending(completed, bench.suite, seconds)
-        outcome, decisive = _foreign(_text(left, "modules.txt"), source) or pytestsays.outcome(told, ending, text)
-        if outcome in FAILING and not site.stands():
-            outcome, decisive = Outcome.INFRA, launch.TAKEN_AWAY
-        return _Ran(
-            outcome=outcome,
-            decisive=normalise.bounded(clean(decisive)) if decisive else None,
-            seconds=round(completed.seconds, 3),
-            evidence=bench.store.relative(evidence),
-            tests=told.tests,
-            bad=told.bad,
-            findings=(*_findings(completed), *([_empty(decisive)] if outcome is Outcome.SKIPPED else [])),
+        texts = {name: HOST.sub("", _text(left, name)) for name in (LOG, JUNIT, MODULES)}
+        end = end_of(completed, clean, lost=lost)
+        stood = completed.exit_code == 0 or site.stands()
+        cleaned = {name: clean(text).encode() for name, text in texts.items() if text}
+        return end, replace(self.host, stood=stood), cleaned
+
+    def _kept(self, request: Request, key: str, end: End, host: Host, texts: Mapping[str, bytes]) -> str:
+        run = ProbeRun(
+            request=request,
+            program={CHECK: launch.file_hash(DOOR)},
+            end=end,
+            host=host,
+            files=kept(self.vault, texts),
+            measured=now(),
         )
+        return self.vault.put(run, key)
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,18 +178,18 @@ def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
             str(python),
             "-s",
             str(DOOR),
-            str(scratch / "modules.txt"),
+            str(scratch / MODULES),
             ",".join(bench.known.modules),
             *bench.suite.arguments,
             "--color=no",
             "-rfE",
             f"--rootdir={at.source}",
-            f"--junitxml={scratch / 'junit.xml'}",
+            f"--junitxml={scratch / JUNIT}",
         ),
         cwd=at.source,
         env={**site.cached(scratch / "home", at.code), "PATH": path, "VIRTUAL_ENV": str(folder)},
         limits=process.Limits(seconds=seconds, memory_mb=bench.suite.memory_mb),
-        log=scratch / "log.txt",
+        log=scratch / LOG,
         profile=process.Profile.CELL,
         home=scratch / "home",
         sealed=at.sealed,
@@ -254,17 +198,13 @@ def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
     )
 
 
-def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, Mapping[str, str]]:
-    """Run it at its display, if it has one: how it ended, and what evidence calls the display.
-
-    What a display that died has made of it says nothing.
-    """
+def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, str | None, Mapping[str, str]]:
+    """Run it at its display, if it has one: how it ended, how the display did, and what evidence calls that."""
     try:
         with display.shown(command, scratch / "display") as seen:
-            ran, lost = process.run(seen.command), seen.lost()
+            return process.run(seen.command), seen.lost(), seen.places
     except display.NoDisplayError as error:
-        return process.unstarted(command, str(error)), {}
-    return replace(ran, killed=lost) if lost and ran.exit_code != 0 else ran, seen.places
+        return process.unstarted(command, str(error)), None, {}
 
 
 def without(source: Path, known: Ready) -> None:
@@ -294,40 +234,6 @@ def _holding(source: Path, wheel: Path) -> list[Path]:
                 source.joinpath(*parts[:at]) for at in range(len(parts)) if packed.get("/".join(parts[at:])) == mark
             )
     return [base for base, count in found.items() if 2 * count > len(packed)]
-
-
-def _foreign(told: str, source: Path) -> tuple[Outcome, str] | None:
-    """Whether a module of the subject was imported from the copy after all: then something else was tested."""
-    for line in told.splitlines():
-        name, _, path = line.partition("\t")
-        if path and Path(path).is_relative_to(source):
-            where = Path(path).relative_to(source)
-            return Outcome.INFRA, f"the tests import {name} from {where} of the source, not as it is installed"
-    return None
-
-
-def _ending(done: process.Completed, suite: Suite, seconds: float) -> Ending:
-    short = f"needs more than the {suite.memory_mb} MB that the suite may have; `suite.memory_mb` raises that"
-    return Ending(
-        exit_code=done.exit_code,
-        signal=done.signal,
-        overran=seconds if done.timed_out else None,
-        trouble=None if done.timed_out else done.killed or (short if done.out_of_memory else None),
-    )
-
-
-def _empty(decisive: str | None) -> Finding:
-    """A suite that says nothing is not passed over in silence."""
-    return Finding(check="suite.empty", level=Level.WARNING, text=decisive or "no test ran")
-
-
-def _findings(completed: process.Completed) -> Iterator[Finding]:
-    if completed.written:
-        text = f"wrote into its own environment (kept from other runs): {', '.join(completed.written[:5])}"
-        yield Finding(check="suite.written", level=Level.WARNING, text=text)
-    if completed.stray:
-        text = f"left {completed.stray} process(es) behind at its end"
-        yield Finding(check="suite.stray", level=Level.WARNING, text=text)
 
 
 def _text(left: Folder, name: str) -> str:

@@ -17,6 +17,9 @@ from harness.commands.drawn import Looked
 from harness.hostile_data import Unreadable, json_object
 from harness.judging.failure_texts import KILLED, WRITTEN
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
+from harness.probes.evidence import Host
+from harness.probes.measure import Laboratory
+from harness.probes.vault import Vault
 from harness.scratch_folders import scratch_folder
 from harness.standalone import adapters
 from harness.standalone.doctor.choosing import Choice
@@ -142,13 +145,14 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
         folder=prefix, python=executable, pycache=scratch / "pycache", variables=dict(os.environ), files={}
     )
     return cellrun.Context(
-        store=store,
-        python=python["version"],
-        site=lambda: site,
+        laboratory=Laboratory(
+            vault=Vault(store.folder),
+            site=lambda: site,
+            host=Host(python=python["version"], undrawable=machine.undrawable(os.environ)),
+            places={},
+            program=launch.program,
+        ),
         identity=("doctor", str(prefix)),
-        undrawable=machine.undrawable(os.environ),
-        conditions=None,
-        places={},
         until=until,
         fresh=True,
     )

@@ -16,11 +16,10 @@ from harness.judging.counted_phases import Cases, counted_cases, suite_not_run, 
 from harness.judging.identity import Failure
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge, Packages
 from harness.judging.verdict import Judgement, Outcomes, judge
-from harness.model import CASE_PHASES, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
+from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
 from harness.reporttypes import UNTOLD
 from harness.signatures import Diagnosis, Evidence, Signature
 from harness.standalone import silent
-from harness.verdict import RANK
 
 
 def assess(record: CellRecord, known: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:

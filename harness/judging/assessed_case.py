@@ -8,9 +8,8 @@ from functools import cached_property
 
 from harness import misleading
 from harness.judging.counted_phases import counts, reason
-from harness.model import CaseRecord, CheckRecord, Outcome, PhaseRecord
+from harness.model import CaseRecord, CheckRecord, Outcome, PhaseRecord, worst
 from harness.standalone import silent
-from harness.verdict import worst
 
 DRAWN = ("api", "vendor", "renderer", "version", "device")
 LONGEST_TEXT = 300

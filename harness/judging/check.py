@@ -9,9 +9,16 @@ from functools import cache
 
 from harness import normalise, wire
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
+from harness.probes.evidence import STACKS, STARTUP_SECONDS, Reading
 from harness.probes.facts import plain
 from harness.standalone.adapters import adapters
 from harness.vocabulary import MISLEADING
+
+MOST_STACKS = 200_000
+"""Characters of faulthandler's stacks that are looked at."""
+
+TAKEN_AWAY = "the environment was taken away, or changed, while it was used"
+"""Why a failure says nothing of packages: the environment no longer stands as it was installed."""
 
 UNMEASURED = "unmeasured."
 """What the codes begin with by which a misleading check says that it shows nothing, and refutes nothing either."""
@@ -79,6 +86,25 @@ class Ending:
     def afterwards(self) -> str:
         """What was printed after the last line of the reply."""
         return self.stacks.partition(wire.LAST_WORDS)[2]
+
+
+def ending_of(reading: Reading) -> Ending:
+    """Say what the end of a probe run tells of the check that was running then."""
+    end, memory = reading.run.end, reading.run.request.memory_mb
+    overran = STARTUP_SECONDS if end.timed_out else end.overran
+    limit = f"needs more than the {memory} MB that its case allows; `memory_mb` of the case raises that"
+    trouble = end.killed if overran is None or end.out_of_memory else None
+    return Ending(
+        exit_code=end.exit_code,
+        signal=end.signal,
+        overran=overran,
+        trouble=trouble or (limit if end.out_of_memory else None),
+        full=end.full,
+        lost=end.lost,
+        least_room_mb=end.least_room_mb,
+        shares_memory=reading.run.host.shares_memory,
+        stacks=reading.last_lines + reading.text(STACKS)[:MOST_STACKS],
+    )
 
 
 def phase_of(check: str) -> Phase:

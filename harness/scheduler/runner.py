@@ -22,10 +22,12 @@ from harness.model import (
     Lock,
     Outcome,
     Phase,
-    PhaseRecord,
     Question,
     Step,
 )
+from harness.probes.evidence import Host
+from harness.probes.measure import Laboratory
+from harness.probes.vault import Vault
 from harness.scheduler import cell_faults, control, ways
 from harness.scheduler.brought import Luggage, missing
 from harness.scheduler.lasting import lasts
@@ -65,7 +67,8 @@ class Prepared:
 class Runner:
     """Takes cells through their phases; what several of them need is done once.
 
-    Any thread may call it. `measured` is what came of every phase in this run, `controls` of every control asked for.
+    Any thread may call it. `measured` has the probe runs of this process by their keys, `controls` what came of every
+    control asked for.
     """
 
     store: Store
@@ -76,7 +79,7 @@ class Runner:
     installed: dict[str, Installed] = field(default_factory=dict)
     environments: dict[str, Environment] = field(default_factory=dict)
     doubted: set[str] = field(default_factory=set)
-    measured: dict[str, PhaseRecord] = field(default_factory=dict)
+    measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
     subjects: dict[str, Ready | Step] = field(default_factory=dict)
     places: Mapping[str, str] = field(default_factory=uvcli.places)
     pythons: dict[str, Interpreter] = field(default_factory=dict)
@@ -423,13 +426,18 @@ class Runner:
         cell = record.cell
         on_top = (tested.tested.content,) if tested else ()
         return cellrun.Context(
-            store=self.store,
-            python=record.python or "",
-            site=lambda: self._site(record, *self._place(pool, tested)),
+            laboratory=Laboratory(
+                vault=Vault(self.store.folder),
+                site=lambda: self._site(record, *self._place(pool, tested)),
+                host=Host(
+                    python=record.python or "",
+                    undrawable=machine.undrawable({**record.supplied, **cell.environment}, pool.lock.versions),
+                    conditions=machine.conditions(),
+                ),
+                places=self.places,
+                program=launch.program,
+            ),
             identity=(record.key, *self._identity(record), *on_top),
-            undrawable=machine.undrawable({**record.supplied, **cell.environment}, pool.lock.versions),
-            conditions=machine.conditions(),
-            places=self.places,
             until=self.settings.until,
             fresh=self.settings.fresh,
             again=self.settings.again,

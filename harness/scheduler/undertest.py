@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from harness import cellrun, environments, launch, machine, subjects, suites, uvcli
+from harness import environments, launch, machine, model, subjects, suites, uvcli
 from harness.environments import Environment
+from harness.judging import suite as judging
 from harness.model import (
-    FAILING,
     CaseRecord,
     Cell,
     Finding,
@@ -22,6 +22,8 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.probes.evidence import Host, Request
+from harness.probes.vault import Vault
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
 from harness.scheduler.settings import Observer, Settings
@@ -40,7 +42,7 @@ class Owner(Protocol):
     installed: dict[str, Installed]
     environments: dict[str, Environment]
     doubted: set[str]
-    measured: dict[str, PhaseRecord]
+    measured: dict[str, tuple[str, ...]]
     subjects: dict[str, Ready | Step]
 
     def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
@@ -162,7 +164,7 @@ class Suite:
             decisive = f"the environment of the tests cannot be made: {known.failed.decisive}"
             self.failed = suites.not_run(decisive, known.failed)
             return
-        tests = (subject.suite, subject.state, launch.file_hash(suites.DOOR), suites.judging())
+        tests = (subject.suite, subject.state, launch.file_hash(suites.DOOR))
         self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)
 
     def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
@@ -173,13 +175,24 @@ class Suite:
         return found is not None, found
 
     def _recalled(self) -> PhaseRecord | None:
-        settings = self.owner.settings
-        if self.key in self.owner.measured:
-            return self.owner.measured[self.key]
-        kept = self.owner.store.load_phase(self.key) if self.key and not settings.fresh else None
-        stands = kept and kept.conditions in {None, machine.conditions()}
-        failed = kept is not None and kept.outcome in FAILING
-        return replace(kept, reused=True) if kept and stands and not (settings.again and failed) else None
+        if self.key is None or self.pool is None:
+            return None
+        known = self._known()
+        return None if self._todo(known) else judging.phase(known, reused=True)
+
+    def _known(self) -> judging.Folded:
+        """What the runs that are kept show, and those of this process whatever came of them."""
+        assert self.key
+        settings, vault = self.owner.settings, Vault(self.owner.store.folder)
+        mine = self.owner.measured.get(self.key, ())
+        before = () if settings.fresh else [name for name in vault.runs(self.key) if name not in mine]
+        folded = judging.fold(vault.readings(before))
+        folded = folded.reusable(machine.conditions(), failed_too=not settings.again)
+        return judging.fold(vault.readings(mine), folded)
+
+    def _todo(self, known: judging.Folded) -> Request | None:
+        assert self.cell.subject
+        return judging.todo(self.cell.subject.suite or model.Suite(), known, verify=self.owner.settings.verify)
 
     def measure(self, cases: tuple[CaseRecord, ...]) -> PhaseRecord | None:
         """Bring it to an outcome, from a stored one where there is one. Raises NoEnvironment."""
@@ -189,24 +202,21 @@ class Suite:
         assert self.cell.subject
         base = self.pool.environment()
         environment = on_top(self.owner, self.pool, self.tested)
-        record = suites.measure(
-            suites.Bench(
-                subject=self.cell.subject,
-                known=self.tested,
-                site=self.site(environment, base),
-                store=self.owner.store,
-                name=f"suite-{self.key[:16]}",
-                places=uvcli.places(),
-                verify=self.owner.settings.verify,
-                notify=lambda text: self.owner.observer.step(self.cell, text),
-            )
+        vault, known = Vault(self.owner.store.folder), self._known()
+        bench = suites.Bench(
+            subject=self.cell.subject,
+            known=self.tested,
+            site=self.site(environment, base),
+            vault=vault,
+            host=Host(conditions=machine.conditions()),
+            places=uvcli.places(),
         )
-        self.owner.measured[self.key] = record
-        if record.outcome not in cellrun.MEASURED_AGAIN:
-            failed = record.outcome in FAILING
-            kept = replace(record, conditions=machine.conditions()) if failed else record
-            self.owner.store.save_phase(self.key, kept)
-        return record
+        while request := self._todo(known):
+            self.owner.observer.step(self.cell, Phase.SUITE)
+            name = bench.measure(request, self.key)
+            self.owner.measured[self.key] = (*self.owner.measured.get(self.key, ()), name)
+            known = judging.after(known, vault.reading(name))
+        return judging.phase(known, reused=False)
 
 
 def _imported(cases: tuple[CaseRecord, ...]) -> bool:

@@ -131,7 +131,7 @@ def _frame(chance: random.Random) -> list[str]:
 
 
 def _keep_frame(words: list[str]) -> int:
-    return 0 if frames.keep(Path("frame.npy").read_bytes(), Path("frame.png").absolute()) else 2
+    return 0 if frames.thumbnail(Path("frame.npy").read_bytes()) else 2
 
 
 def _metadata(chance: random.Random) -> list[str]:

@@ -21,10 +21,10 @@ FLOORS = {
         "misleading", "moves", "nativesays",
         "normalise", "notices", "pages", "pasting", "pipelines", "plan", "platforms", "present",
         "probes.evidence", "probes.facts", "probes.syntax",
-        "proving", "pytestsays", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
+        "proving", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
         "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",
         "requirement_texts", "squares", "strategy", "suite_tables", "tables", "tabletypes", "terminal", "traps",
-        "upstream", "uvsays", "verdict", "vocabulary", "wire", "workflows", "yaml_texts",
+        "upstream", "uvsays", "vocabulary", "wire", "workflows", "yaml_texts",
     },
     2: {
         "alone", "answers", "bare_start", "bringing", "builds", "bytecode", "checkouts", "controls", "discovery",

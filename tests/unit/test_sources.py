@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import sources
+from harness import cellrun, sources
 from harness.commands import standing
 
 PACKAGE = Path(harness.__file__).parent
@@ -45,17 +45,11 @@ def test_nothing_that_is_imported_is_missed(module: str) -> None:
 
 @pytest.mark.parametrize(
     "module",
-    ["standalone.lines", "normalise", "judging.check", "misleading", "wire", "nativesays", "cellrun", "verdict"],
+    ["standalone.lines", "normalise", "judging.case", "judging.check", "misleading", "wire", "nativesays"],
 )
-def test_what_judges_a_probe_is_part_of_its_key(module: str) -> None:
-    """A result is measured again when any module changes that had a say in its outcome, line or findings."""
-    assert f"harness.{module}" in sources.imported("harness.cellrun")
-
-
-@pytest.mark.parametrize("module", ["standalone.lines", "pytestsays", "normalise", "judging.check"])
-def test_what_judges_a_suite_is_part_of_its_key(module: str) -> None:
-    """The same for the package's own tests."""
-    assert f"harness.{module}" in sources.imported("harness.suites")
+def test_what_judges_a_probe_is_part_of_a_mark(module: str) -> None:
+    """The record of a cell is judged again when any module changes that has a say in an outcome, line or finding."""
+    assert f"harness.{module}" in sources.imported(cellrun.JUDGING)
 
 
 def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from specimens import GENERATED, MACHINES, case, cell, plain, record
 
-from harness import document, matrixfile, model, plan, pytestsays, subjects, suites
+from harness import document, matrixfile, model, plan, subjects, suites
 from harness.errors import BadInput
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
+from harness.judging.pytest_report import Report, outcome_of
 from harness.model import (
     Artifact,
     CaseRecord,
@@ -29,7 +30,6 @@ from harness.model import (
     Suite,
     Verdict,
 )
-from harness.pytestsays import Report
 from harness.vocabulary import SELF
 
 AXES = 'axes = { python = ["3.11"] }\n'
@@ -406,7 +406,7 @@ SUITES = {
 @pytest.mark.parametrize(("report", "ending", "text", "outcome", "decisive"), SUITES.values(), ids=SUITES.keys())
 def test_what_a_run_means(report: Report, ending: Ending, text: str, outcome: Outcome, decisive: str | None) -> None:
     """Failures are of the packages, what pytest could not run says nothing of them, no test is no success."""
-    assert pytestsays.outcome(report, ending, text) == (outcome, decisive)
+    assert outcome_of(report, ending, text) == (outcome, decisive)
 
 
 def test_a_report_is_counted() -> None:

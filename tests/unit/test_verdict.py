@@ -28,9 +28,9 @@ from harness.model import (
     Phase,
     PhaseRecord,
     Verdict,
+    worst,
 )
 from harness.reporttypes import SEVERITY
-from harness.verdict import worst
 
 IMPORT_ONLY = Case(id="numpy", env=None, api="gymnasium", checks=("import.modules",))
 

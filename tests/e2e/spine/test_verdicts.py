@@ -11,7 +11,9 @@ from commandline import Desk, Measured
 from harness import cellrun, environments, interpreters, launch, machine, process, uv
 from harness.judging.assess import assess
 from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
-from harness.store import Store
+from harness.probes.evidence import Host
+from harness.probes.measure import Laboratory
+from harness.probes.vault import Vault
 
 EARLY = {
     "works": ("works", None, None, None),
@@ -162,19 +164,20 @@ def _probed(
     case = Case(id="c", env=env, api="gymnasium", checks=("import.modules", "single.loop"), memory_mb=memory_mb)
     cell = Cell(id="m/c", matrix="m", axes={}, python="host", question=question, environment={}, cases=(case,))
     context = cellrun.Context(
-        store=Store(desk.state),
-        python=host.version,
-        site=lambda: launch.Site(
-            folder=folder,
-            python=folder / "bin" / "python",
-            pycache=desk.folder / "pycache",
-            variables=machine.base_environment(),
-            files={},
+        laboratory=Laboratory(
+            vault=Vault(desk.state),
+            site=lambda: launch.Site(
+                folder=folder,
+                python=folder / "bin" / "python",
+                pycache=desk.folder / "pycache",
+                variables=machine.base_environment(),
+                files={},
+            ),
+            host=Host(python=host.version),
+            places={},
+            program=launch.program,
         ),
         identity=(),
-        undrawable={},
-        conditions=None,
-        places={},
     )
     passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
     install = Step(phase=Phase.INSTALL, outcome=Outcome.PASSED)

@@ -56,7 +56,7 @@ class Report:
         return cls(tests=dict(sorted(counts.items())), fault=fault, bad=names)
 
 
-def outcome(report: Report, ending: Ending, text: str) -> tuple[Outcome, str | None]:
+def outcome_of(report: Report, ending: Ending, text: str) -> tuple[Outcome, str | None]:
     """How a suite ended and the line that says why; `text` is all that the run printed."""
     if ending.trouble:
         return Outcome.INFRA, ending.trouble

@@ -1,0 +1,390 @@
+"""Fold the probe runs of a case into its phases, and say which run is needed next. All of it is pure.
+
+    while request := todo(asked, folded):
+        folded = folded.after(the reading of one more run)
+    phases(asked, folded)
+
+A check ends with the last run that showed it. A time limit that ran out, and a process that somebody outside ended, are
+tried once more; so is a run that met an environment, or byte code, that was not whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import islice
+
+from harness import misleading, nativesays, normalise
+from harness.judging.check import (
+    CUT_SHORT,
+    SHOT,
+    TAKEN_AWAY,
+    check_record,
+    ending_of,
+    found_beside,
+    phase_of,
+    reachable,
+    shot,
+)
+from harness.model import FAILING, Case, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, PhaseRecord, worst
+from harness.probes.evidence import Reading, Request
+from harness.vocabulary import MISLEADING
+
+DEFAULT_SECONDS = 120.0
+RUNS_TO_CONFIRM = 3
+MOST_FRAMES, MOST_WRITTEN = 4, 5
+"""Frames that are shown of one check, and files that a finding names."""
+
+LOOP, REPEAT, ACROSS = "single.loop", "single.repeat", "single.repeat.process"
+
+MEASURED_AGAIN = frozenset({Outcome.INFRA, Outcome.UNAVAILABLE, Outcome.TIMED_OUT, Outcome.NOT_REACHED})
+"""Outcomes that another run may change: never reused."""
+
+BULKY = frozenset({"trajectory"})
+"""Facts of a check that stay with its evidence."""
+
+Wanted = Mapping[Phase, tuple[str, ...]]
+"""The checks of each phase."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Asked:
+    """Say what is wanted of a case: the checks of each phase, by an in-cell program of this digest for each.
+
+    With `verify` each check has a process of its own, and a failure is confirmed.
+    """
+
+    case: Case
+    wanted: Wanted
+    program: Mapping[str, str]
+    verify: bool = False
+
+    @property
+    def checks(self) -> list[str]:
+        """Return the checks in the order in which they are run."""
+        return [check for names in self.wanted.values() for check in names]
+
+    def seconds(self, check: str) -> float:
+        """Return the limit of a check."""
+        return self.case.timeouts.get(phase_of(check), DEFAULT_SECONDS)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ended:
+    """Tell how a check ended, in which run, and what that run left behind; `passed_again` are runs to confirm."""
+
+    record: CheckRecord
+    reading: str
+    folder: str
+    measured: str
+    conditions: str | None
+    attempts: int = 1
+    frames: tuple[str, ...] = ()
+    peak_mb: int | None = None
+    passed_again: tuple[bool, ...] = ()
+
+    def confirmed(self) -> CheckRecord:
+        """Return the record, flaky where a failure did not come again."""
+        passed = sum(self.passed_again)
+        if not passed:
+            return self.record
+        told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {self.record.decisive}"
+        return replace(self.record, outcome=Outcome.FLAKY, decisive=told)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Folded:
+    """Hold all that the runs of a case showed so far.
+
+    `ended` has each check that came to an end, `findings` those of each run that counts, by the run's name. `overran`
+    and `shot` are checks that were tried once and are due again, or have been; `again` is the request that has to be
+    repeated: `taken_away` and `recompiled` tell that this happened once, for an environment or byte code in pieces.
+    """
+
+    ended: Mapping[str, Ended] = field(default_factory=dict)
+    findings: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)
+    overran: frozenset[str] = frozenset()
+    shot: frozenset[str] = frozenset()
+    again: Request | None = None
+    taken_away: bool = False
+    recompiled: bool = False
+
+    def reusable(self, conditions: str | None, *, failed_too: bool) -> Folded:
+        """Return what of it need not be measured again on a system of these conditions."""
+
+        def holds(ended: Ended) -> bool:
+            outcome = ended.confirmed().outcome
+            if outcome in FAILING:
+                return failed_too and outcome not in MEASURED_AGAIN and ended.conditions in {None, conditions}
+            return outcome not in MEASURED_AGAIN
+
+        ended = {check: one for check, one in self.ended.items() if holds(one)}
+        return Folded(ended=ended, findings=self.findings)
+
+
+def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None) -> Folded:
+    """Take these runs, in their order, into what was known before."""
+    folded = before or Folded()
+    for reading in readings:
+        folded = after(asked, folded, reading)
+    return folded
+
+
+def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
+    """Take one more run into what is known."""
+    request, told = reading.run.request, _Told(asked, folded, reading)
+    limits = {check for check in request.limits if reading.run.program.get(check) == asked.program.get(check)}
+    if not limits or (asked.verify and len(request.limits) > 1):
+        return folded
+    folded = replace(folded, again=None)
+    replies = [reply for reply in reading.reply.checks if reply.check in request.limits or _compared(reply)]
+    if not replies and reading.run.end.shot and not request.limits.keys() & folded.shot:
+        return replace(folded, shot=folded.shot | request.limits.keys())
+    ended = told.ended(replies)
+    lines = [one.record.decisive or "" for one in ended.values()]
+    if TAKEN_AWAY in lines and not folded.taken_away:
+        return replace(folded, again=request, taken_away=True)
+    if any(map(CUT_SHORT.search, lines)) and not folded.recompiled:
+        return replace(folded, again=replace(request, recompiled=True), recompiled=True)
+    if request.confirms:
+        return replace(folded, ended={**folded.ended, **_confirmed(folded, request, ended)})
+    ended = {check: one for check, one in ended.items() if check not in request.limits or check in limits}
+    overran = {check for check, one in ended.items() if one.record.outcome is Outcome.TIMED_OUT} - folded.overran
+    killed = {check for check, one in ended.items() if shot(one.record)} - folded.shot
+    return replace(
+        folded,
+        ended={**folded.ended, **{name: one for name, one in ended.items() if name not in overran | killed}},
+        findings={**folded.findings, reading.name: told.findings()},
+        overran=folded.overran | overran,
+        shot=folded.shot | killed,
+    )
+
+
+def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> dict[str, Ended]:
+    """Return the checks of a run that confirms, with whether they passed in it."""
+    found = {}
+    for check in request.limits:
+        before, now = folded.ended.get(check), ended.get(check)
+        if before:
+            passed = now is not None and now.record.outcome is Outcome.PASSED
+            found[check] = replace(before, passed_again=(*before.passed_again, passed))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Read one run of a case."""
+
+    asked: Asked
+    folded: Folded
+    reading: Reading
+
+    def ended(self, replies: list[CheckReply]) -> dict[str, Ended]:
+        """Return how each of these checks ended; where nothing was tried, why, under the first one."""
+        run = self.reading.run
+        first = next(iter(run.request.limits))
+        if not replies or self._python() != run.host.python:
+            return {first: self._ended(self._not_tried(first))}
+        found = [self._judged(reply) for reply in replies]
+        if any(one.record.outcome in FAILING for one in found) and not run.host.stood:
+            return {first: self._ended(CheckRecord(check=first, outcome=Outcome.INFRA, decisive=TAKEN_AWAY))}
+        return {one.record.check: one for one in found}
+
+    def _judged(self, reply: CheckReply) -> Ended:
+        run = self.reading.run
+        record = check_record(reply, ending_of(self.reading), run.host.undrawable)
+        if reply.outcome is None:
+            before = sum(check.seconds for check in self.reading.reply.checks)
+            record = replace(record, seconds=round(run.end.seconds - before, 3))
+        drawn = dict.fromkeys(name for shown, name in self.reading.reply.frames if shown == reply.check)
+        return self._ended(record, self.reading.pictures(tuple(islice(drawn, MOST_FRAMES))))
+
+    def _ended(self, record: CheckRecord, frames: tuple[str, ...] = ()) -> Ended:
+        run = self.reading.run
+        decisive = record.decisive and normalise.normalise(record.decisive, {})
+        return Ended(
+            record=replace(record, decisive=decisive),
+            reading=self.reading.name,
+            folder=self.reading.folder,
+            measured=run.measured,
+            conditions=run.host.conditions,
+            attempts=2 if record.check in self.folded.overran | self.folded.shot else 1,
+            frames=frames,
+            peak_mb=run.end.peak_mb or None,
+        )
+
+    def _python(self) -> str:
+        """Return the version of the Python that ran; a build from a checkout calls itself 3.14.0+."""
+        return str(self.reading.reply.facts.get("python", "")).removesuffix("+")
+
+    def _not_tried(self, check: str) -> CheckRecord:
+        """Say why no package was tried: the probe ended before its first check, or another Python ran it.
+
+        A package may be at fault all the same, where Python does not even start with what is installed.
+        """
+        run, reply = self.reading.run, self.reading.reply
+        told = SHOT if run.end.shot else run.end.killed or "; ".join(reply.problems) or self.reading.last_words
+        decisive = f"the probe did not start: {told}"
+        if reply.checks:
+            decisive = f"the environment's Python is {self._python()}, not {run.host.python}"
+        if run.host.bare_start is None:
+            return CheckRecord(check=check, outcome=Outcome.INFRA, decisive=decisive)
+        if not run.host.stood:
+            return CheckRecord(check=check, outcome=Outcome.INFRA, decisive=TAKEN_AWAY)
+        return CheckRecord(check=check, outcome=Outcome.FAILED, decisive=run.host.bare_start)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return all that the run found besides how its checks ended."""
+        if REPEAT in self.reading.run.request.limits:
+            return ()
+        end, reply = self.reading.run.end, self.reading.reply
+        phase = phase_of(next(iter(self.reading.run.request.limits)))
+        found = [*reply.findings, *found_beside(reply, ending_of(self.reading))]
+        found = [replace(one, text=normalise.normalise(one.text, {})) for one in found]
+        return (*found, *beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase))
+
+    def _native(self, phase: Phase) -> list[Finding]:
+        lines = nativesays.errors(self.reading.printed)
+        return [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
+
+
+def beside(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding, ...]:
+    """Return the findings on what a run wrote into its environment, and on processes that it left behind."""
+    found = []
+    if written:
+        text = f"wrote into its own environment (kept from other runs): {', '.join(written[:MOST_WRITTEN])}"
+        found.append(Finding(check=f"{phase}.written", level=Level.WARNING, text=text))
+    if stray:
+        text = f"left {stray} process(es) behind at its end"
+        found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
+    return tuple(found)
+
+
+def _compared(reply: CheckReply) -> bool:
+    """Tell whether a check that follows another one compared the case with its specification."""
+    return reply.check in MISLEADING and reply.outcome is not None
+
+
+# --- the next run ----------------------------------------------------------------------------------------------
+
+
+def todo(asked: Asked, folded: Folded) -> Request | None:
+    """Return the run that is needed next; None where the phases of the case are known."""
+    if folded.again:
+        return folded.again
+    pending = _pending(asked, folded)
+    if pending:
+        batch = pending[:1] if asked.verify else pending
+        return _request(asked, {check: _seconds(asked, folded, check) for check in batch})
+    return (_confirmation(asked, folded) if asked.verify else None) or _comparison(asked, folded)
+
+
+def _request(asked: Asked, limits: Mapping[str, float], *, confirms: bool = False) -> Request:
+    return Request(case=asked.case, limits=dict(limits), confirms=confirms)
+
+
+def _seconds(asked: Asked, folded: Folded, check: str) -> float:
+    return asked.seconds(check) * (2 if check in folded.overran else 1)
+
+
+def _pending(asked: Asked, folded: Folded) -> list[str]:
+    known: dict[Phase, Outcome] = {}
+    for check, ended in folded.ended.items():
+        phase = phase_of(check)
+        told = [one.outcome for one in misleading.settled([ended.record])]
+        known[phase] = worst((*told, known.get(phase, Outcome.PASSED)))
+    return [check for check in asked.checks if check not in folded.ended and reachable(phase_of(check), known)]
+
+
+def _confirmation(asked: Asked, folded: Folded) -> Request | None:
+    """Ask for one more run of a failed check: one that also passes is flaky."""
+    for check, ended in folded.ended.items():
+        again = len(ended.passed_again) < RUNS_TO_CONFIRM - 1
+        if again and ended.record.outcome in FAILING and check in asked.checks:
+            return _request(asked, {check: 2 * _seconds(asked, folded, check)}, confirms=True)
+    return None
+
+
+def _comparison(asked: Asked, folded: Folded) -> Request | None:
+    """Ask for the same loop in a second process."""
+    loop = folded.ended.get(LOOP)
+    if loop is None or loop.record.outcome is not Outcome.PASSED or LOOP not in asked.checks:
+        return None
+    if REPEAT in folded.ended or REPEAT in folded.overran | folded.shot:
+        return None
+    return _request(asked, {REPEAT: 2 * asked.seconds(LOOP)})
+
+
+# --- what the runs come to -------------------------------------------------------------------------------------
+
+
+def phases(asked: Asked, folded: Folded, new: frozenset[str] = frozenset()) -> dict[Phase, PhaseRecord]:
+    """Return what each phase of a case came to; `new` are the runs that were not made before."""
+    return {
+        phase: _phase(phase, names, folded, new)
+        for phase, names in asked.wanted.items()
+        if names and names[0] in folded.ended
+    }
+
+
+def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[str]) -> PhaseRecord:
+    comparisons = [name for name in folded.ended if name in MISLEADING and phase_of(name) is phase]
+    ended = [folded.ended[name] for name in (*names, *comparisons) if name in folded.ended]
+    records = [one.confirmed() for one in ended]
+    counting = misleading.settled(records)
+    outcome = worst(record.outcome for record in counting)
+    pairs = list(zip(ended, records, strict=True))
+    deciding, line = next(
+        ((one, record) for one, record in pairs if record in counting and record.outcome is outcome), pairs[0]
+    )
+    return PhaseRecord(
+        phase=phase,
+        outcome=outcome,
+        seconds=round(sum(record.seconds for record in records), 3),
+        decisive=line.decisive if line in counting else None,
+        checks=tuple(map(_kept, records)),
+        findings=tuple({(one.check, one.text): one for one in _findings(phase, names, folded)}.values()),
+        frames=tuple(picture for one in ended for picture in one.frames),
+        evidence=deciding.folder,
+        attempts=max(RUNS_TO_CONFIRM if any(one.passed_again) else one.attempts for one in ended),
+        measured=max(one.measured for one in ended),
+        peak_mb=max((one.peak_mb for one in ended if one.peak_mb), default=None),
+        reused=not any(one.reading in new for one in ended),
+    )
+
+
+def _findings(phase: Phase, names: tuple[str, ...], folded: Folded) -> Iterable[Finding]:
+    """Yield the findings of a phase: of the runs that its checks, or checks in one process with them, ended in."""
+    counting = {one.reading for one in folded.ended.values()}
+    for reading, found in folded.findings.items():
+        if reading in counting:
+            yield from (one for one in found if one.check.partition(".")[0] == phase)
+    loop, repeat = folded.ended.get(LOOP), folded.ended.get(REPEAT)
+    if loop and repeat and LOOP in names and loop.record.outcome is Outcome.PASSED:
+        yield from _compare(loop.record, repeat.record)
+
+
+def _compare(loop: CheckRecord, repeat: CheckRecord) -> Iterable[Finding]:
+    """Yield the finding that the same seed gave another trajectory in a second process."""
+    first, second = loop.facts.get("trajectory"), repeat.facts.get("trajectory")
+    if repeat.outcome in FAILING:
+        text = f"the same loop in a second process: {repeat.decisive}"
+    elif repeat.outcome is Outcome.PASSED and first != second:
+        text = f"the same seed gives another trajectory in another process{_first_difference(first, second)}"
+    else:
+        return
+    yield Finding(check=ACROSS, level=Level.WARNING, text=text)
+
+
+def _kept(record: CheckRecord) -> CheckRecord:
+    """Return the record without the facts that only its evidence needs."""
+    if not BULKY & record.facts.keys():
+        return record
+    return replace(record, facts={name: fact for name, fact in record.facts.items() if name not in BULKY})
+
+
+def _first_difference(first: object, second: object) -> str:
+    if not isinstance(first, list) or not isinstance(second, list):
+        return ""
+    steps = [n for n, (one, other) in enumerate(zip(first, second, strict=False)) if one != other]
+    return f", from step {steps[0]} on" if steps else ""

@@ -1,0 +1,133 @@
+"""Run one probe and keep what it showed; nothing of it is judged, and no file that is kept names this machine."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from harness import bare_start, bytecode, frames, launch, normalise, process
+from harness.hostile_data import Unreadable
+from harness.model import Outcome
+from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
+from harness.probes.vault import Vault, kept
+from harness.store import now
+
+MOST_EVIDENCE, MOST_FRAMES = 64 << 20, 16
+"""Bytes of text, and frames, that are kept of one run."""
+
+FINE = frozenset({Outcome.PASSED, Outcome.SKIPPED})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Laboratory:
+    """Hold all that the probes of one cell share: where they run, and what is noted beside each run.
+
+    `site` makes the environment when one really has to run. `host` is what is known of the host before a run, `places`
+    maps folders of this machine to the names that evidence gives them. `program` tells the digest of the in-cell
+    program of a check.
+    """
+
+    vault: Vault
+    site: Callable[[], launch.Site]
+    host: Host
+    places: Mapping[str, str]
+    program: Callable[[str, str], str]
+
+    def measure(self, request: Request, key: str) -> str:
+        """Run a request, keep what it showed as an answer to a key, and return the run's name."""
+        assert request.case
+        site = self.site()
+        if request.recompiled:
+            bytecode.forget(site.pycache)
+        with launch.probe(site, request.case, request.limits) as ran:
+            clean = _Cleaner({**self.places, **ran.places})
+            texts = dict(_texts(ran, clean))
+            texts |= {name: content for name, content in _pictures(ran) if name not in texts}
+            end = end_of(ran.completed, clean.line, overran=ran.overran, full=ran.full, lost=ran.lost)
+            host = self._host(site, ran, clean)
+        run = ProbeRun(
+            request=request,
+            program={check: self.program(request.case.api, check) for check in request.limits},
+            end=end,
+            host=host,
+            files=kept(self.vault, texts),
+            measured=now(),
+        )
+        return self.vault.put(run, key)
+
+    def _host(self, site: launch.Site, ran: launch.Ran, clean: _Cleaner) -> Host:
+        """Look what only the host can tell: where a run was not plainly good, whether its environment still stands."""
+        done, reply = ran.completed, ran.reply
+        host = replace(self.host, shares_memory=done.sandbox != process.UNSEALED or launch.shared_memory_here())
+        ours = done.shot or done.killed or done.timed_out or done.out_of_memory or ran.full
+        bare = None if reply.facts or ours else bare_start.broken_by_packages(site)
+        if bare is None and reply.checks and all(check.outcome in FINE for check in reply.checks):
+            return host
+        return replace(host, stood=site.stands(), bare_start=clean.line(bare) if bare else None)
+
+
+def end_of(
+    done: process.Completed,
+    clean: Callable[[str], str],
+    *,
+    overran: float | None = None,
+    full: bool = False,
+    lost: str | None = None,
+) -> End:
+    """Return how a process ended, without this machine's paths."""
+    return End(
+        exit_code=done.exit_code,
+        signal=done.signal,
+        timed_out=done.timed_out,
+        overran=overran,
+        killed=clean(done.killed) if done.killed else None,
+        out_of_memory=done.out_of_memory,
+        full=full,
+        lost=clean(lost) if lost else None,
+        written=done.written,
+        stray=done.stray,
+        seconds=round(done.seconds, 4),
+        peak_mb=done.peak_mb,
+        starved=done.starved,
+        least_room_mb=done.least_room_mb,
+        sandbox=done.sandbox,
+    )
+
+
+class _Cleaner:
+    """Take this machine's folders, and what changes from run to run, out of a text."""
+
+    def __init__(self, places: Mapping[str, str]) -> None:
+        self._places = places
+        escaped = {json.dumps(path)[1:-1]: name for path, name in places.items()}
+        self._in_json = {**places, **escaped}
+
+    def line(self, text: str) -> str:
+        """Return a text without them."""
+        return normalise.normalise(text, self._places)
+
+    def file(self, name: str, text: str) -> str:
+        """Return the content of a file without them; in JSON letters beyond ASCII are written otherwise."""
+        return normalise.normalise(text, self._in_json if name.endswith(".jsonl") else self._places)
+
+
+def _texts(ran: launch.Ran, clean: _Cleaner) -> Iterator[tuple[str, bytes]]:
+    """Yield the texts of a run by name, the reply first, as many as are kept."""
+    left = MOST_EVIDENCE
+    for name, text in sorted(ran.texts(), key=lambda pair: pair[0] != REPLY):
+        content = clean.file(name, text[:left]).encode(errors="replace")
+        left = max(0, left - len(content))
+        yield name, content
+
+
+def _pictures(ran: launch.Ran) -> Iterator[tuple[str, bytes]]:
+    """Yield the frames of a run as small pictures."""
+    drawn = dict.fromkeys(name for _, name in ran.reply.frames)
+    for name in list(drawn)[:MOST_FRAMES]:
+        with suppress(Unreadable):
+            picture = frames.thumbnail(ran.left.head(name, frames.LARGEST + 1))
+            if picture:
+                yield f"{Path(name).stem}{PICTURE}", picture
