@@ -646,7 +646,10 @@ class CheckReply:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeReply:
-    """A whole reply, read as hostile data. `complete` is whether the last line was there."""
+    """A whole reply, read as hostile data. `complete` is whether the last line was there.
+
+    `during` names the check that ran, or had ended last, when each of the findings was made.
+    """
 
     checks: tuple[CheckReply, ...]
     findings: tuple[Finding, ...]
@@ -655,3 +658,4 @@ class ProbeReply:
     modules: tuple[str, ...]
     complete: bool
     problems: tuple[str, ...] = ()
+    during: tuple[str | None, ...] = ()

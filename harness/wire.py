@@ -197,6 +197,7 @@ def read_reply(lines: Iterable[bytes], files: Mapping[str, bytes] = MappingProxy
         checks=tuple(reading.checks.values()),
         findings=tuple(reading.findings),
         frames=tuple(reading.frames),
+        during=tuple(reading.during),
         facts=reading.facts,
         modules=reading.modules,
         complete=reading.complete,
@@ -276,6 +277,7 @@ class _Reading:
 
     checks: dict[str, CheckReply] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
+    during: list[str | None] = field(default_factory=list)
     frames: list[tuple[str, str]] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
     modules: tuple[str, ...] = ()
@@ -295,6 +297,7 @@ class _Reading:
             case _Check():
                 return self._check(record)
             case _Finding(check=check, level=level):
+                self.during.append(next(reversed(self.checks), None))
                 seen = record.observed.of(check)
                 self.findings.append(Finding(check=check, level=level, text=sentence(seen), observed=seen))
             case _Frame():

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
-from harness import misleading, nativesays, normalise
+from harness import misleading, nativesays, normalise, wire
 from harness.judging.check import (
     CUT_SHORT,
     SHOT,
@@ -96,13 +96,14 @@ class Ended:
 class Folded:
     """Hold all that the runs of a case showed so far.
 
-    `ended` has each check that came to an end, `findings` those of each run that counts, by the run's name. `overran`
+    `ended` has each check that came to an end, `findings` those of each run, by the run's name, each with the check
+    that it was made during, where it was one. `overran`
     and `shot` are checks that were tried once and are due again, or have been; `again` is the request that has to be
     repeated: `taken_away` and `recompiled` tell that this happened once, for an environment or byte code in pieces.
     """
 
     ended: Mapping[str, Ended] = field(default_factory=dict)
-    findings: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)
+    findings: Mapping[str, tuple[tuple[str | None, Finding], ...]] = field(default_factory=dict)
     overran: frozenset[str] = frozenset()
     shot: frozenset[str] = frozenset()
     again: Request | None = None
@@ -233,15 +234,16 @@ class _Told:
             return CheckRecord(check=check, outcome=Outcome.INFRA, decisive=TAKEN_AWAY)
         return CheckRecord(check=check, outcome=Outcome.FAILED, decisive=run.host.bare_start)
 
-    def findings(self) -> tuple[Finding, ...]:
-        """Return all that the run found besides how its checks ended."""
+    def findings(self) -> tuple[tuple[str | None, Finding], ...]:
+        """Return all that the run found besides how its checks ended, each with the check that it was made during."""
         if REPEAT in self.reading.run.request.limits:
             return ()
         end, reply = self.reading.run.end, self.reading.reply
         phase = phase_of(next(iter(self.reading.run.request.limits)))
-        found = [*reply.findings, *found_beside(reply, ending_of(self.reading))]
-        found = [replace(one, text=normalise.normalise(one.text, {})) for one in found]
-        return (*found, *beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase))
+        of_run = [*found_beside(reply, ending_of(self.reading))]
+        of_run += [*beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
+        found = [*zip(map(_leader, reply.during), reply.findings, strict=True), *((None, one) for one in of_run)]
+        return tuple((during, replace(one, text=normalise.normalise(one.text, {}))) for during, one in found)
 
     def _native(self, phase: Phase) -> list[Finding]:
         lines = nativesays.errors(self.reading.printed)
@@ -258,6 +260,11 @@ def beside(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding,
         text = f"left {stray} process(es) behind at its end"
         found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
     return tuple(found)
+
+
+def _leader(check: str | None) -> str | None:
+    """Return the check that another one follows, else itself."""
+    return next((leader for leader, led in wire.FOLLOWERS.items() if check in led), check)
 
 
 def _compared(reply: CheckReply) -> bool:
@@ -354,11 +361,13 @@ def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[
 
 
 def _findings(phase: Phase, names: tuple[str, ...], folded: Folded) -> Iterable[Finding]:
-    """Yield the findings of a phase: of the runs that its checks, or checks in one process with them, ended in."""
-    counting = {one.reading for one in folded.ended.values()}
-    for reading, found in folded.findings.items():
-        if reading in counting:
-            yield from (one for one in found if one.check.partition(".")[0] == phase)
+    """Yield the findings of a phase: those made during checks that ended in the same run, and those on that run."""
+    counting: dict[str, set[str | None]] = {}
+    for check, ended in folded.ended.items():
+        counting.setdefault(ended.reading, {None}).add(check)
+    for reading, made in folded.findings.items():
+        found = (one for during, one in made if during in counting.get(reading, ()))
+        yield from (one for one in found if one.check.partition(".")[0] == phase)
     loop, repeat = folded.ended.get(LOOP), folded.ended.get(REPEAT)
     if loop and repeat and LOOP in names and loop.record.outcome is Outcome.PASSED:
         yield from _compare(loop.record, repeat.record)

@@ -1,0 +1,112 @@
+"""Probe runs as they are stored, made for tests out of the real types: a reply in its lines, an end, a host."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from hashlib import sha256
+from typing import Any
+
+import msgspec
+
+from harness import wire
+from harness.judging.case import Asked
+from harness.judging.check import phase_of
+from harness.model import CASE_PHASES, Case
+from harness.probes.evidence import LOG, REPLY, End, Host, ProbeRun, Reading, Request
+
+PYTHON = "3.11.7"
+PASSED, FAILED, SKIPPED, DIED = "passed", "failed", "skipped", None
+GOOD = End(exit_code=0, seconds=3.0)
+HERE = Host(python=PYTHON, conditions="here")
+PROGRAM = "of-today"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """A check of a reply: how it ended, if it did, and what it found on the way."""
+
+    name: str
+    outcome: str | None = PASSED
+    message: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    findings: tuple[str, ...] = ()
+    blame: str = "library"
+
+    def records(self) -> Iterable[dict[str, Any]]:
+        """Yield its records as the cell writes them."""
+        yield {"kind": "start", "check": self.name}
+        for text in self.findings:
+            yield {"kind": "finding", "check": f"{self.name.partition('.')[0]}.odd", "level": "warning", "text": text}
+        if self.outcome is DIED:
+            return
+        raised = {"type": "RuntimeError", "message": self.message, "traceback": "", "blame": self.blame}
+        yield {
+            "kind": "check",
+            "check": self.name,
+            "outcome": self.outcome,
+            "seconds": 1.0,
+            "raised": raised if self.outcome == FAILED else None,
+            "reason": self.message if self.outcome == SKIPPED else None,
+            "workers": [],
+            "facts": dict(self.facts),
+        }
+
+
+def followers(check: Check) -> tuple[Check, ...]:
+    """Return the checks that follow one that passed."""
+    return passed(*wire.FOLLOWERS.get(check.name, ())) if check.outcome == PASSED else ()
+
+
+def passed(*names: str) -> tuple[Check, ...]:
+    """Return checks that passed."""
+    return tuple(Check(name=name) for name in names)
+
+
+def lines(checks: Iterable[Check], *, python: str = PYTHON, last: bool = True) -> bytes:
+    """Return the reply of a probe that came to these checks; `last` is whether its last line is there."""
+    hello = {"kind": "hello", "python": python, "implementation": "CPython", "executable": "$ENV/bin/python"}
+    end = [{"kind": "end", "modules": [], "versions": {}}] if last else []
+    records = [hello, *(record for check in checks for record in check.records()), *end]
+    numbered = (dict(record, seq=number, pid=4) for number, record in enumerate(records))
+    return b"".join(json.dumps(record).encode() + b"\n" for record in numbered)
+
+
+def reading(
+    request: Request,
+    checks: Iterable[Check] = (),
+    *,
+    end: End = GOOD,
+    host: Host = HERE,
+    texts: Mapping[str, bytes] | None = None,
+    program: Mapping[str, str] | None = None,
+) -> Reading:
+    """Return what came of a request: a process that came to these checks, and ended so."""
+    told = tuple(one for check in checks for one in (check, *followers(check)))
+    dead = not told or told[-1].outcome is DIED
+    written = {REPLY: lines(told, last=not dead)} if told else {}
+    written = {**written, LOG: b"", **(texts or {})}
+    known = program if program is not None else dict.fromkeys(request.limits, PROGRAM)
+    files = {name: sha256(content).hexdigest() for name, content in written.items()}
+    instant = "2026-11-23T12:00:00Z"
+    run = ProbeRun(request=request, program=known, end=end, host=host, files=files, measured=instant)
+    return Reading(sha256(msgspec.json.encode(run)).hexdigest(), run, written)
+
+
+CASE = Case(
+    id="ant",
+    env="Ant-v5",
+    api="gymnasium",
+    checks=("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array"),
+    timeouts={},
+)
+
+
+def asked(case: Case = CASE, *, verify: bool = False, program: Mapping[str, str] | None = None) -> Asked:
+    """Return that all of a case is wanted, by the in-cell program of today unless another is named for a check."""
+    wanted = {phase: tuple(one for one in case.checks if phase_of(one) is phase) for phase in CASE_PHASES}
+    known = {**dict.fromkeys((*case.checks, "single.repeat"), PROGRAM), **(program or {})}
+    return Asked(
+        case=case, wanted={phase: names for phase, names in wanted.items() if names}, program=known, verify=verify
+    )

@@ -1,0 +1,331 @@
+"""Stored probe runs of a case become its phases; a run is asked for again where judging needs one, and only there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+import readings
+from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, asked, passed, reading
+
+from harness import normalise
+from harness.judging import check as judging_check
+from harness.judging.case import Asked, Folded, after, fold, phases, todo
+from harness.judging.check import SHOT, TAKEN_AWAY
+from harness.model import Outcome, Phase, PhaseRecord
+from harness.probes.evidence import End, Host, Reading, Request
+
+ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array")
+KILLED = End(signal=9, seconds=2.0)
+CRASH = End(signal=11, seconds=2.0)
+OVERRAN = End(signal=9, killed="limit of 120 s", overran=120.0, seconds=121.0)
+WHOLE = Request(case=CASE, limits=dict.fromkeys(ALL, 120.0))
+AGAIN = Request(case=CASE, limits={"single.repeat": 240.0})
+COMPARED = reading(AGAIN, passed("single.repeat"))
+
+
+def first(wanted: Asked) -> Request:
+    """The first request of a case of which nothing is known."""
+    request = todo(wanted, Folded())
+    assert request
+    return request
+
+
+def asks(wanted: Asked, *runs: Reading) -> list[str]:
+    """The checks of the request that comes after these runs; none where nothing is left to be asked."""
+    request = todo(wanted, fold(wanted, runs))
+    return list(request.limits) if request else []
+
+
+def came_to(wanted: Asked, *runs: Reading) -> dict[Phase, PhaseRecord]:
+    """The phases of a case after these runs."""
+    return phases(wanted, fold(wanted, runs))
+
+
+def outcomes(found: Mapping[Phase, PhaseRecord]) -> dict[str, str]:
+    """The outcome of each phase."""
+    return {str(phase): str(record.outcome) for phase, record in found.items()}
+
+
+# --- one run after the other ----------------------------------------------------------------------------------------
+
+
+def test_all_checks_are_asked_of_one_process() -> None:
+    """Imports are the cost."""
+    assert list(first(asked()).limits) == list(ALL)
+
+
+def test_a_case_that_passes_is_compared_with_a_second_process_and_done() -> None:
+    """The same seed, another process, twice the time."""
+    whole = reading(WHOLE, passed(*ALL))
+
+    assert todo(asked(), fold(asked(), [whole])) == AGAIN
+    assert asks(asked(), whole, COMPARED) == []
+    assert set(outcomes(came_to(asked(), whole, COMPARED)).values()) == {"passed"}
+
+
+@pytest.mark.parametrize(
+    ("second", "text"),
+    [
+        (["a", "b"], None),
+        (["a", "c"], "the same seed gives another trajectory in another process, from step 1 on"),
+        ([], "the same seed gives another trajectory in another process"),
+    ],
+)
+def test_another_trajectory_is_a_finding(second: list[str], text: str | None) -> None:
+    """From the first step on that differs."""
+    loop = [Check(name="single.loop", facts={"trajectory": ["a", "b"]})]
+    whole = reading(WHOLE, [*passed("import.modules"), *loop, *passed(*ALL[2:])])
+    other = reading(AGAIN, [Check(name="single.repeat", facts={"trajectory": second})])
+
+    found = came_to(asked(), whole, other)[Phase.SINGLE].findings
+    assert [one.text for one in found] == ([text] if text else [])
+
+
+def test_after_a_death_the_rest_goes_on_in_a_fresh_process() -> None:
+    """A crash ends the check that was running; those that need it are not asked for."""
+    died = reading(WHOLE, [*passed(*ALL[:2]), Check(name="vector.sync", outcome=DIED)], end=CRASH)
+
+    assert asks(asked(), died) == ["vector.async.fork", "render.rgb_array"]
+    dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
+    assert asks(asked(), dead) == []
+    assert outcomes(came_to(asked(), dead)) == {"import": "passed", "single": "crashed"}
+    assert came_to(asked(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
+
+
+def test_a_limit_that_ran_out_is_doubled_once() -> None:
+    """The second time it is the outcome."""
+    slow = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=OVERRAN)
+    again = todo(asked(), fold(asked(), [slow]))
+
+    assert again
+    assert again.limits["single.loop"] == 240.0
+    second = reading(again, [Check(name="single.loop", outcome=DIED)], end=replace(OVERRAN, overran=240.0))
+    found = came_to(asked(), slow, second)[Phase.SINGLE]
+    assert (found.outcome, found.decisive, found.attempts) == (Outcome.TIMED_OUT, "no end within 240 s", 2)
+
+
+@pytest.mark.parametrize("checks", [(), (*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED))])
+def test_a_process_that_somebody_killed_is_tried_once_more(checks: tuple[Check, ...]) -> None:
+    """The second time it is a trouble of this machine, and no package is blamed."""
+    killed = reading(WHOLE, checks, end=KILLED)
+    again = todo(asked(), fold(asked(), [killed]))
+
+    assert again
+    second = reading(again, [Check(name=next(iter(again.limits)), outcome=DIED)], end=KILLED)
+    found = list(came_to(asked(), killed, second).values())[-1]
+    assert (found.outcome, found.decisive, found.attempts) == (Outcome.INFRA, SHOT, 2)
+
+
+def test_an_environment_in_pieces_is_met_twice_before_it_is_told() -> None:
+    """The first time the same is asked once more."""
+    failed = [*passed(*ALL[:1]), Check(name="single.loop", outcome=FAILED, message="no file")]
+    broken = reading(WHOLE, failed, host=replace(HERE, stood=False))
+
+    assert todo(asked(), fold(asked(), [broken])) == WHOLE
+    found = came_to(asked(), broken, broken)[Phase.IMPORT]
+    assert (found.outcome, found.decisive) == (Outcome.INFRA, TAKEN_AWAY)
+
+
+def test_byte_code_in_pieces_is_made_anew() -> None:
+    """Python keeps what it could write of it where a disk was full."""
+    check = Check(name="import.modules", outcome=FAILED, message="EOFError: marshal data too short")
+    cut = reading(WHOLE, [check])
+
+    assert todo(asked(), fold(asked(), [cut])) == replace(WHOLE, recompiled=True)
+    whole = reading(replace(WHOLE, recompiled=True), passed(*ALL))
+    assert set(outcomes(came_to(asked(), cut, whole)).values()) == {"passed"}
+
+
+def test_a_probe_that_did_not_start() -> None:
+    """No package was tried; where Python alone does not start with what is installed, one is at fault."""
+    printed = {"log.txt": b"Fatal Python error: no module named encodings\n"}
+    silent = reading(WHOLE, texts=printed, end=End(exit_code=1))
+    found = came_to(asked(), silent)[Phase.IMPORT]
+    assert found.outcome is Outcome.INFRA
+    assert found.decisive == "the probe did not start: Fatal Python error: no module named encodings"
+
+    why = "Python does not start with what is installed: ValueError: bad .pth"
+    blamed = reading(WHOLE, end=End(exit_code=1), host=replace(HERE, bare_start=why))
+    found = came_to(asked(), blamed)[Phase.IMPORT]
+    assert (found.outcome, found.decisive) == (Outcome.FAILED, why)
+
+
+def test_another_python_tries_nothing() -> None:
+    """An environment whose interpreter was replaced says nothing of the packages."""
+    other = reading(WHOLE, passed(*ALL), host=replace(HERE, python="3.12.1"))
+
+    found = came_to(asked(), other)[Phase.IMPORT]
+    assert (found.outcome, found.decisive) == (
+        Outcome.INFRA,
+        f"the environment's Python is {PYTHON}, not 3.12.1",
+    )
+
+
+# --- confirmation ---------------------------------------------------------------------------------------------------
+
+
+def verified(*ended: str) -> tuple[list[Reading], Asked]:
+    """Runs of `--verify` in which the loop ended so, one after the other, and what was asked."""
+    wanted, made = asked(replace(CASE, checks=ALL[:2]), verify=True), []
+    folded = Folded()
+    outcomes = iter((PASSED, *ended))
+    while request := todo(wanted, folded):
+        (name,) = request.limits
+        made.append(reading(request, [Check(name=name, outcome=next(outcomes, PASSED), message="boom")]))
+        folded = after(wanted, folded, made[-1])
+    return made, wanted
+
+
+def test_each_check_has_a_process_of_its_own() -> None:
+    """And the loop a second one to be compared with."""
+    made, _ = verified()
+
+    assert [list(one.run.request.limits) for one in made] == [["import.modules"], ["single.loop"], ["single.repeat"]]
+
+
+@pytest.mark.parametrize(
+    ("ended", "outcome", "decisive"),
+    [
+        ((FAILED, FAILED, FAILED), Outcome.FAILED, "RuntimeError: boom"),
+        ((FAILED, PASSED, FAILED), Outcome.FLAKY, "passed 1 of 3 runs; else: RuntimeError: boom"),
+    ],
+)
+def test_a_failure_is_confirmed(ended: tuple[str, ...], outcome: Outcome, decisive: str) -> None:
+    """One that also passes is flaky."""
+    made, wanted = verified(*ended)
+
+    found = came_to(wanted, *made)[Phase.SINGLE]
+    assert (found.outcome, found.decisive) == (outcome, decisive)
+    assert [one.run.request.confirms for one in made] == [False, False, True, True]
+
+
+def test_runs_that_confirmed_are_no_less_without_that() -> None:
+    """What `--verify` has measured is not measured again without it; the other way round it is."""
+    made, _ = verified(FAILED, FAILED, FAILED)
+    plain = asked(replace(CASE, checks=ALL[:2]))
+
+    assert asks(plain, *made) == []
+    whole = reading(first(plain), [*passed(*ALL[:1]), Check(name="single.loop", outcome=FAILED)])
+    assert asks(asked(replace(CASE, checks=ALL[:2]), verify=True), whole) == ["import.modules"]
+
+
+# --- what is taken over ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("check", [one for one in ALL if one != "single.loop"])
+def test_a_changed_check_measures_that_check_alone(check: str) -> None:
+    """All others are known from the run that showed them."""
+    whole = reading(WHOLE, passed(*ALL))
+
+    assert asks(asked(program={check: "changed"}), whole, COMPARED) == [check]
+
+
+def test_findings_of_a_changed_check_go_with_it() -> None:
+    """Those of the others stay, though all were made in one process."""
+    loop = Check(name="single.loop", findings=("odd loop",))
+    sync = Check(name="vector.sync", findings=("odd workers",))
+    whole = reading(WHOLE, [*passed("import.modules"), loop, sync, *passed(*ALL[3:])])
+    changed = asked(program={"vector.sync": "changed"})
+    request = todo(changed, fold(changed, [whole]))
+    assert request
+    new = reading(request, passed("vector.sync"), program={"vector.sync": "changed"})
+
+    found = came_to(changed, whole, new, COMPARED)
+    assert [one.text for record in found.values() for one in record.findings] == ["odd loop"]
+
+
+def test_a_later_run_counts() -> None:
+    """Evidence is only added; a check ends with the last run that showed it."""
+    failed = reading(WHOLE, [*passed(*ALL[:4]), Check(name="render.rgb_array", outcome=FAILED, message="no EGL")])
+    again = reading(Request(case=CASE, limits={"render.rgb_array": 120.0}), passed("render.rgb_array"))
+
+    assert outcomes(came_to(asked(), failed, again))["render"] == "passed"
+
+
+TROUBLE = End(exit_code=1, full=True)
+
+
+@pytest.mark.parametrize(
+    ("end", "host", "again", "reused"),
+    [
+        (GOOD, HERE, False, True),
+        (GOOD, replace(HERE, conditions="elsewhere"), False, False),
+        (GOOD, replace(HERE, conditions=None), False, True),
+        (GOOD, HERE, True, False),
+        (TROUBLE, HERE, False, False),
+    ],
+)
+def test_a_failure_is_reused_where_it_says_something(end: End, host: Host, again: bool, reused: bool) -> None:
+    """Not under other conditions of the system, not where that is asked, and never after a trouble of this machine."""
+    failed = reading(WHOLE, [Check(name="import.modules", outcome=FAILED, message="no")], end=end, host=host)
+
+    known = fold(asked(), [failed]).reusable("here", failed_too=not again)
+    assert bool(known.ended) is reused
+
+
+def test_better_judging_asks_again_for_what_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that is seen to be the machine's fault now was a failure before: it alone is measured again."""
+    line = "RuntimeError: the moon is full"
+    failed = reading(
+        WHOLE, [*passed(*ALL[:4]), Check(name="render.rgb_array", outcome=FAILED, message="the moon is full")]
+    )
+    runs = [failed, COMPARED]
+    assert came_to(asked(), *runs)[Phase.RENDER].decisive == line
+    assert asks_after_reuse(runs) == []
+
+    monkeypatch.setattr(judging_check, "MACHINE_TROUBLE", judging_check.re.compile("the moon is full"))
+    assert came_to(asked(), *runs)[Phase.RENDER].outcome is Outcome.INFRA
+    assert asks_after_reuse(runs) == ["render.rgb_array"]
+
+
+def asks_after_reuse(runs: list[Reading]) -> list[str]:
+    """The checks that a later run of the program asks for."""
+    request = todo(asked(), fold(asked(), runs).reusable("here", failed_too=True))
+    return list(request.limits) if request else []
+
+
+def test_a_crash_is_judged_anew_without_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its signal is stored, not what was made of it."""
+    dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
+    assert came_to(asked(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
+
+    monkeypatch.setattr(normalise, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+    assert came_to(asked(), dead)[Phase.SINGLE].decisive == "signal 11, read better"
+
+
+# --- findings -------------------------------------------------------------------------------------------------------
+
+
+def test_what_a_run_wrote_and_left_is_found() -> None:
+    """Under the phase of its first check."""
+    end = replace(GOOD, written=("a.so", "b.so"), stray=2)
+    texts = {"log.txt": b"[Error] [carb.gym.plugin] no\n"}
+    found = came_to(asked(), reading(WHOLE, passed(*ALL), end=end, texts=texts))[Phase.IMPORT].findings
+
+    assert [(one.check, one.text) for one in found] == [
+        ("import.written", "wrote into its own environment (kept from other runs): a.so, b.so"),
+        ("import.stray", "left 2 process(es) behind at its end"),
+        ("import.native", "[Error] [carb.gym.plugin] no"),
+    ]
+
+
+def test_findings_go_with_the_run_that_counts() -> None:
+    """What an attempt said that was repeated is not told."""
+    slow = Check(name="single.loop", outcome=DIED, findings=("slow",))
+    first_try = reading(WHOLE, [*passed(*ALL[:1]), slow], end=OVERRAN)
+    request = todo(asked(), fold(asked(), [first_try]))
+    assert request
+    second = reading(request, [Check(name="single.loop", findings=("fine",)), *passed(*ALL[2:])])
+
+    told = {one.text for one in came_to(asked(), first_try, second)[Phase.SINGLE].findings}
+    assert told == {"fine"}
+
+
+def test_nothing_of_a_check_is_believed_of_another_program() -> None:
+    """A run of which every check is outdated is as good as none."""
+    old = reading(WHOLE, passed(*ALL), program=dict.fromkeys(ALL, "older"))
+
+    assert fold(asked(), [old]) == Folded()
+    assert readings.PROGRAM not in old.run.program.values()
