@@ -16,9 +16,11 @@ from harness.judging import case as judging
 from harness.judging.case import MEASURED_AGAIN, Asked, Folded, Wanted, after, fold, phases, todo
 from harness.judging.check import phase_of
 from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRecord, Step
+from harness.probes import program
 from harness.probes.evidence import Request
 from harness.probes.measure import Laboratory
 from harness.store import digest
+from harness.wire import followers_of
 
 JUDGING = "harness.judging.case"
 
@@ -45,14 +47,10 @@ class Context:
     def asked(self, case: Case) -> Asked:
         """Return what is wanted of a case."""
         wanted = _wanted(case, self.until)
-        program = self.laboratory.program
-        checks = [*(check for names in wanted.values() for check in names), judging.REPEAT]
-        return Asked(
-            case=case,
-            wanted=wanted,
-            program={check: program(case.api, check) for check in checks},
-            verify=self.verify,
-        )
+        checks = [check for names in wanted.values() for check in names]
+        names = (*checks, *followers_of(checks), judging.REPEAT)
+        known = {name: program.digest(case.api, name) for name in names}
+        return Asked(case=case, wanted=wanted, program=known, verify=self.verify)
 
 
 def run_case(context: Context, case: Case) -> CaseRecord:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -113,23 +113,31 @@ def shared_memory_here() -> bool:
 
 
 @contextmanager
-def probe(site: Site, case: Case, limits: Mapping[str, float]) -> Iterator[Ran]:
+def probe(site: Site, case: Case, limits: Mapping[str, float], followers: Iterable[str] | None = None) -> Iterator[Ran]:
     """Run the checks named in `limits` (in their order, each with its seconds) in one process of the cell.
+
+    `followers` are those that are to follow them where they pass; all of them where none are named.
 
     HOME and the reply are below a folder that goes with the block; its path is short, as sockets below it need.
     """
     with scratch_folder() as scratch:
         (scratch / "reply").mkdir()
         with Folder(scratch) as beside, Folder(scratch / "reply") as left:
-            yield _run(site, case, limits, scratch, beside, left)
+            led = tuple(wire.followers_of(limits) if followers is None else followers)
+            yield _run(site, _request(case, limits, led, scratch / "reply"), scratch, beside, left)
 
 
-def _run(site: Site, case: Case, limits: Mapping[str, float], scratch: Path, beside: Folder, left: Folder) -> Ran:
-    home, replies = scratch / "home", scratch / "reply"
+def _request(case: Case, limits: Mapping[str, float], followers: tuple[str, ...], replies: Path) -> ProbeRequest:
+    """Return what the cell is asked; a check that follows another one may take as long."""
+    led = {check: tuple(one for one in wire.FOLLOWERS.get(check, ()) if one in followers) for check in limits}
+    allowed = {**limits, **{name: limits[check] for check, names in led.items() for name in names}}
+    return ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed, followers=led)
+
+
+def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left: Folder) -> Ran:
+    home, replies, case, allowed = scratch / "home", scratch / "reply", request.case, request.limits
     furnish(site, home)
-    allowed = {**limits, **{name: limits[led] for led in limits for name in wire.FOLLOWERS.get(led, ())}}
     folder, sealed = entered(site, scratch)
-    request = ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed)
     (scratch / "request.json").write_text(wire.request_to_json(request))
     with site.code(folder, case.api, case.imports, case.providers, case.beside) as code:
         command = process.Command(

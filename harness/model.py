@@ -591,12 +591,14 @@ class ProbeRequest:
     """What one in-cell process is asked to do: some checks of one case.
 
     `folder` is where the reply (`reply.jsonl`), worker files and arrays go; `limits` maps a check to its seconds.
+    `followers` maps a check to those that follow it in the same process where it passes.
     """
 
     case: Case
     checks: tuple[str, ...]
     folder: str
     limits: Mapping[str, float]
+    followers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     num_envs: int = 2
     vector_steps: int = 20
 

@@ -78,8 +78,17 @@ Text = Annotated[str, Meta(max_length=100_000)]
 
 def request_to_json(request: ProbeRequest) -> str:
     """Return the request as the cell reads it, with the checks that follow those asked for."""
-    followers = {check: FOLLOWERS[check] for check in request.checks if check in FOLLOWERS}
-    return json.dumps({**msgspec.to_builtins(request, str_keys=True), "followers": followers}, indent=1)
+    return json.dumps(msgspec.to_builtins(request, str_keys=True), indent=1)
+
+
+def followers_of(checks: Iterable[str]) -> tuple[str, ...]:
+    """Return the checks that follow these where they pass."""
+    return tuple(led for check in checks for led in FOLLOWERS.get(check, ()))
+
+
+def leader_of(check: str) -> str:
+    """Return the check that another one follows, else itself."""
+    return next((leader for leader, led in FOLLOWERS.items() if check in led), check)
 
 
 # --- the records -----------------------------------------------------------------------------------------------

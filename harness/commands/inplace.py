@@ -150,7 +150,6 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
             site=lambda: site,
             host=Host(python=python["version"], undrawable=machine.undrawable(os.environ)),
             places={},
-            program=launch.program,
         ),
         identity=("doctor", str(prefix)),
         until=until,

@@ -96,13 +96,16 @@ class Ended:
 class Folded:
     """Hold all that the runs of a case showed so far.
 
-    `ended` has each check that came to an end, `findings` those of each run, by the run's name, each with the check
-    that it was made during, where it was one. `overran`
-    and `shot` are checks that were tried once and are due again, or have been; `again` is the request that has to be
-    repeated: `taken_away` and `recompiled` tell that this happened once, for an environment or byte code in pieces.
+    `ended` has each check that came to an end, `followed` names the run in which each check that follows another was
+    looked at (`missed` are those that were not, as the other one did not pass this time), `findings` has those of each
+    run, each with the check that it was made during, where it was one. `overran` and `shot` are checks that were tried
+    once and are due again, or have been; `again` is the request that has to be repeated: `taken_away` and `recompiled`
+    tell that this happened once, for an environment or byte code in pieces.
     """
 
     ended: Mapping[str, Ended] = field(default_factory=dict)
+    followed: Mapping[str, str] = field(default_factory=dict)
+    missed: frozenset[str] = frozenset()
     findings: Mapping[str, tuple[tuple[str | None, Finding], ...]] = field(default_factory=dict)
     overran: frozenset[str] = frozenset()
     shot: frozenset[str] = frozenset()
@@ -120,7 +123,9 @@ class Folded:
             return outcome not in MEASURED_AGAIN
 
         ended = {check: one for check, one in self.ended.items() if holds(one)}
-        return Folded(ended=ended, findings=self.findings)
+        gone = (self.ended.keys() - ended.keys()) | self.missed
+        followed = {check: run for check, run in self.followed.items() if not {check, wire.leader_of(check)} & gone}
+        return Folded(ended=ended, followed=followed, findings=self.findings)
 
 
 def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None) -> Folded:
@@ -134,8 +139,8 @@ def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None
 def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
     """Take one more run into what is known."""
     request, told = reading.run.request, _Told(asked, folded, reading)
-    limits = {check for check in request.limits if reading.run.program.get(check) == asked.program.get(check)}
-    if not limits or (asked.verify and len(request.limits) > 1):
+    current = {check for check, digest in reading.run.program.items() if digest == asked.program.get(check)}
+    if not current or (asked.verify and len(request.limits) > 1):
         return folded
     folded = replace(folded, again=None)
     replies = [reply for reply in reading.reply.checks if reply.check in request.limits or _compared(reply)]
@@ -149,12 +154,18 @@ def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
         return replace(folded, again=replace(request, recompiled=True), recompiled=True)
     if request.confirms:
         return replace(folded, ended={**folded.ended, **_confirmed(folded, request, ended)})
-    ended = {check: one for check, one in ended.items() if check not in request.limits or check in limits}
+    counting = current - request.limits.keys() if request.leads else current
+    followers = [check for check in request.followers if check in counting]
+    missed = {check for check in followers if not _passed(ended.get(wire.leader_of(check)))}
+    followed = dict.fromkeys(followers if request.leads else set(followers) - missed, reading.name)
+    ended = {check: one for check, one in ended.items() if check in counting}
     overran = {check for check, one in ended.items() if one.record.outcome is Outcome.TIMED_OUT} - folded.overran
     killed = {check for check, one in ended.items() if shot(one.record)} - folded.shot
     return replace(
         folded,
         ended={**folded.ended, **{name: one for name, one in ended.items() if name not in overran | killed}},
+        followed={**folded.followed, **followed},
+        missed=(folded.missed - followed.keys()) | (missed & followed.keys()),
         findings={**folded.findings, reading.name: told.findings()},
         overran=folded.overran | overran,
         shot=folded.shot | killed,
@@ -240,9 +251,11 @@ class _Told:
             return ()
         end, reply = self.reading.run.end, self.reading.reply
         phase = phase_of(next(iter(self.reading.run.request.limits)))
-        of_run = [*found_beside(reply, ending_of(self.reading))]
+        followers = self.reading.run.request.followers
+        of_run = [*found_beside(reply, ending_of(self.reading), followers)]
         of_run += [*beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
-        found = [*zip(map(_leader, reply.during), reply.findings, strict=True), *((None, one) for one in of_run)]
+        found = [*zip(reply.during, reply.findings, strict=True)]
+        found += [(one.check if one.check in followers else None, one) for one in of_run]
         return tuple((during, replace(one, text=normalise.normalise(one.text, {}))) for during, one in found)
 
     def _native(self, phase: Phase) -> list[Finding]:
@@ -262,9 +275,8 @@ def beside(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding,
     return tuple(found)
 
 
-def _leader(check: str | None) -> str | None:
-    """Return the check that another one follows, else itself."""
-    return next((leader for leader, led in wire.FOLLOWERS.items() if check in led), check)
+def _passed(ended: Ended | None) -> bool:
+    return ended is not None and ended.record.outcome is Outcome.PASSED
 
 
 def _compared(reply: CheckReply) -> bool:
@@ -282,12 +294,10 @@ def todo(asked: Asked, folded: Folded) -> Request | None:
     pending = _pending(asked, folded)
     if pending:
         batch = pending[:1] if asked.verify else pending
-        return _request(asked, {check: _seconds(asked, folded, check) for check in batch})
-    return (_confirmation(asked, folded) if asked.verify else None) or _comparison(asked, folded)
-
-
-def _request(asked: Asked, limits: Mapping[str, float], *, confirms: bool = False) -> Request:
-    return Request(case=asked.case, limits=dict(limits), confirms=confirms)
+        limits = {check: _seconds(asked, folded, check) for check in batch}
+        return Request(case=asked.case, limits=limits, followers=wire.followers_of(limits))
+    confirmation = _confirmation(asked, folded) if asked.verify else None
+    return confirmation or _following(asked, folded) or _comparison(asked, folded)
 
 
 def _seconds(asked: Asked, folded: Folded, check: str) -> float:
@@ -308,7 +318,18 @@ def _confirmation(asked: Asked, folded: Folded) -> Request | None:
     for check, ended in folded.ended.items():
         again = len(ended.passed_again) < RUNS_TO_CONFIRM - 1
         if again and ended.record.outcome in FAILING and check in asked.checks:
-            return _request(asked, {check: 2 * _seconds(asked, folded, check)}, confirms=True)
+            return Request(case=asked.case, limits={check: 2 * _seconds(asked, folded, check)}, confirms=True)
+    return None
+
+
+def _following(asked: Asked, folded: Folded) -> Request | None:
+    """Ask for checks that are to follow another one, where that was run without them, or with others of their name."""
+    for check in asked.checks:
+        ended = folded.ended.get(check)
+        left = tuple(one for one in wire.followers_of([check]) if one not in folded.followed)
+        if left and _passed(ended):
+            limits = {check: _seconds(asked, folded, check)}
+            return Request(case=asked.case, limits=limits, followers=left, leads=True)
     return None
 
 
@@ -319,7 +340,7 @@ def _comparison(asked: Asked, folded: Folded) -> Request | None:
         return None
     if REPEAT in folded.ended or REPEAT in folded.overran | folded.shot:
         return None
-    return _request(asked, {REPEAT: 2 * asked.seconds(LOOP)})
+    return Request(case=asked.case, limits={REPEAT: 2 * asked.seconds(LOOP)})
 
 
 # --- what the runs come to -------------------------------------------------------------------------------------
@@ -363,8 +384,8 @@ def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[
 def _findings(phase: Phase, names: tuple[str, ...], folded: Folded) -> Iterable[Finding]:
     """Yield the findings of a phase: those made during checks that ended in the same run, and those on that run."""
     counting: dict[str, set[str | None]] = {}
-    for check, ended in folded.ended.items():
-        counting.setdefault(ended.reading, {None}).add(check)
+    for check, run in [*((check, ended.reading) for check, ended in folded.ended.items()), *folded.followed.items()]:
+        counting.setdefault(run, {None}).add(check)
     for reading, made in folded.findings.items():
         found = (one for during, one in made if during in counting.get(reading, ()))
         yield from (one for one in found if one.check.partition(".")[0] == phase)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -140,20 +140,21 @@ def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str
     )
 
 
-def found_beside(reply: ProbeReply, ending: Ending) -> Iterator[Finding]:
-    """Yield what the end of a probe says besides its checks: of those that nobody asked for, and of Python's own end.
+def found_beside(reply: ProbeReply, ending: Ending, followers: Iterable[str]) -> Iterator[Finding]:
+    """Yield what the end of a probe says besides its checks: of those that follow others, and of Python's own end.
 
     A misleading check that was not reached is no finding: what it would refute stays unverified.
     """
     known = {check.check: check for check in reply.checks}
-    for leader, names in wire.FOLLOWERS.items():
-        led = leader in known and known[leader].outcome is Outcome.PASSED
-        for name in names if led else ():
-            if name not in known and name not in MISLEADING:
-                yield Finding(check=name, level=Level.WARNING, text="not looked at: the process ended before")
-            elif name in known and known[name].outcome is None:
-                _, decisive, _ = _died(known[name], ending)
-                yield Finding(check=name, level=Level.WARNING, text=f"{decisive}")
+    for name in followers:
+        leader = known.get(wire.leader_of(name))
+        if leader is None or leader.outcome is not Outcome.PASSED:
+            continue
+        if name not in known and name not in MISLEADING:
+            yield Finding(check=name, level=Level.WARNING, text="not looked at: the process ended before")
+        elif name in known and known[name].outcome is None:
+            _, decisive, _ = _died(known[name], ending)
+            yield Finding(check=name, level=Level.WARNING, text=f"{decisive}")
     if known and not ending.trouble and all(check.outcome for check in known.values()):
         text = _last_gasp(ending, complete=reply.complete)
         if text:

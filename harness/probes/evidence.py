@@ -33,14 +33,18 @@ SHORT_NAME = 16
 class Request:
     """Ask one process for the checks of a case, or for the tests of a package.
 
-    `limits` maps a check to its seconds, in the order of the checks; a suite has one of its own. `confirms` marks a run
-    that only tells whether a failure comes again. `recompiled` marks one before which all byte code was thrown away.
+    `limits` maps a check to its seconds, in the order of the checks; a suite has one of its own. `followers` are checks
+    that are to follow those, in the same process. `confirms` marks a run that only tells whether a failure comes again,
+    `leads` one whose own checks were asked for only so that others can follow them. `recompiled` marks one before which
+    all byte code was thrown away.
     """
 
     case: Case | None = None
     suite: Suite | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
+    followers: tuple[str, ...] = ()
     confirms: bool = False
+    leads: bool = False
     recompiled: bool = False
 
     @property

@@ -11,6 +11,7 @@ from pathlib import Path
 from harness import bare_start, bytecode, frames, launch, normalise, process
 from harness.hostile_data import Unreadable
 from harness.model import Outcome
+from harness.probes import program
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, kept
 from harness.store import now
@@ -26,15 +27,13 @@ class Laboratory:
     """Hold all that the probes of one cell share: where they run, and what is noted beside each run.
 
     `site` makes the environment when one really has to run. `host` is what is known of the host before a run, `places`
-    maps folders of this machine to the names that evidence gives them. `program` tells the digest of the in-cell
-    program of a check.
+    maps folders of this machine to the names that evidence gives them.
     """
 
     vault: Vault
     site: Callable[[], launch.Site]
     host: Host
     places: Mapping[str, str]
-    program: Callable[[str, str], str]
 
     def measure(self, request: Request, key: str) -> str:
         """Run a request, keep what it showed as an answer to a key, and return the run's name."""
@@ -42,7 +41,7 @@ class Laboratory:
         site = self.site()
         if request.recompiled:
             bytecode.forget(site.pycache)
-        with launch.probe(site, request.case, request.limits) as ran:
+        with launch.probe(site, request.case, request.limits, request.followers) as ran:
             clean = _Cleaner({**self.places, **ran.places})
             texts = dict(_texts(ran, clean))
             texts |= {name: content for name, content in _pictures(ran) if name not in texts}
@@ -50,7 +49,7 @@ class Laboratory:
             host = self._host(site, ran, clean)
         run = ProbeRun(
             request=request,
-            program={check: self.program(request.case.api, check) for check in request.limits},
+            program={name: program.digest(request.case.api, name) for name in (*request.limits, *request.followers)},
             end=end,
             host=host,
             files=kept(self.vault, texts),

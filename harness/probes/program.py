@@ -79,6 +79,7 @@ def check_file(check: str) -> str:
     return f"check_{check.replace('.', '_')}.py"
 
 
+@cache
 def digest(api: str, check: str) -> str:
     """Digest what a check does with an adapter, `""` for none: part of a result's key."""
     return own().digest(api, check)

@@ -435,7 +435,6 @@ class Runner:
                     conditions=machine.conditions(),
                 ),
                 places=self.places,
-                program=launch.program,
             ),
             identity=(record.key, *self._identity(record), *on_top),
             until=self.settings.until,

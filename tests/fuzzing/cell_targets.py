@@ -110,7 +110,7 @@ def _read_reply(words: list[str]) -> int:
         record = check_record(check, ENDING, {})
         normalise.normalise(record.decisive or "", {"/python": "$ENV"})
         msgspec.json.decode(msgspec.json.encode(record))
-    list(found_beside(reply, ENDING))
+    list(found_beside(reply, ENDING, wire.followers_of(wire.FOLLOWERS)))
     text = whole.decode("utf-8", "replace")
     list(failure_texts.written({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
     list(upstream._tracebacks(text, "vector.async.fork"))

@@ -54,9 +54,9 @@ class Check:
         }
 
 
-def followers(check: Check) -> tuple[Check, ...]:
-    """Return the checks that follow one that passed."""
-    return passed(*wire.FOLLOWERS.get(check.name, ())) if check.outcome == PASSED else ()
+def followers(check: Check, wanted: Iterable[str]) -> tuple[Check, ...]:
+    """Return those of the checks that are to follow others, that follow this one if it passed."""
+    return passed(*(one for one in wanted if wire.leader_of(one) == check.name)) if check.outcome == PASSED else ()
 
 
 def passed(*names: str) -> tuple[Check, ...]:
@@ -83,11 +83,11 @@ def reading(
     program: Mapping[str, str] | None = None,
 ) -> Reading:
     """Return what came of a request: a process that came to these checks, and ended so."""
-    told = tuple(one for check in checks for one in (check, *followers(check)))
+    told = tuple(one for check in checks for one in (check, *followers(check, request.followers)))
     dead = not told or told[-1].outcome is DIED
     written = {REPLY: lines(told, last=not dead)} if told else {}
     written = {**written, LOG: b"", **(texts or {})}
-    known = program if program is not None else dict.fromkeys(request.limits, PROGRAM)
+    known = program if program is not None else dict.fromkeys((*request.limits, *request.followers), PROGRAM)
     files = {name: sha256(content).hexdigest() for name, content in written.items()}
     instant = "2026-11-23T12:00:00Z"
     run = ProbeRun(request=request, program=known, end=end, host=host, files=files, measured=instant)
@@ -106,7 +106,8 @@ CASE = Case(
 def asked(case: Case = CASE, *, verify: bool = False, program: Mapping[str, str] | None = None) -> Asked:
     """Return that all of a case is wanted, by the in-cell program of today unless another is named for a check."""
     wanted = {phase: tuple(one for one in case.checks if phase_of(one) is phase) for phase in CASE_PHASES}
-    known = {**dict.fromkeys((*case.checks, "single.repeat"), PROGRAM), **(program or {})}
+    names = (*case.checks, *wire.followers_of(case.checks), "single.repeat")
+    known = {**dict.fromkeys(names, PROGRAM), **(program or {})}
     return Asked(
         case=case, wanted={phase: names for phase, names in wanted.items() if names}, program=known, verify=verify
     )

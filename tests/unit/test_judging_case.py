@@ -9,7 +9,7 @@ import pytest
 import readings
 from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, asked, passed, reading
 
-from harness import normalise
+from harness import normalise, wire
 from harness.judging import check as judging_check
 from harness.judging.case import Asked, Folded, after, fold, phases, todo
 from harness.judging.check import SHOT, TAKEN_AWAY
@@ -20,7 +20,7 @@ ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "ren
 KILLED = End(signal=9, seconds=2.0)
 CRASH = End(signal=11, seconds=2.0)
 OVERRAN = End(signal=9, killed="limit of 120 s", overran=120.0, seconds=121.0)
-WHOLE = Request(case=CASE, limits=dict.fromkeys(ALL, 120.0))
+WHOLE = Request(case=CASE, limits=dict.fromkeys(ALL, 120.0), followers=wire.followers_of(ALL))
 AGAIN = Request(case=CASE, limits={"single.repeat": 240.0})
 COMPARED = reading(AGAIN, passed("single.repeat"))
 
@@ -222,6 +222,41 @@ def test_a_changed_check_measures_that_check_alone(check: str) -> None:
     assert asks(asked(program={check: "changed"}), whole, COMPARED) == [check]
 
 
+def test_a_changed_check_that_follows_another_is_looked_at_alone() -> None:
+    """The one that it follows is run to lead to it, and counts for nothing."""
+    loop = Check(name="single.loop", findings=("odd loop",))
+    whole = reading(WHOLE, [*passed("import.modules"), loop, *passed(*ALL[2:])])
+    changed = asked(program={"single.state": "changed"})
+    request = todo(changed, fold(changed, [whole, COMPARED]))
+    assert request
+    assert (list(request.limits), request.followers, request.leads) == (["single.loop"], ("single.state",), True)
+
+    new = reading(
+        request,
+        [Check(name="single.loop", findings=("another loop",)), Check(name="single.state", findings=("odd state",))],
+        program={"single.loop": "of-today", "single.state": "changed"},
+    )
+    found = came_to(changed, whole, COMPARED, new)[Phase.SINGLE]
+    assert asks(changed, whole, COMPARED, new) == []
+    assert [one.text for one in found.findings] == ["odd loop", "odd state"]
+    assert found.checks[0].check == "single.loop"
+
+
+@pytest.mark.parametrize("checks", [(), (Check(name="single.loop", outcome=FAILED),)])
+def test_a_check_that_could_not_follow_is_asked_for_once_in_a_run(checks: tuple[Check, ...]) -> None:
+    """And once more in the next one: that the loop did not pass this time says nothing of what follows it."""
+    whole = reading(WHOLE, passed(*ALL))
+    changed = asked(program={"single.contact": "changed"})
+    request = todo(changed, fold(changed, [whole, COMPARED]))
+    assert request
+    program = {"single.loop": "of-today", "single.contact": "changed"}
+    runs = [whole, COMPARED, reading(request, checks, program=program)]
+
+    assert asks(changed, *runs) == []
+    assert outcomes(came_to(changed, *runs))["single"] == "passed"
+    assert todo(changed, fold(changed, runs).reusable("here", failed_too=True)) == request
+
+
 def test_findings_of_a_changed_check_go_with_it() -> None:
     """Those of the others stay, though all were made in one process."""
     loop = Check(name="single.loop", findings=("odd loop",))
@@ -239,7 +274,8 @@ def test_findings_of_a_changed_check_go_with_it() -> None:
 def test_a_later_run_counts() -> None:
     """Evidence is only added; a check ends with the last run that showed it."""
     failed = reading(WHOLE, [*passed(*ALL[:4]), Check(name="render.rgb_array", outcome=FAILED, message="no EGL")])
-    again = reading(Request(case=CASE, limits={"render.rgb_array": 120.0}), passed("render.rgb_array"))
+    drawn = Request(case=CASE, limits={"render.rgb_array": 120.0}, followers=wire.FOLLOWERS["render.rgb_array"])
+    again = reading(drawn, passed("render.rgb_array"))
 
     assert outcomes(came_to(asked(), failed, again))["render"] == "passed"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import pytest
@@ -23,6 +23,11 @@ def reply(checks: Mapping[str, Outcome | None], *, complete: bool = False) -> Pr
     """A reply with these checks, in whatever way they ended, and its last line or not."""
     told = tuple(CheckReply(check=name, outcome=outcome) for name, outcome in checks.items())
     return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=complete)
+
+
+def beside(told: ProbeReply, ending: Ending) -> Iterator[Finding]:
+    """Yield what the end of a probe says in which every check that follows another one was asked for."""
+    return found_beside(told, ending, wire.followers_of(wire.FOLLOWERS))
 
 
 def raised(
@@ -186,7 +191,7 @@ def test_a_display_that_died(check: CheckReply) -> None:
 def test_a_follower_that_ends_the_process_is_told() -> None:
     """The check that died is a warning of its own, and those it kept from running are named."""
     ended = reply({"single.loop": PASSED, "single.repeat.fresh": None})
-    assert list(found_beside(ended, Ending(signal=11))) == [
+    assert list(beside(ended, Ending(signal=11))) == [
         warning("single.repeat.fresh", "killed by SIGSEGV"),
         warning("single.repeat.same", NOT_REACHED),
         warning("single.state", NOT_REACHED),
@@ -196,7 +201,7 @@ def test_a_follower_that_ends_the_process_is_told() -> None:
 
 def test_followers_of_a_failed_check_are_not_missed() -> None:
     """After a failed loop nobody expects a comparison."""
-    assert list(found_beside(reply({"single.loop": Outcome.FAILED}, complete=True), Ending(exit_code=0))) == []
+    assert list(beside(reply({"single.loop": Outcome.FAILED}, complete=True), Ending(exit_code=0))) == []
 
 
 @pytest.mark.parametrize(
@@ -210,13 +215,13 @@ def test_followers_of_a_failed_check_are_not_missed() -> None:
 )
 def test_python_s_own_end_is_told(ending: Ending, text: str) -> None:
     """A crash or a hang after the last check stops no loop, and is not passed over."""
-    assert list(found_beside(reply(DRAWN), ending)) == [warning("render.teardown", text)]
+    assert list(beside(reply(DRAWN), ending)) == [warning("render.teardown", text)]
 
 
 @pytest.mark.parametrize("ending", [Ending(exit_code=0), Ending(signal=9, trouble="interrupted")])
 def test_a_good_end_and_one_of_ours_are_not_told(ending: Ending) -> None:
     """Nothing is said of a probe that ended well, nor of one that was interrupted."""
-    assert list(found_beside(reply(DRAWN, complete=True), ending)) == []
+    assert list(beside(reply(DRAWN, complete=True), ending)) == []
 
 
 def test_what_needs_what() -> None:
@@ -233,7 +238,7 @@ def test_what_nobody_can_catch_at_the_end_is_told() -> None:
     text = "at the end of Python, the environment left open: EGLError: not initialized"
 
     def told(printed: str) -> list[Finding]:
-        return list(found_beside(reply(DRAWN, complete=True), Ending(exit_code=0, stacks=printed)))
+        return list(beside(reply(DRAWN, complete=True), Ending(exit_code=0, stacks=printed)))
 
     assert told(f"{wire.LAST_WORDS}\n{trace}") == [warning("render.teardown", text)]
     assert told(f"{trace}{wire.LAST_WORDS}\nfreed 3 buffers\n") == []

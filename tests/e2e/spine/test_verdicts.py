@@ -175,7 +175,6 @@ def _probed(
             ),
             host=Host(python=host.version),
             places={},
-            program=launch.program,
         ),
         identity=(),
     )
