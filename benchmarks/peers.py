@@ -26,8 +26,9 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from harness import interpreters, launch, matrixfile, plan, wire
+from harness import interpreters, matrixfile, plan, wire
 from harness.model import Case, ProbeRequest
+from harness.probes import launch
 
 HERE = Path(__file__).parent
 MATRIX = HERE / "peers" / "probes.toml"

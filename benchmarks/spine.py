@@ -23,8 +23,9 @@ from pathlib import Path
 import plan_10k
 from uv import find_uv_bin
 
-from harness import launch, wire
+from harness import wire
 from harness.model import Case, ProbeRequest
+from harness.probes import launch
 from harness.vocabulary import CHECKS, STANDARD
 
 HERE = Path(__file__).parent

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import bytecode, display, launch, normalise, process, subjects
+from harness import bytecode, display, normalise, process, subjects
 from harness.errors import CouldNotTell
 from harness.guarded_files import Folder
 from harness.hostile_data import Unreadable
@@ -32,6 +32,7 @@ from harness.model import (
     Subject,
     Suite,
 )
+from harness.probes import launch
 from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
 from harness.probes.measure import end_of
 from harness.probes.vault import Vault, kept

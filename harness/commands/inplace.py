@@ -11,12 +11,13 @@ from typing import Any
 
 import msgspec
 
-from harness import cellrun, guarded_files, launch, machine, plan, process
+from harness import cellrun, guarded_files, machine, plan, process
 from harness.commands import drawn
 from harness.commands.drawn import Looked
 from harness.hostile_data import Unreadable, json_object
 from harness.judging.failure_texts import KILLED, WRITTEN
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
+from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault

@@ -20,7 +20,6 @@ from harness import (
     document,
     given_files,
     knowledge,
-    launch,
     machine,
     pages,
     present,
@@ -35,6 +34,7 @@ from harness.filelocks import exclusive
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
 from harness.model import Cell, CellRecord, Plan, Verdict
+from harness.probes import launch
 from harness.reporttypes import Document, number
 from harness.standalone.output import print_json
 from harness.store import Store

@@ -8,10 +8,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import bare_start, bytecode, frames, launch, normalise, process
+from harness import bytecode, frames, normalise, process
 from harness.hostile_data import Unreadable
 from harness.model import Outcome
-from harness.probes import program
+from harness.probes import bare_start, launch, program
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, kept
 from harness.store import now

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness import cellrun, interpreters, launch, machine, process, repairs, uvcli, uvsays
+from harness import cellrun, interpreters, machine, process, repairs, uvcli, uvsays
 from harness.errors import BadInput, CouldNotTell
 from harness.exercised import unregistered
 from harness.filelocks import claim, exclusive
@@ -25,6 +25,7 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault

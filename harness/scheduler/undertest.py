@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from harness import environments, launch, machine, model, subjects, suites, uvcli
+from harness import environments, machine, model, subjects, suites, uvcli
 from harness.environments import Environment
 from harness.judging import suite as judging
 from harness.model import (
@@ -22,6 +22,7 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
 from harness.scheduler.once import Once

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from harness import interpreters, launch
+from harness import interpreters
 from harness.judging.check import phase_of
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase
+from harness.probes import launch
 from harness.scheduler import Runner, ways
 from harness.smoke import judging
 from harness.smoke.frozen import Frozen

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from harness import launch, process
+from harness import process
 from harness.guarded_files import log_text
 from harness.judging.check import SHOT
 from harness.model import Cell, Expectation
+from harness.probes import launch
 from harness.scratch_folders import scratch_folder
 from harness.smoke import judging
 from harness.smoke.items import SESSION

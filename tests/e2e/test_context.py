@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import display, glprobe, launch, machine
+from harness import display, glprobe, machine
+from harness.probes import launch
 from harness.process import Command, Limits, Profile, run
 
 ASKING = """

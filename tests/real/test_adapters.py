@@ -17,8 +17,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness import catalog, interpreters, launch, resolving, store
+from harness import catalog, interpreters, resolving, store
 from harness.model import Cell, CellRecord, Level, Outcome, Phase
+from harness.probes import launch
 from harness.scheduler import Runner, Settings
 from harness.smoke.tried import CellUnderTest
 from harness.vocabulary import APIS, MISLEADING

@@ -11,8 +11,8 @@ import msgspec
 import pytest
 from test_adapters import RELEASES, cell, name, runner  # noqa: F401 - a fixture
 
-from harness import launch
 from harness.model import Phase
+from harness.probes import launch
 from harness.scheduler import Runner, Settings
 from harness.smoke.tried import CellUnderTest
 

@@ -62,6 +62,7 @@ def test_a_whole_reply() -> None:
         facts={**FACTS, "versions": {"numpy": "2.0.0"}},
         modules=("bootstrap.py",),
         complete=True,
+        during=("single.loop",),
     )
 
 
@@ -242,7 +243,10 @@ def test_workers_not_believed() -> None:
 def test_request() -> None:
     """A request is plain JSON with everything the cell needs."""
     case = Case(id="c", env="Ant-v5", api="gymnasium", kwargs={"a": [1.5, None]}, timeouts={Phase.SINGLE: 3.0})
-    request = ProbeRequest(case=case, checks=("single.loop",), folder="/f", limits={"single.loop": 3.0})
+    followers = {"single.loop": ("single.state",)}
+    request = ProbeRequest(
+        case=case, checks=("single.loop",), folder="/f", limits={"single.loop": 3.0}, followers=followers
+    )
     told = json.loads(wire.request_to_json(request))
     assert told == {
         "case": {
@@ -267,7 +271,7 @@ def test_request() -> None:
         "limits": {"single.loop": 3.0},
         "num_envs": 2,
         "vector_steps": 20,
-        "followers": {"single.loop": list(wire.FOLLOWERS["single.loop"])},
+        "followers": {"single.loop": ["single.state"]},
     }
 
 

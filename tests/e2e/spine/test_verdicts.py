@@ -8,9 +8,10 @@ import shutil
 import pytest
 from commandline import Desk, Measured
 
-from harness import cellrun, environments, interpreters, launch, machine, process, uv
+from harness import cellrun, environments, interpreters, machine, process, uv
 from harness.judging.assess import assess
 from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
+from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault

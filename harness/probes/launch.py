@@ -25,7 +25,7 @@ from harness.probes.evidence import LOG, REPLY, STACKS, STARTUP_SECONDS
 from harness.scratch_folders import scratch_folder
 from harness.store import digest, own_folders
 
-INCELL = Path(__file__).parent / "incell"
+INCELL = Path(__file__).parent.parent / "incell"
 LEADS_ON = "_simmatrix_below.pth"
 """What makes Python look on in the environment below."""
 

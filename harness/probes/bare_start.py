@@ -6,7 +6,8 @@ does not with them, the packages are at fault, not the harness.
 
 from __future__ import annotations
 
-from harness import guarded_files, launch, normalise, process
+from harness import guarded_files, normalise, process
+from harness.probes import launch
 from harness.probes.evidence import LOG
 from harness.scratch_folders import scratch_folder
 from harness.store import own_folders
