@@ -1,8 +1,9 @@
 """What cache and state hold that can be made again: what of it is waste, how old it is, what its removal frees.
 
 Waste is what nothing will ever ask for: folders of processes that were killed, environments without a stamp, compiled
-bytecode without its environment, evidence that no record names. The rest goes by age or size. The record of a cell, the
-evidence and the lock that it names, and the interpreters are never touched.
+bytecode without its environment, logs that no record names. The rest goes by age or size. The record of a cell, the
+logs and the lock that it names, and the interpreters are never touched; nor are probe runs, unless they are asked for
+by name: those that no record of a cell leads to any more.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import os
 import re
 import tempfile
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -21,6 +22,7 @@ from time import time
 
 from harness import filelocks, guarded_files, uvcli
 from harness.hostile_data import Unreadable
+from harness.probes.evidence import folder_of
 from harness.scratch_folders import removed
 from harness.store import MOST_RECORD
 
@@ -47,6 +49,7 @@ class Kind(StrEnum):
     SCRATCH = "left behind by killed processes"
     EVIDENCE = "logs and frames"
     RECORD = "results that no cell has"
+    RUN = "probe runs that no cell has"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,10 +124,11 @@ def _number(device: int, inode: int) -> int:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Places:
-    """Where to look; `state` and `temporary` need not exist."""
+    """Where to look; `state` and `temporary` need not exist. With `evidence` probe runs are looked at, too."""
 
     cache: Path
     state: Path
+    evidence: bool = False
     temporary: Path = field(default_factory=lambda: Path(tempfile.gettempdir()))
 
 
@@ -201,10 +205,10 @@ def _folders(parent: Path, pattern: str = "*") -> Iterator[tuple[Path, os.stat_r
 
 
 def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
-    """Records that no cell's record leads to, each with its evidence; and evidence that nothing names."""
+    """Records that no cell's record leads to, each with its logs; and logs that nothing names."""
     cells = set().union(*(_names(path) for path in (places.state / "cells").glob("**/*.json")))
     kept = set(cells)
-    for kind in ("results", "steps", "locks", "installed"):
+    for kind in ("steps", "locks", "installed"):
         for path in sorted((places.state / kind).glob("*/*.json")):
             names = _names(path) | _own(path)
             if not names & cells and now - path.stat().st_mtime > DAY:
@@ -215,19 +219,45 @@ def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
     for path in sorted((places.state / "locks").glob("*.txt")):
         if path.stem not in starts and now - path.stat().st_mtime > DAY:
             yield _item(Kind.RECORD, disk, path, waste=True)
-    for path, _ in _folders(places.state / "evidence"):
-        if path.name not in kept:
-            found = _item(Kind.EVIDENCE, disk, path, waste=True)
-            if now - found.used > DAY:
-                yield found
+    old = [places.state / "results"]  # of an earlier version, which no later one reads
+    waste = [(Kind.RECORD, path) for path in old if path.is_dir()]
+    waste += [(Kind.EVIDENCE, path) for path, _ in _folders(places.state / "evidence") if path.name not in kept]
+    yield from _aged((_item(kind, disk, path, waste=True) for kind, path in waste), now)
+    if places.evidence:
+        yield from _runs(places.state / "vault", kept, disk, now)
+
+
+def _aged(items: Iterable[Item], now: float) -> Iterator[Item]:
+    return (item for item in items if now - item.used > DAY)
+
+
+def _runs(vault: Path, named: Set[str], disk: Disk, now: float) -> Iterator[Item]:
+    """Claims on runs none of which a record names, and contents to which no other claim leads."""
+    needed: set[str] = set()
+    for claim in sorted((vault / "ac").glob("*/*")):
+        runs = {name.decode() for name in CONTENT.findall(_content(claim))}
+        old = now - claim.stat().st_mtime > DAY
+        if old and not any(folder_of(run).rpartition("/")[2] in named for run in runs):
+            yield _item(Kind.RUN, disk, claim, waste=True)
+            continue
+        needed |= runs
+        for run in runs:
+            needed |= {name.decode() for name in CONTENT.findall(_content(vault / "cas" / run[:2] / run[2:]))}
+    for path in sorted((vault / "cas").glob("*/*")):
+        if path.parent.name + path.name not in needed and now - path.stat().st_mtime > DAY:
+            yield _item(Kind.RUN, disk, path, waste=True)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return guarded_files.read(path, MOST_RECORD)
+    except Unreadable:
+        return b""
 
 
 def _names(record: Path) -> set[str]:
     """Evidence that a record names, and the keys and hashes in it, by which records know each other."""
-    try:
-        content = guarded_files.read(record, MOST_RECORD)
-    except Unreadable:  # it names nothing any more
-        return set()
+    content = _content(record)  # a damaged one names nothing any more
     keys = {found.decode() for found in CONTENT.findall(content)}
     return {found.decode() for found in EVIDENCE.findall(content)} | keys | {f"install-{key}" for key in keys}
 

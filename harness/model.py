@@ -496,8 +496,7 @@ class CheckRecord:
 class PhaseRecord:
     """One phase of one case, as stored and reused. `frames` and `evidence` are paths below the state folder.
 
-    `conditions` marks the system that it failed on: with other libraries it may pass. `peak_mb` is the most memory that
-    the processes of its probe held together.
+    `peak_mb` is the most memory that the processes of its probe held together.
     """
 
     phase: Phase
@@ -510,7 +509,6 @@ class PhaseRecord:
     evidence: str | None = None
     attempts: int = 1
     measured: str | None = None
-    conditions: str | None = None
     peak_mb: int | None = None
     reused: bool = False
 

@@ -22,7 +22,8 @@ from harness.standalone.output import print_json
 
 HELP = (
     "Remove waste from cache and state; with a limit also what was not used for long, or most long ago."
-    " Nothing that is in use goes, and all that goes is made again when it is needed."
+    " Nothing that is in use goes, and all that goes is made again when it is needed; probe runs go only where they"
+    " are asked for."
 )
 
 UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
@@ -57,13 +58,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-size", metavar="SIZE", type=_size, help="until cache and state are no larger: 20GB, 500MB"
     )
+    parser.add_argument(
+        "--evidence", action="store_true", help="also probe runs that no cell has any more: what they showed is lost"
+    )
     parser.add_argument("--dry-run", action="store_true", help="say what would go, and remove nothing")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
 def main(args: argparse.Namespace) -> int:
     """Remove it and say what went."""
-    places = garbage.Places(cache=store.cache_folder(), state=_state())
+    places = garbage.Places(cache=store.cache_folder(), state=_state(), evidence=args.evidence)
     before = time() - args.older_than * DAY if args.older_than is not None else None
     size_before = _total(places)
     basket = _Basket(dry=args.dry_run, cache=places.cache)

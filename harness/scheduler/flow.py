@@ -25,6 +25,7 @@ from typing import Any
 from harness import controls, machine, process
 from harness.filelocks import Claim, claim
 from harness.model import Cell, CellRecord, ControlRecord, Phase
+from harness.probes.vault import Vault
 from harness.scheduler import cell_faults, control
 from harness.scheduler.past import Past
 from harness.scheduler.records import stopped
@@ -48,10 +49,18 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
     flow = Flow(Runner(store, settings, observer))
     left = [cell for cell in cells if not flow.told(cell)]
     if left:
+        _tell_of_old_results(store, observer)
         controls.cells()  # a mistake in what they are is said now, not in the middle
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         flow.run(left, Past(store, here.id, left))
     return tuple(flow.records[cell.id] for cell in cells)
+
+
+def _tell_of_old_results(store: Store, observer: Observer) -> None:
+    """Say once that results of an earlier version are no evidence: how a process ended was not kept."""
+    if (store.folder / "results").is_dir() and not Vault(store.folder).folder.is_dir():
+        text = "results of an earlier version do not say how a probe ended: what is asked for is measured again"
+        observer.say(text)
 
 
 @dataclass(order=True, slots=True)

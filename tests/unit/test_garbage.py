@@ -2,12 +2,15 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from harness import garbage
 from harness.garbage import DAY, Disk, Item, Kind, Places
+from harness.probes.evidence import End, Host, ProbeRun, Request, folder_of
+from harness.probes.vault import Vault
 
 NOW = 1_800_000_000.0
 
@@ -109,19 +112,18 @@ class TestScratch:
 class TestState:
     @pytest.fixture
     def state(self, places: Places) -> Path:
-        """A cell with its result, lock and install; a result, a lock and logs of no cell."""
+        """A cell with its lock and install, a lock and logs of no cell, and results of an earlier version."""
         lock, key = "a" * 64, "b" * 32
         cell = {"lock": f"locks/{lock[:16]}.txt", "lock_sha256": lock, "key": key, "cases": ["evidence/probe-1/x.png"]}
         state = places.state
         put(state / "cells/linux/m/cell.json", json.dumps(cell))
         put(state / "results/11/mine.json", json.dumps({"evidence": "evidence/probe-1"}))
-        put(state / "results/11/other.json", json.dumps({"evidence": "evidence/probe-2"}))
         put(state / "locks/cc" / f"{'c' * 30}.json", json.dumps({"sha256": lock}))
         put(state / "locks/dd" / f"{'d' * 30}.json", json.dumps({"sha256": "e" * 64}))
         put(state / "installed/11/one.json", json.dumps({"key": key}))
         for name in (lock[:16], "e" * 16, "f" * 16):
             put(state / f"locks/{name}.txt")
-        for name in ("probe-1", "probe-2", "probe-3", f"install-{key}", f"lock-{'c' * 16}", f"lock-{'f' * 16}"):
+        for name in ("probe-1", "probe-3", f"install-{key}", f"lock-{'c' * 16}", f"lock-{'f' * 16}"):
             put(state / "evidence" / name / "log.txt")
         put(places.cache / "wheels/requests/kept.txt")
         put(state / "evidence/build-kept/hook.log")
@@ -129,14 +131,39 @@ class TestState:
         return state
 
     def test_what_no_record_names_is_waste(self, places: Places, state: Path) -> None:
-        """Logs of cells, results, locks, installs and builds that are known stay."""
-        assert waste(places) == {"probe-3", f"lock-{'f' * 16}", "build-gone", f"{'f' * 16}.txt"}
+        """Logs of cells, locks, installs and builds that are known stay; results that nobody reads any more do not."""
+        assert waste(places) == {"probe-3", f"lock-{'f' * 16}", "build-gone", f"{'f' * 16}.txt", "results"}
 
     def test_records_that_no_cell_leads_to_go_by_age(self, places: Places, state: Path) -> None:
-        """A result or lock that some cell shows never goes."""
+        """A lock that some cell shows never goes."""
         records = {name for name, item in found(places).items() if item.kind is Kind.RECORD and not item.waste}
 
-        assert records == {"other.json", f"{'d' * 30}.json"}
+        assert records == {f"{'d' * 30}.json"}
+
+    def test_probe_runs_go_only_where_they_are_asked_for(self, places: Places) -> None:
+        """Of those the ones that no cell has; what one that stays shares with them stays, too."""
+        vault = Vault(places.state)
+        shared, alone = vault.keep(b"shared"), vault.keep(b"alone")
+        mine, other = (
+            vault.put(
+                ProbeRun(request=Request(), program={}, end=End(seconds=at), host=Host(), files=files, measured=""), key
+            )
+            for at, key, files in (
+                (1.0, "1" * 32, {"log.txt": shared}),
+                (2.0, "2" * 32, {"log.txt": shared, "a.png": alone}),
+            )
+        )
+        put(places.state / "cells/linux/m/cell.json", json.dumps({"cases": [f"{folder_of(mine)}/a.png"]}))
+        for path in places.state.rglob("*"):
+            os.utime(path, (NOW - 10 * DAY, NOW - 10 * DAY))
+
+        assert {item.kind for item in garbage.find(places, Disk(), NOW)} == {Kind.EVIDENCE}  # of `other`: only links
+        asked = garbage.find(replace(places, evidence=True), Disk(), NOW)
+        gone = {item.paths[0] for item in asked if item.kind is Kind.RUN}
+        assert gone == {
+            vault.folder / "ac" / "22" / ("2" * 30),
+            *(vault.folder / "cas" / name[:2] / name[2:] for name in (other, alone)),
+        }
 
     def test_nothing_young_is_touched(self, places: Places, state: Path) -> None:
         """It may belong to a cell whose record is still to come."""
