@@ -6,15 +6,13 @@ long as judging asks for one more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import cache
-from types import MappingProxyType
 
 from harness import sources
-from harness.judging import case as judging
-from harness.judging.case import MEASURED_AGAIN, Asked, Folded, Wanted, after, fold, phases, todo
-from harness.judging.check import phase_of
+from harness.judging.case import case_record, phases
+from harness.judging.fold import MEASURED_AGAIN, REPEAT, Asked, Folded, after, fold, wanted_of
+from harness.judging.todo import todo
 from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRecord, Step
 from harness.probes import program
 from harness.probes.evidence import Request
@@ -22,7 +20,7 @@ from harness.probes.measure import Laboratory
 from harness.store import digest
 from harness.wire import followers_of
 
-JUDGING = "harness.judging.case"
+JUDGING = ("harness.judging.case", "harness.judging.todo")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,9 +44,9 @@ class Context:
 
     def asked(self, case: Case) -> Asked:
         """Return what is wanted of a case."""
-        wanted = _wanted(case, self.until)
+        wanted = wanted_of(case.checks, self.until)
         checks = [check for names in wanted.values() for check in names]
-        names = (*checks, *followers_of(checks), judging.REPEAT)
+        names = (*checks, *followers_of(checks), REPEAT)
         known = {name: program.digest(case.api, name) for name in names}
         return Asked(case=case, wanted=wanted, program=known, verify=self.verify)
 
@@ -63,14 +61,14 @@ def run_case(context: Context, case: Case) -> CaseRecord:
         new.add(name)
         context.measured[key] = (*context.measured.get(key, ()), name)
         folded = after(asked, folded, context.laboratory.vault.reading(name))
-    return _reached(case, phases(asked, folded, frozenset(new)))
+    return case_record(case, phases(asked, folded, frozenset(new)), folded.runs)
 
 
 def stored_case(context: Context, case: Case) -> CaseRecord | None:
     """Return the record of a case of which every phase is known; None where something has to be measured."""
     asked = context.asked(case)
     folded = _known(context, asked, claim(context, case))
-    return None if todo(asked, folded) else _reached(case, phases(asked, folded))
+    return None if todo(asked, folded) else case_record(case, phases(asked, folded), folded.runs)
 
 
 def _known(context: Context, asked: Asked, key: str) -> Folded:
@@ -94,7 +92,7 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
     """
     asked = [(case.id, case.required, _asked(case), _limits(case), case.checks) for case in cases]
     programs = [sorted(context.asked(case).program.items()) for case in cases]
-    how = (context.verify, context.until, context.laboratory.host.conditions, sources.digest(JUDGING))
+    how = (context.verify, context.until, context.laboratory.host.conditions, *map(sources.digest, JUDGING))
     return digest("cell", context.identity, lock, asked, programs, how)
 
 
@@ -114,42 +112,15 @@ def claim(context: Context, case: Case) -> str:
 
 def not_reached(case: Case) -> CaseRecord:
     """The record of a case whose environment never came to be."""
-    return _record(case, [_absent(phase, phase in _wanted(case, CASE_PHASES[-1])) for phase in CASE_PHASES])
+    return case_record(case, {})
 
 
 def untold(case: Case, step: Step) -> CaseRecord:
     """The record of a case that could not be measured to its end, for a reason that says nothing about packages."""
-    wanted = _wanted(case, CASE_PHASES[-1])
-    first = next(iter(wanted), Phase.IMPORT)
+    first = next(iter(wanted_of(case.checks, CASE_PHASES[-1])), Phase.IMPORT)
     evidence = step.log and step.log.rpartition("/")[0]
-    return _reached(
-        case, {first: PhaseRecord(phase=first, outcome=step.outcome, decisive=step.decisive, evidence=evidence)}
-    )
-
-
-def _reached(case: Case, known: Mapping[Phase, PhaseRecord]) -> CaseRecord:
-    asked = _wanted(case, CASE_PHASES[-1])
-    return _record(case, [known.get(phase) or _absent(phase, phase in asked) for phase in CASE_PHASES])
-
-
-def _record(case: Case, phases: Iterable[PhaseRecord]) -> CaseRecord:
-    return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=tuple(phases))
-
-
-def _wanted(case: Case, until: Phase) -> Wanted:
-    return _by_phase(case.checks, until)
-
-
-@cache
-def _by_phase(checks: tuple[str, ...], until: Phase) -> Wanted:
-    order = list(Phase)
-    phases = [phase for phase in CASE_PHASES if order.index(phase) <= order.index(until)]
-    found = {phase: tuple(check for check in checks if phase_of(check) is phase) for phase in phases}
-    return MappingProxyType({phase: names for phase, names in found.items() if names})
-
-
-def _absent(phase: Phase, asked: bool) -> PhaseRecord:
-    return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
+    record = PhaseRecord(phase=first, outcome=step.outcome, decisive=step.decisive, evidence=evidence)
+    return case_record(case, {first: record})
 
 
 def _limits(case: Case) -> tuple[object, ...]:

@@ -496,7 +496,8 @@ class CheckRecord:
 class PhaseRecord:
     """One phase of one case, as stored and reused. `frames` and `evidence` are paths below the state folder.
 
-    `peak_mb` is the most memory that the processes of its probe held together.
+    `peak_mb` is the most memory that the processes of its probe held together. `runs` are the probe runs that a suite
+    was judged by.
     """
 
     phase: Phase
@@ -510,18 +511,20 @@ class PhaseRecord:
     attempts: int = 1
     measured: str | None = None
     peak_mb: int | None = None
+    runs: tuple[str, ...] = ()
     reused: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaseRecord:
-    """One case of a cell, with a record for each phase of `CASE_PHASES`."""
+    """One case of a cell, with a record for each phase of `CASE_PHASES`; `runs` are the probe runs it was judged by."""
 
     case: str
     env: str | None
     api: str
     required: tuple[str, ...]
     phases: tuple[PhaseRecord, ...]
+    runs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -549,7 +552,7 @@ class ControlRecord:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CellRecord:
-    """All evidence of one cell on one machine; the verdict is computed from it, never stored alone.
+    """All that is known of one cell on one machine; the verdict is computed from it, never stored alone.
 
     `resolve` and `install` are None when nothing of the cell was run. `suite` is there where the cell's subject has one
     and the cell came that far. `mark` stands for all that the outcomes depend on, where they may be reused as a whole.

@@ -1,349 +1,47 @@
-"""Fold the probe runs of a case into its phases, and say which run is needed next. All of it is pure.
+"""Say what the probe runs of a case come to: its phases. All of it is pure.
 
-    while request := todo(asked, folded):
-        folded = folded.after(the reading of one more run)
-    phases(asked, folded)
-
-A check ends with the last run that showed it. A time limit that ran out, and a process that somebody outside ended, are
-tried once more; so is a run that met an environment, or byte code, that was not whole.
+while request := todo(asked, folded):
+    folded = after(asked, folded, the reading of one more run)
+phases(asked, folded)
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from itertools import islice
+from dataclasses import replace
 
-from harness import misleading, nativesays, normalise, wire
+from harness import misleading
 from harness.judging.check import (
-    CUT_SHORT,
-    SHOT,
-    TAKEN_AWAY,
-    check_record,
-    ending_of,
-    found_beside,
     phase_of,
-    reachable,
-    shot,
 )
-from harness.model import FAILING, Case, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, PhaseRecord, worst
-from harness.probes.evidence import Reading, Request
+from harness.judging.fold import (
+    ACROSS,
+    LOOP,
+    REPEAT,
+    RUNS_TO_CONFIRM,
+    Asked,
+    Folded,
+    fold,
+    wanted_of,
+)
+from harness.model import (
+    CASE_PHASES,
+    FAILING,
+    Case,
+    CaseRecord,
+    CheckRecord,
+    Finding,
+    Level,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    worst,
+)
+from harness.probes.evidence import Reading
 from harness.vocabulary import MISLEADING
-
-DEFAULT_SECONDS = 120.0
-RUNS_TO_CONFIRM = 3
-MOST_FRAMES, MOST_WRITTEN = 4, 5
-"""Frames that are shown of one check, and files that a finding names."""
-
-LOOP, REPEAT, ACROSS = "single.loop", "single.repeat", "single.repeat.process"
-
-MEASURED_AGAIN = frozenset({Outcome.INFRA, Outcome.UNAVAILABLE, Outcome.TIMED_OUT, Outcome.NOT_REACHED})
-"""Outcomes that another run may change: never reused."""
 
 BULKY = frozenset({"trajectory"})
 """Facts of a check that stay with its evidence."""
-
-Wanted = Mapping[Phase, tuple[str, ...]]
-"""The checks of each phase."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Asked:
-    """Say what is wanted of a case: the checks of each phase, by an in-cell program of this digest for each.
-
-    With `verify` each check has a process of its own, and a failure is confirmed.
-    """
-
-    case: Case
-    wanted: Wanted
-    program: Mapping[str, str]
-    verify: bool = False
-
-    @property
-    def checks(self) -> list[str]:
-        """Return the checks in the order in which they are run."""
-        return [check for names in self.wanted.values() for check in names]
-
-    def seconds(self, check: str) -> float:
-        """Return the limit of a check."""
-        return self.case.timeouts.get(phase_of(check), DEFAULT_SECONDS)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Ended:
-    """Tell how a check ended, in which run, and what that run left behind; `passed_again` are runs to confirm."""
-
-    record: CheckRecord
-    reading: str
-    folder: str
-    measured: str
-    conditions: str | None
-    attempts: int = 1
-    frames: tuple[str, ...] = ()
-    peak_mb: int | None = None
-    passed_again: tuple[bool, ...] = ()
-
-    def confirmed(self) -> CheckRecord:
-        """Return the record, flaky where a failure did not come again."""
-        passed = sum(self.passed_again)
-        if not passed:
-            return self.record
-        told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {self.record.decisive}"
-        return replace(self.record, outcome=Outcome.FLAKY, decisive=told)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Folded:
-    """Hold all that the runs of a case showed so far.
-
-    `ended` has each check that came to an end, `followed` names the run in which each check that follows another was
-    looked at (`missed` are those that were not, as the other one did not pass this time), `findings` has those of each
-    run, each with the check that it was made during, where it was one. `overran` and `shot` are checks that were tried
-    once and are due again, or have been; `again` is the request that has to be repeated: `taken_away` and `recompiled`
-    tell that this happened once, for an environment or byte code in pieces.
-    """
-
-    ended: Mapping[str, Ended] = field(default_factory=dict)
-    followed: Mapping[str, str] = field(default_factory=dict)
-    missed: frozenset[str] = frozenset()
-    findings: Mapping[str, tuple[tuple[str | None, Finding], ...]] = field(default_factory=dict)
-    overran: frozenset[str] = frozenset()
-    shot: frozenset[str] = frozenset()
-    again: Request | None = None
-    taken_away: bool = False
-    recompiled: bool = False
-
-    def reusable(self, conditions: str | None, *, failed_too: bool) -> Folded:
-        """Return what of it need not be measured again on a system of these conditions."""
-
-        def holds(ended: Ended) -> bool:
-            outcome = ended.confirmed().outcome
-            if outcome in FAILING:
-                return failed_too and outcome not in MEASURED_AGAIN and ended.conditions in {None, conditions}
-            return outcome not in MEASURED_AGAIN
-
-        ended = {check: one for check, one in self.ended.items() if holds(one)}
-        gone = (self.ended.keys() - ended.keys()) | self.missed
-        followed = {check: run for check, run in self.followed.items() if not {check, wire.leader_of(check)} & gone}
-        return Folded(ended=ended, followed=followed, findings=self.findings)
-
-
-def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None) -> Folded:
-    """Take these runs, in their order, into what was known before."""
-    folded = before or Folded()
-    for reading in readings:
-        folded = after(asked, folded, reading)
-    return folded
-
-
-def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
-    """Take one more run into what is known."""
-    request, told = reading.run.request, _Told(asked, folded, reading)
-    current = {check for check, digest in reading.run.program.items() if digest == asked.program.get(check)}
-    if not current or (asked.verify and len(request.limits) > 1):
-        return folded
-    folded = replace(folded, again=None)
-    replies = [reply for reply in reading.reply.checks if reply.check in request.limits or _compared(reply)]
-    if not replies and reading.run.end.shot and not request.limits.keys() & folded.shot:
-        return replace(folded, shot=folded.shot | request.limits.keys())
-    ended = told.ended(replies)
-    lines = [one.record.decisive or "" for one in ended.values()]
-    if TAKEN_AWAY in lines and not folded.taken_away:
-        return replace(folded, again=request, taken_away=True)
-    if any(map(CUT_SHORT.search, lines)) and not folded.recompiled:
-        return replace(folded, again=replace(request, recompiled=True), recompiled=True)
-    if request.confirms:
-        return replace(folded, ended={**folded.ended, **_confirmed(folded, request, ended)})
-    counting = current - request.limits.keys() if request.leads else current
-    followers = [check for check in request.followers if check in counting]
-    missed = {check for check in followers if not _passed(ended.get(wire.leader_of(check)))}
-    followed = dict.fromkeys(followers if request.leads else set(followers) - missed, reading.name)
-    ended = {check: one for check, one in ended.items() if check in counting}
-    overran = {check for check, one in ended.items() if one.record.outcome is Outcome.TIMED_OUT} - folded.overran
-    killed = {check for check, one in ended.items() if shot(one.record)} - folded.shot
-    return replace(
-        folded,
-        ended={**folded.ended, **{name: one for name, one in ended.items() if name not in overran | killed}},
-        followed={**folded.followed, **followed},
-        missed=(folded.missed - followed.keys()) | (missed & followed.keys()),
-        findings={**folded.findings, reading.name: told.findings()},
-        overran=folded.overran | overran,
-        shot=folded.shot | killed,
-    )
-
-
-def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> dict[str, Ended]:
-    """Return the checks of a run that confirms, with whether they passed in it."""
-    found = {}
-    for check in request.limits:
-        before, now = folded.ended.get(check), ended.get(check)
-        if before:
-            passed = now is not None and now.record.outcome is Outcome.PASSED
-            found[check] = replace(before, passed_again=(*before.passed_again, passed))
-    return found
-
-
-@dataclass(frozen=True, slots=True)
-class _Told:
-    """Read one run of a case."""
-
-    asked: Asked
-    folded: Folded
-    reading: Reading
-
-    def ended(self, replies: list[CheckReply]) -> dict[str, Ended]:
-        """Return how each of these checks ended; where nothing was tried, why, under the first one."""
-        run = self.reading.run
-        first = next(iter(run.request.limits))
-        if not replies or self._python() != run.host.python:
-            return {first: self._ended(self._not_tried(first))}
-        found = [self._judged(reply) for reply in replies]
-        if any(one.record.outcome in FAILING for one in found) and not run.host.stood:
-            return {first: self._ended(CheckRecord(check=first, outcome=Outcome.INFRA, decisive=TAKEN_AWAY))}
-        return {one.record.check: one for one in found}
-
-    def _judged(self, reply: CheckReply) -> Ended:
-        run = self.reading.run
-        record = check_record(reply, ending_of(self.reading), run.host.undrawable)
-        if reply.outcome is None:
-            before = sum(check.seconds for check in self.reading.reply.checks)
-            record = replace(record, seconds=round(run.end.seconds - before, 3))
-        drawn = dict.fromkeys(name for shown, name in self.reading.reply.frames if shown == reply.check)
-        return self._ended(record, self.reading.pictures(tuple(islice(drawn, MOST_FRAMES))))
-
-    def _ended(self, record: CheckRecord, frames: tuple[str, ...] = ()) -> Ended:
-        run = self.reading.run
-        decisive = record.decisive and normalise.normalise(record.decisive, {})
-        return Ended(
-            record=replace(record, decisive=decisive),
-            reading=self.reading.name,
-            folder=self.reading.folder,
-            measured=run.measured,
-            conditions=run.host.conditions,
-            attempts=2 if record.check in self.folded.overran | self.folded.shot else 1,
-            frames=frames,
-            peak_mb=run.end.peak_mb or None,
-        )
-
-    def _python(self) -> str:
-        """Return the version of the Python that ran; a build from a checkout calls itself 3.14.0+."""
-        return str(self.reading.reply.facts.get("python", "")).removesuffix("+")
-
-    def _not_tried(self, check: str) -> CheckRecord:
-        """Say why no package was tried: the probe ended before its first check, or another Python ran it.
-
-        A package may be at fault all the same, where Python does not even start with what is installed.
-        """
-        run, reply = self.reading.run, self.reading.reply
-        told = SHOT if run.end.shot else run.end.killed or "; ".join(reply.problems) or self.reading.last_words
-        decisive = f"the probe did not start: {told}"
-        if reply.checks:
-            decisive = f"the environment's Python is {self._python()}, not {run.host.python}"
-        if run.host.bare_start is None:
-            return CheckRecord(check=check, outcome=Outcome.INFRA, decisive=decisive)
-        if not run.host.stood:
-            return CheckRecord(check=check, outcome=Outcome.INFRA, decisive=TAKEN_AWAY)
-        return CheckRecord(check=check, outcome=Outcome.FAILED, decisive=run.host.bare_start)
-
-    def findings(self) -> tuple[tuple[str | None, Finding], ...]:
-        """Return all that the run found besides how its checks ended, each with the check that it was made during."""
-        if REPEAT in self.reading.run.request.limits:
-            return ()
-        end, reply = self.reading.run.end, self.reading.reply
-        phase = phase_of(next(iter(self.reading.run.request.limits)))
-        followers = self.reading.run.request.followers
-        of_run = [*found_beside(reply, ending_of(self.reading), followers)]
-        of_run += [*beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
-        found = [*zip(reply.during, reply.findings, strict=True)]
-        found += [(one.check if one.check in followers else None, one) for one in of_run]
-        return tuple((during, replace(one, text=normalise.normalise(one.text, {}))) for during, one in found)
-
-    def _native(self, phase: Phase) -> list[Finding]:
-        lines = nativesays.errors(self.reading.printed)
-        return [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
-
-
-def beside(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding, ...]:
-    """Return the findings on what a run wrote into its environment, and on processes that it left behind."""
-    found = []
-    if written:
-        text = f"wrote into its own environment (kept from other runs): {', '.join(written[:MOST_WRITTEN])}"
-        found.append(Finding(check=f"{phase}.written", level=Level.WARNING, text=text))
-    if stray:
-        text = f"left {stray} process(es) behind at its end"
-        found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
-    return tuple(found)
-
-
-def _passed(ended: Ended | None) -> bool:
-    return ended is not None and ended.record.outcome is Outcome.PASSED
-
-
-def _compared(reply: CheckReply) -> bool:
-    """Tell whether a check that follows another one compared the case with its specification."""
-    return reply.check in MISLEADING and reply.outcome is not None
-
-
-# --- the next run ----------------------------------------------------------------------------------------------
-
-
-def todo(asked: Asked, folded: Folded) -> Request | None:
-    """Return the run that is needed next; None where the phases of the case are known."""
-    if folded.again:
-        return folded.again
-    pending = _pending(asked, folded)
-    if pending:
-        batch = pending[:1] if asked.verify else pending
-        limits = {check: _seconds(asked, folded, check) for check in batch}
-        return Request(case=asked.case, limits=limits, followers=wire.followers_of(limits))
-    confirmation = _confirmation(asked, folded) if asked.verify else None
-    return confirmation or _following(asked, folded) or _comparison(asked, folded)
-
-
-def _seconds(asked: Asked, folded: Folded, check: str) -> float:
-    return asked.seconds(check) * (2 if check in folded.overran else 1)
-
-
-def _pending(asked: Asked, folded: Folded) -> list[str]:
-    known: dict[Phase, Outcome] = {}
-    for check, ended in folded.ended.items():
-        phase = phase_of(check)
-        told = [one.outcome for one in misleading.settled([ended.record])]
-        known[phase] = worst((*told, known.get(phase, Outcome.PASSED)))
-    return [check for check in asked.checks if check not in folded.ended and reachable(phase_of(check), known)]
-
-
-def _confirmation(asked: Asked, folded: Folded) -> Request | None:
-    """Ask for one more run of a failed check: one that also passes is flaky."""
-    for check, ended in folded.ended.items():
-        again = len(ended.passed_again) < RUNS_TO_CONFIRM - 1
-        if again and ended.record.outcome in FAILING and check in asked.checks:
-            return Request(case=asked.case, limits={check: 2 * _seconds(asked, folded, check)}, confirms=True)
-    return None
-
-
-def _following(asked: Asked, folded: Folded) -> Request | None:
-    """Ask for checks that are to follow another one, where that was run without them, or with others of their name."""
-    for check in asked.checks:
-        ended = folded.ended.get(check)
-        left = tuple(one for one in wire.followers_of([check]) if one not in folded.followed)
-        if left and _passed(ended):
-            limits = {check: _seconds(asked, folded, check)}
-            return Request(case=asked.case, limits=limits, followers=left, leads=True)
-    return None
-
-
-def _comparison(asked: Asked, folded: Folded) -> Request | None:
-    """Ask for the same loop in a second process."""
-    loop = folded.ended.get(LOOP)
-    if loop is None or loop.record.outcome is not Outcome.PASSED or LOOP not in asked.checks:
-        return None
-    if REPEAT in folded.ended or REPEAT in folded.overran | folded.shot:
-        return None
-    return Request(case=asked.case, limits={REPEAT: 2 * asked.seconds(LOOP)})
-
-
-# --- what the runs come to -------------------------------------------------------------------------------------
 
 
 def phases(asked: Asked, folded: Folded, new: frozenset[str] = frozenset()) -> dict[Phase, PhaseRecord]:
@@ -353,6 +51,32 @@ def phases(asked: Asked, folded: Folded, new: frozenset[str] = frozenset()) -> d
         for phase, names in asked.wanted.items()
         if names and names[0] in folded.ended
     }
+
+
+def case_record(case: Case, known: Mapping[Phase, PhaseRecord], runs: tuple[str, ...] = ()) -> CaseRecord:
+    """Return the record of a case, with those phases that are not known as not reached, or not asked for."""
+    asked = wanted_of(case.checks, CASE_PHASES[-1])
+    return CaseRecord(
+        case=case.id,
+        env=case.env,
+        api=case.api,
+        required=case.required,
+        phases=tuple(known.get(phase) or _absent(phase, asked=phase in asked) for phase in CASE_PHASES),
+        runs=runs,
+    )
+
+
+def _absent(phase: Phase, *, asked: bool) -> PhaseRecord:
+    return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
+
+
+def judged_again(case: Case, readings: Iterable[Reading]) -> CaseRecord:
+    """Return the record of a case by these runs alone, whatever in-cell program they ran last."""
+    found = tuple(readings)
+    program = {check: digest for reading in found for check, digest in reading.run.program.items()}
+    asked = Asked(case=case, wanted=wanted_of(case.checks, CASE_PHASES[-1]), program=program)
+    folded = fold(asked, found)
+    return case_record(case, phases(asked, folded), folded.runs)
 
 
 def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[str]) -> PhaseRecord:

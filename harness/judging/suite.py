@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from harness import normalise
-from harness.judging.case import MEASURED_AGAIN, RUNS_TO_CONFIRM, beside
 from harness.judging.check import TAKEN_AWAY, Ending
+from harness.judging.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, beside
 from harness.judging.pytest_report import Report, outcome_of
 from harness.model import FAILING, CheckRecord, Finding, Level, Outcome, Phase, PhaseRecord, Suite
 from harness.probes.evidence import JUNIT, LOG, MODULES, Reading, Request
@@ -36,6 +36,7 @@ class Folded:
 
     ended: Ended | None = None
     overran: bool = False
+    runs: tuple[str, ...] = ()
 
     def reusable(self, conditions: str | None, *, failed_too: bool) -> Folded:
         """Return what of it need not be measured again on a system of these conditions."""
@@ -54,15 +55,21 @@ def fold(readings: Iterable[Reading], before: Folded | None = None) -> Folded:
     return folded
 
 
+def judged_again(readings: Iterable[Reading]) -> PhaseRecord | None:
+    """Return what the suite came to by these runs alone; None where they did not bring it to an end."""
+    folded = fold(readings)
+    return phase(folded, reused=False) if folded.ended else None
+
+
 def after(folded: Folded, reading: Reading) -> Folded:
     """Take one more run into what is known."""
-    ended = _ended(reading)
+    ended, runs = _ended(reading), (*folded.runs, reading.name)
     if reading.run.request.confirms:
         known, passed = folded.ended, ended.outcome is Outcome.PASSED
-        return folded if known is None else replace(folded, ended=_again(known, passed=passed))
+        return folded if known is None else replace(folded, ended=_again(known, passed=passed), runs=runs)
     if ended.outcome is Outcome.TIMED_OUT and not folded.overran:
-        return Folded(overran=True)
-    return Folded(ended=replace(ended, attempts=2 if folded.overran else 1), overran=folded.overran)
+        return Folded(overran=True, runs=runs)
+    return Folded(ended=replace(ended, attempts=2 if folded.overran else 1), overran=folded.overran, runs=runs)
 
 
 def _again(ended: Ended, *, passed: bool) -> Ended:
@@ -106,6 +113,7 @@ def phase(folded: Folded, *, reused: bool) -> PhaseRecord:
         evidence=ended.reading.folder,
         attempts=RUNS_TO_CONFIRM if ended.passed_again else ended.attempts,
         measured=run.measured,
+        runs=folded.runs,
         reused=reused,
     )
 

@@ -11,8 +11,7 @@ from typing import Any
 import msgspec
 
 from harness import wire
-from harness.judging.case import Asked
-from harness.judging.check import phase_of
+from harness.judging.fold import Asked, wanted_of
 from harness.model import CASE_PHASES, Case
 from harness.probes.evidence import LOG, REPLY, End, Host, ProbeRun, Reading, Request
 
@@ -105,9 +104,6 @@ CASE = Case(
 
 def asked(case: Case = CASE, *, verify: bool = False, program: Mapping[str, str] | None = None) -> Asked:
     """Return that all of a case is wanted, by the in-cell program of today unless another is named for a check."""
-    wanted = {phase: tuple(one for one in case.checks if phase_of(one) is phase) for phase in CASE_PHASES}
     names = (*case.checks, *wire.followers_of(case.checks), "single.repeat")
     known = {**dict.fromkeys(names, PROGRAM), **(program or {})}
-    return Asked(
-        case=case, wanted={phase: names for phase, names in wanted.items() if names}, program=known, verify=verify
-    )
+    return Asked(case=case, wanted=wanted_of(case.checks, CASE_PHASES[-1]), program=known, verify=verify)

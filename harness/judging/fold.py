@@ -1,0 +1,299 @@
+"""Fold the probe runs of a case into how its checks ended.
+
+A check ends with the last run that showed it. A time limit that ran out, and a process that somebody outside ended, are
+tried once more; so is a run that met an environment, or byte code, that was not whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from itertools import islice
+from types import MappingProxyType
+
+from harness import nativesays, normalise, wire
+from harness.judging.check import (
+    CUT_SHORT,
+    SHOT,
+    TAKEN_AWAY,
+    check_record,
+    ending_of,
+    found_beside,
+    phase_of,
+    shot,
+)
+from harness.model import (
+    CASE_PHASES,
+    FAILING,
+    Case,
+    CheckRecord,
+    CheckReply,
+    Finding,
+    Level,
+    Outcome,
+    Phase,
+)
+from harness.probes.evidence import Reading, Request
+from harness.vocabulary import MISLEADING
+
+DEFAULT_SECONDS = 120.0
+RUNS_TO_CONFIRM = 3
+MOST_FRAMES, MOST_WRITTEN = 4, 5
+"""Frames that are shown of one check, and files that a finding names."""
+
+LOOP, REPEAT, ACROSS = "single.loop", "single.repeat", "single.repeat.process"
+
+MEASURED_AGAIN = frozenset({Outcome.INFRA, Outcome.UNAVAILABLE, Outcome.TIMED_OUT, Outcome.NOT_REACHED})
+"""Outcomes that another run may change: never reused."""
+
+Wanted = Mapping[Phase, tuple[str, ...]]
+"""The checks of each phase."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Asked:
+    """Say what is wanted of a case: the checks of each phase, by an in-cell program of this digest for each.
+
+    With `verify` each check has a process of its own, and a failure is confirmed.
+    """
+
+    case: Case
+    wanted: Wanted
+    program: Mapping[str, str]
+    verify: bool = False
+
+    @property
+    def checks(self) -> list[str]:
+        """Return the checks in the order in which they are run."""
+        return [check for names in self.wanted.values() for check in names]
+
+    def seconds(self, check: str) -> float:
+        """Return the limit of a check."""
+        return self.case.timeouts.get(phase_of(check), DEFAULT_SECONDS)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ended:
+    """Tell how a check ended, in which run, and what that run left behind; `passed_again` are runs to confirm."""
+
+    record: CheckRecord
+    reading: str
+    folder: str
+    measured: str
+    conditions: str | None
+    attempts: int = 1
+    frames: tuple[str, ...] = ()
+    peak_mb: int | None = None
+    passed_again: tuple[bool, ...] = ()
+
+    def confirmed(self) -> CheckRecord:
+        """Return the record, flaky where a failure did not come again."""
+        passed = sum(self.passed_again)
+        if not passed:
+            return self.record
+        told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {self.record.decisive}"
+        return replace(self.record, outcome=Outcome.FLAKY, decisive=told)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Folded:
+    """Hold all that the runs of a case showed so far.
+
+    `ended` has each check that came to an end, `followed` names the run in which each check that follows another was
+    looked at (`missed` are those that were not, as the other one did not pass this time), `findings` has those of each
+    run, each with the check that it was made during, where it was one. `overran` and `shot` are checks that were tried
+    once and are due again, or have been; `again` is the request that has to be repeated: `taken_away` and `recompiled`
+    tell that this happened once, for an environment or byte code in pieces. `runs` names all runs that were heeded.
+    """
+
+    ended: Mapping[str, Ended] = field(default_factory=dict)
+    followed: Mapping[str, str] = field(default_factory=dict)
+    missed: frozenset[str] = frozenset()
+    findings: Mapping[str, tuple[tuple[str | None, Finding], ...]] = field(default_factory=dict)
+    overran: frozenset[str] = frozenset()
+    shot: frozenset[str] = frozenset()
+    again: Request | None = None
+    taken_away: bool = False
+    recompiled: bool = False
+    runs: tuple[str, ...] = ()
+
+    def reusable(self, conditions: str | None, *, failed_too: bool) -> Folded:
+        """Return what of it need not be measured again on a system of these conditions."""
+
+        def holds(ended: Ended) -> bool:
+            outcome = ended.confirmed().outcome
+            if outcome in FAILING:
+                return failed_too and outcome not in MEASURED_AGAIN and ended.conditions in {None, conditions}
+            return outcome not in MEASURED_AGAIN
+
+        ended = {check: one for check, one in self.ended.items() if holds(one)}
+        gone = (self.ended.keys() - ended.keys()) | self.missed
+        followed = {check: run for check, run in self.followed.items() if not {check, wire.leader_of(check)} & gone}
+        return Folded(ended=ended, followed=followed, findings=self.findings, runs=self.runs)
+
+
+def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None) -> Folded:
+    """Take these runs, in their order, into what was known before."""
+    folded = before or Folded()
+    for reading in readings:
+        folded = after(asked, folded, reading)
+    return folded
+
+
+def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
+    """Take one more run into what is known."""
+    request, told = reading.run.request, _Told(asked, folded, reading)
+    current = {check for check, digest in reading.run.program.items() if digest == asked.program.get(check)}
+    if not current or (asked.verify and len(request.limits) > 1):
+        return folded
+    folded = replace(folded, again=None, runs=(*folded.runs, reading.name))
+    replies = [reply for reply in reading.reply.checks if reply.check in request.limits or _compared(reply)]
+    if not replies and reading.run.end.shot and not request.limits.keys() & folded.shot:
+        return replace(folded, shot=folded.shot | request.limits.keys())
+    ended = told.ended(replies)
+    lines = [one.record.decisive or "" for one in ended.values()]
+    if TAKEN_AWAY in lines and not folded.taken_away:
+        return replace(folded, again=request, taken_away=True)
+    if any(map(CUT_SHORT.search, lines)) and not folded.recompiled:
+        return replace(folded, again=replace(request, recompiled=True), recompiled=True)
+    if request.confirms:
+        return replace(folded, ended={**folded.ended, **_confirmed(folded, request, ended)})
+    counting = current - request.limits.keys() if request.leads else current
+    followers = [check for check in request.followers if check in counting]
+    missed = {check for check in followers if not passed(ended.get(wire.leader_of(check)))}
+    followed = dict.fromkeys(followers if request.leads else set(followers) - missed, reading.name)
+    ended = {check: one for check, one in ended.items() if check in counting}
+    overran = {check for check, one in ended.items() if one.record.outcome is Outcome.TIMED_OUT} - folded.overran
+    killed = {check for check, one in ended.items() if shot(one.record)} - folded.shot
+    return replace(
+        folded,
+        ended={**folded.ended, **{name: one for name, one in ended.items() if name not in overran | killed}},
+        followed={**folded.followed, **followed},
+        missed=(folded.missed - followed.keys()) | (missed & followed.keys()),
+        findings={**folded.findings, reading.name: told.findings()},
+        overran=folded.overran | overran,
+        shot=folded.shot | killed,
+    )
+
+
+def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> dict[str, Ended]:
+    """Return the checks of a run that confirms, with whether they passed in it."""
+    found = {}
+    for check in request.limits:
+        before, now = folded.ended.get(check), ended.get(check)
+        if before:
+            passed = now is not None and now.record.outcome is Outcome.PASSED
+            found[check] = replace(before, passed_again=(*before.passed_again, passed))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Read one run of a case."""
+
+    asked: Asked
+    folded: Folded
+    reading: Reading
+
+    def ended(self, replies: list[CheckReply]) -> dict[str, Ended]:
+        """Return how each of these checks ended; where nothing was tried, why, under the first one."""
+        run = self.reading.run
+        first = next(iter(run.request.limits))
+        if not replies or self._python() != run.host.python:
+            return {first: self._ended(self._not_tried(first))}
+        found = [self._judged(reply) for reply in replies]
+        if any(one.record.outcome in FAILING for one in found) and not run.host.stood:
+            return {first: self._ended(CheckRecord(check=first, outcome=Outcome.INFRA, decisive=TAKEN_AWAY))}
+        return {one.record.check: one for one in found}
+
+    def _judged(self, reply: CheckReply) -> Ended:
+        run = self.reading.run
+        record = check_record(reply, ending_of(self.reading), run.host.undrawable)
+        if reply.outcome is None:
+            before = sum(check.seconds for check in self.reading.reply.checks)
+            record = replace(record, seconds=round(run.end.seconds - before, 3))
+        drawn = dict.fromkeys(name for shown, name in self.reading.reply.frames if shown == reply.check)
+        return self._ended(record, self.reading.pictures(tuple(islice(drawn, MOST_FRAMES))))
+
+    def _ended(self, record: CheckRecord, frames: tuple[str, ...] = ()) -> Ended:
+        run = self.reading.run
+        decisive = record.decisive and normalise.normalise(record.decisive, {})
+        return Ended(
+            record=replace(record, decisive=decisive),
+            reading=self.reading.name,
+            folder=self.reading.folder,
+            measured=run.measured,
+            conditions=run.host.conditions,
+            attempts=2 if record.check in self.folded.overran | self.folded.shot else 1,
+            frames=frames,
+            peak_mb=run.end.peak_mb or None,
+        )
+
+    def _python(self) -> str:
+        """Return the version of the Python that ran; a build from a checkout calls itself 3.14.0+."""
+        return str(self.reading.reply.facts.get("python", "")).removesuffix("+")
+
+    def _not_tried(self, check: str) -> CheckRecord:
+        """Say why no package was tried: the probe ended before its first check, or another Python ran it.
+
+        A package may be at fault all the same, where Python does not even start with what is installed.
+        """
+        run, reply = self.reading.run, self.reading.reply
+        told = SHOT if run.end.shot else run.end.killed or "; ".join(reply.problems) or self.reading.last_words
+        decisive = f"the probe did not start: {told}"
+        if reply.checks:
+            decisive = f"the environment's Python is {self._python()}, not {run.host.python}"
+        if run.host.bare_start is None:
+            return CheckRecord(check=check, outcome=Outcome.INFRA, decisive=decisive)
+        if not run.host.stood:
+            return CheckRecord(check=check, outcome=Outcome.INFRA, decisive=TAKEN_AWAY)
+        return CheckRecord(check=check, outcome=Outcome.FAILED, decisive=run.host.bare_start)
+
+    def findings(self) -> tuple[tuple[str | None, Finding], ...]:
+        """Return all that the run found besides how its checks ended, each with the check that it was made during."""
+        if REPEAT in self.reading.run.request.limits:
+            return ()
+        end, reply = self.reading.run.end, self.reading.reply
+        phase = phase_of(next(iter(self.reading.run.request.limits)))
+        followers = self.reading.run.request.followers
+        of_run = [*found_beside(reply, ending_of(self.reading), followers)]
+        of_run += [*beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
+        found = [*zip(reply.during, reply.findings, strict=True)]
+        found += [(one.check if one.check in followers else None, one) for one in of_run]
+        return tuple((during, replace(one, text=normalise.normalise(one.text, {}))) for during, one in found)
+
+    def _native(self, phase: Phase) -> list[Finding]:
+        lines = nativesays.errors(self.reading.printed)
+        return [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
+
+
+def beside(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding, ...]:
+    """Return the findings on what a run wrote into its environment, and on processes that it left behind."""
+    found = []
+    if written:
+        text = f"wrote into its own environment (kept from other runs): {', '.join(written[:MOST_WRITTEN])}"
+        found.append(Finding(check=f"{phase}.written", level=Level.WARNING, text=text))
+    if stray:
+        text = f"left {stray} process(es) behind at its end"
+        found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
+    return tuple(found)
+
+
+def passed(ended: Ended | None) -> bool:
+    """Tell whether a check is known to have passed."""
+    return ended is not None and ended.record.outcome is Outcome.PASSED
+
+
+def _compared(reply: CheckReply) -> bool:
+    """Tell whether a check that follows another one compared the case with its specification."""
+    return reply.check in MISLEADING and reply.outcome is not None
+
+
+@cache
+def wanted_of(checks: tuple[str, ...], until: Phase) -> Wanted:
+    """Return the checks of each phase up to this one."""
+    order = list(Phase)
+    phases = [phase for phase in CASE_PHASES if order.index(phase) <= order.index(until)]
+    found = {phase: tuple(check for check in checks if phase_of(check) is phase) for phase in phases}
+    return MappingProxyType({phase: names for phase, names in found.items() if names})
