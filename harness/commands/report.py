@@ -15,6 +15,7 @@ from harness import (
     given_files,
     knowledge,
     notices,
+    packs,
     pages,
     present,
     rediagnosing,
@@ -23,7 +24,7 @@ from harness import (
     tables,
     terminal,
 )
-from harness.commands import blocks, reporting, standing
+from harness.commands import blocks, judging_again, reporting, standing
 from harness.errors import BadInput, HarnessError
 from harness.model import Plan
 from harness.reporttypes import Document
@@ -50,6 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--diagnose", action="store_true",
                         help="match stored results again with the known issues of today, and take titles, roles and "
                              "pages from the matrix")  # fmt: skip
+    parser.add_argument("--judge-again", action="store_true",
+                        help="judge reports again from the evidence that lies beside them, and say what is altered:"
+                             " nothing is measured")  # fmt: skip
+    parser.add_argument("--write", action="store_true",
+                        help="with --judge-again: write the reports as they are judged now")  # fmt: skip
     parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
                         help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
@@ -59,6 +65,8 @@ def main(args: argparse.Namespace) -> int:
     """Show what was measured; the exit code is that of `run`."""
     if args.into:
         return blocks.renew(args.into, of_block)
+    if args.judge_again:
+        return judging_again.main([_folder(name) for name in args.sources], write=args.write)
     sources = [found(name) for name in args.sources] or _all()
     if args.out:
         store.writable(args.out)
@@ -106,6 +114,11 @@ def _all() -> list[Path]:
         message = "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json"
         raise BadInput(message)
     return found
+
+
+def _folder(name: str) -> Path:
+    """The folder of a report, whose document need not be there."""
+    return Path(name) if (Path(name) / packs.INDEX).is_file() else found(name).parent
 
 
 def found(name: str) -> Path:

@@ -21,6 +21,7 @@ from harness import (
     given_files,
     knowledge,
     machine,
+    packs,
     pages,
     present,
     store,
@@ -113,6 +114,8 @@ def publish(
                 try:
                     report = making(locate=place(known, opened, folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
+                    if wanted.out:
+                        pack(report, plan, known, opened, folder)
                     standing.keep(note, made_of, folder)
                 except OSError as error:  # a full disk loses nobody the table of what was measured
                     trouble = in_the_way(error)
@@ -123,6 +126,14 @@ def publish(
                     continue
         made.append(Published(folder, report, shown))
     return made
+
+
+def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:
+    """Lay the evidence of a report beside it, so that it can be judged again where this state is not."""
+    packed = packs.Packed(plans=(plan,), machines=report.machines, probes=dict(report.probes), records=tuple(records))
+    found = packs.write(packed, opened.folder, folder)
+    sha = packs.sha256(document.encode(report))
+    packs.write_index(folder, packs.Index(judged=report.generated, report=sha, packs=found))
 
 
 def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, wanted: Wanted) -> int:

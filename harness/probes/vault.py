@@ -50,7 +50,7 @@ class Vault:
     def put(self, run: ProbeRun, key: str) -> str:
         """Keep a run as an answer to a key, and return its name."""
         name = self.keep(msgspec.json.encode(run, order="deterministic"))
-        self._show(name, run)
+        self._lay(name, run)
         path = self._claim(key)
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, APPEND, 0o644)
@@ -76,9 +76,7 @@ class Vault:
 
     def reading(self, name: str) -> Reading:
         """Return a run with the texts that it left. Raises Unreadable where anything of it is gone or damaged."""
-        content = self.content(name, MOST_RUN)
-        with understanding():
-            run = guarded_files.decoder(ProbeRun).decode(content)
+        run = self._run(name)
         texts = {file: self.content(sha, MOST_FILE) for file, sha in run.files.items() if not file.endswith(PICTURE)}
         return Reading(name, run, texts)
 
@@ -90,21 +88,36 @@ class Vault:
             raise Unreadable(message)
         return content
 
-    def _show(self, name: str, run: ProbeRun) -> None:
-        """Lay the files of a run side by side under their own names, for people."""
+    def contents(self, name: str) -> dict[str, bytes]:
+        """Return a run and the texts that it left, by the hashes of their content. Raises Unreadable."""
+        run = self._run(name)
+        texts = [sha for file, sha in run.files.items() if not file.endswith(PICTURE)]
+        return {sha: self.content(sha, MOST_FILE) for sha in (name, *texts)}
+
+    def show(self, name: str) -> None:
+        """Lay the files of a run side by side under their own names, for people. Raises Unreadable."""
+        self._lay(name, self._run(name))
+
+    def _run(self, name: str) -> ProbeRun:
+        content = self.content(name, MOST_RUN)
+        with understanding():
+            return guarded_files.decoder(ProbeRun).decode(content)
+
+    def _lay(self, name: str, run: ProbeRun) -> None:
         folder = self.state / folder_of(name)
         folder.mkdir(parents=True, exist_ok=True)
         for file, sha in run.files.items():
             self._link(self._content(sha), folder / file)
 
     def _link(self, content: Path, path: Path) -> None:
-        with suppress(FileExistsError):
-            try:
-                path.hardlink_to(content)
-            except FileExistsError:
-                raise
-            except OSError:  # a file system without links
-                write_atomic(path, content.read_bytes())
+        try:
+            path.hardlink_to(content)
+        except FileExistsError:
+            return
+        except FileNotFoundError:  # a picture that lies elsewhere
+            return
+        except OSError:  # a file system without links
+            write_atomic(path, content.read_bytes())
 
     def _content(self, name: str) -> Path:
         return self.folder / "cas" / name[:2] / name[2:]

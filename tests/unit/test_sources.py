@@ -43,20 +43,10 @@ def test_nothing_that_is_imported_is_missed(module: str) -> None:
     assert set(sources.imported(module)) == parsed(module)
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        "standalone.lines",
-        "normalise",
-        "judging.case",
-        "judging.check",
-        "judging.fold",
-        "judging.todo",
-        "misleading",
-        "wire",
-        "nativesays",
-    ],
-)
+JUDGING = ("judging.case", "judging.check", "judging.fold", "judging.todo", "misleading", "nativesays", "normalise")
+
+
+@pytest.mark.parametrize("module", [*JUDGING, "standalone.lines", "wire"])
 def test_what_judges_a_probe_is_part_of_a_mark(module: str) -> None:
     """The record of a cell is judged again when any module changes that has a say in an outcome, line or finding."""
     assert any(f"harness.{module}" in sources.imported(one) for one in cellrun.JUDGING)

@@ -1,0 +1,184 @@
+"""Judge stored reports again from their evidence, with the readings, known issues and expectations of today.
+
+Nothing is measured, and no process is started.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from harness import catalog, document, given_files, knowledge, packs, store
+from harness.commands import reporting
+from harness.errors import BadInput, CouldNotTell, HarnessError
+from harness.hostile_data import Unreadable
+from harness.judging import case as judging
+from harness.judging import suite
+from harness.model import CaseRecord, Cell, CellRecord, Plan
+from harness.packs import Index, Packed
+from harness.probes.vault import Vault
+from harness.reporttypes import CellEntry, Document, number
+from harness.scratch_folders import scratch_folder
+from harness.store import Store
+
+NAME = "report.json"
+MOST_NAMED = 20
+"""Cells that are named of those that cannot be judged again."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Again:
+    """A report judged again: its plans as they are today, and the document that comes of it."""
+
+    folder: Path
+    index: Index
+    plans: tuple[Plan, ...]
+    document: Document
+
+    @property
+    def unchanged(self) -> bool:
+        """Tell whether the same comes of it as when it was judged last."""
+        return packs.sha256(document.encode(self.document)) == self.index.report
+
+
+def main(folders: Sequence[Path], *, write: bool) -> int:
+    """Say what judging alters in these reports, or write them anew; the exit code is that of `report`."""
+    altered, untold = 0, 0
+    for folder in folders:
+        known = packs.index(folder)
+        if known is None:
+            untold += 1
+            _tell_untold(folder)
+            continue
+        with scratch_folder() as state:
+            again = judged(folder, known, Store(state))
+            lines = list(_altered(again))
+            for line in lines:
+                print(line)
+            altered += bool(lines)
+            if write:
+                _write(again)
+    print(f"{number(len(folders) - untold, 'report')} judged again, {altered or 'none'} altered", file=sys.stderr)
+    return (1 if altered and not write else 0) or (CouldNotTell.exit_code if untold else 0)
+
+
+def judged(folder: Path, index: Index, opened: Store) -> Again:
+    """Return what comes of the evidence of a report today, laid into a store. Raises BadInput."""
+    try:
+        packed = packs.unpack(folder, index, opened.folder)
+    except Unreadable as error:
+        message = f"{folder}: a pack that {packs.INDEX} names: {error}"
+        raise BadInput(message) from None
+    vault = Vault(opened.folder)
+    plans = _plans(packed)
+    planned = {cell.id: cell for plan in plans for cell in plan.cells}
+    known = [_record(record, vault, folder) for one in packed for record in one.records]
+    records = [replace(record, cell=planned.get(record.cell.id, record.cell)) for record in known]
+    made = partial(
+        document.build,
+        records,
+        plans,
+        {name: facts for one in packed for name, facts in one.machines.items()},
+        probes={name: probe for one in packed for name, probe in one.probes.items()},
+        known=knowledge.beside(opened.folder),
+        locate=reporting.place(records, opened, folder),
+    )
+    again = Again(folder=folder, index=index, plans=plans, document=made(generated=index.judged))
+    return again if again.unchanged else replace(again, document=made(generated=store.now()))
+
+
+def _record(record: CellRecord, vault: Vault, folder: Path) -> CellRecord:
+    """Return the record of a cell with what its runs come to."""
+    try:
+        cases = tuple(_case(record, one, vault) for one in record.cases)
+        tests = record.suite
+        if tests and tests.runs:
+            tests = suite.judged_again(vault.reading(name) for name in tests.runs)
+    except Unreadable as error:
+        message = f"{folder}: {record.cell.id}: a probe run of it: {error}"
+        raise BadInput(message) from None
+    return replace(record, cases=cases, suite=tests)
+
+
+def _case(record: CellRecord, one: CaseRecord, vault: Vault) -> CaseRecord:
+    if not one.runs:
+        return one
+    case = next(case for case in record.cell.cases if case.id == one.case)
+    return judging.judged_again(case, [vault.reading(name) for name in one.runs])
+
+
+def _plans(packed: Iterable[Packed]) -> tuple[Plan, ...]:
+    """Return the plans of a report: as the matrices are today, where they still ask for the cells that were planned."""
+    plans = {plan.matrix: plan for one in packed for plan in one.plans}
+    return tuple(map(_today, plans.values()))
+
+
+def _today(kept: Plan) -> Plan:
+    try:
+        today = catalog.load(kept.matrix, lambda _: None, offline=True)
+    except HarnessError:
+        return kept
+    if today.axes != kept.axes:  # another matrix of this name
+        return kept
+    asked = {cell.id: cell for cell in today.cells}
+    return replace(today, cells=tuple(_cell(asked.get(cell.id), cell) for cell in kept.cells))
+
+
+def _cell(today: Cell | None, kept: Cell) -> Cell:
+    """Return a cell with what is expected of it today, if it is still the same cell."""
+    if today and replace(today, expect=kept.expect, tried=kept.tried) == kept:
+        return today
+    return kept
+
+
+def _write(again: Again) -> None:
+    """Write the report anew, and its index where something else came of it."""
+    words = again.plans[0].page if len(again.plans) == 1 else None
+    reporting.write(again.document, again.folder, None, words)
+    if not again.unchanged:
+        sha = packs.sha256(document.encode(again.document))
+        index = Index(judged=again.document.generated, report=sha, packs=again.index.packs)
+        packs.write_index(again.folder, index)
+
+
+# --- what is said ----------------------------------------------------------------------------------------------
+
+
+def _tell_untold(folder: Path) -> None:
+    path = folder / NAME
+    cells = document.read(given_files.read_content(path), str(path)).cells if path.is_file() else ()
+    named = ", ".join(cell.id for cell in cells[:MOST_NAMED])
+    more = f" and {len(cells) - MOST_NAMED} more" if len(cells) > MOST_NAMED else ""
+    print(f"{os.path.relpath(folder)}: no evidence lies beside it; not judged again: {named}{more}", file=sys.stderr)
+
+
+def _altered(again: Again) -> Iterator[str]:
+    """Yield a line for each cell of which something else is said now; nothing where there is no document before."""
+    path = again.folder / NAME
+    if again.unchanged or not path.is_file():
+        return
+    before = {(cell.id, cell.machine): cell for cell in document.read(given_files.read_content(path), str(path)).cells}
+    for cell in again.document.cells:
+        old = before.get((cell.id, cell.machine))
+        said = ["not in the report"] if old is None else list(_differences(old, cell))
+        yield from (f"{cell.id}: {text}" for text in said)
+
+
+def _differences(old: CellEntry, new: CellEntry) -> Iterator[str]:
+    """Yield what is said otherwise of a cell."""
+    for name in ("verdict", "phase", "decisive", "as_expected", "unverified"):
+        before, now = getattr(old, name), getattr(new, name)
+        if before != now:
+            yield f"{name}: {before} -> {now}"
+    causes = [[one.signature for one in cell.diagnoses] for cell in (old, new)]
+    if causes[0] != causes[1]:
+        yield f"causes: {', '.join(causes[0]) or 'none'} -> {', '.join(causes[1]) or 'none'}"
+    for phase in {**old.phases, **new.phases}:
+        if old.phases.get(phase) != new.phases.get(phase):
+            yield f"{phase}: {old.phases.get(phase)} -> {new.phases.get(phase)}"
+    if len(old.findings) != len(new.findings):
+        yield f"findings: {len(old.findings)} -> {len(new.findings)}"

@@ -1,0 +1,232 @@
+"""Pack the evidence behind a report into one file beside it, from which the report can be made again.
+
+`evidence.tar.xz` holds the records of the cells without anything that was judged from a probe run, every run that they
+were judged by with the texts that it left, and the logs of steps on the host. Frames lie beside the report as pictures.
+`index.json` names the packs of a report by their SHA-256, and the instant that the report was judged at.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import lzma
+import re
+import tarfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from harness import guarded_files
+from harness.errors import BadInput
+from harness.hostile_data import Absent, Unreadable, understanding
+from harness.model import CellRecord, Outcome, Phase, PhaseRecord, Plan
+from harness.probes.evidence import PICTURE
+from harness.probes.vault import MOST_FILE, Vault
+from harness.store import write_atomic, write_changed
+
+INDEX, PACK = "index.json", "evidence{}.tar.xz"
+CELLS, CONTENTS, LOGS = "cells.json", "cas", "evidence"
+MOST_PACK = 5_000_000
+"""Bytes of one pack; the evidence of a report that needs more lies in several."""
+
+MOST_INDEX, MOST_UNPACKED, MOST_MEMBERS = 1 << 20, 2 << 30, 200_000
+MOST_FRAME = 4 << 20
+NAME = re.compile(rf"{CELLS}|{CONTENTS}/[0-9a-f]{{64}}|{LOGS}/[\w.+-]{{1,150}}/[\w.+-]{{1,150}}")
+FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9, "dict_size": 64 << 20}]
+"""Cells of one report said the same in long stretches: the dictionary reaches over all of them."""
+
+
+class Packed(msgspec.Struct, frozen=True, kw_only=True):
+    """What a pack says of cells: their records, the plans that they are of, machines, and in-cell digests."""
+
+    plans: tuple[Plan, ...]
+    machines: dict[str, dict[str, Any]]
+    probes: dict[str, str]
+    records: tuple[CellRecord, ...]
+
+
+class Index(msgspec.Struct, frozen=True, kw_only=True):
+    """The file `index.json`: the instant of judging, the hash of the document made then, and the packs by hash."""
+
+    schema: int = 1
+    judged: str
+    report: str
+    packs: dict[str, str]
+
+
+# --- packing ---------------------------------------------------------------------------------------------------
+
+
+def write(packed: Packed, state: Path, folder: Path) -> dict[str, str]:
+    """Write the packs of a report into its folder, and return their hashes by name."""
+    found = {}
+    bare = msgspec.structs.replace(packed, records=tuple(map(_bare, packed.records)))
+    for number, content in enumerate(_packs(bare, state)):
+        name = PACK.format(f"-{number + 1}" if number else "")
+        write_changed(folder / name, content)
+        found[name] = sha256(content)
+    for path in folder.glob(PACK.format("*")):
+        if path.name not in found:
+            path.unlink()
+    return found
+
+
+def write_index(folder: Path, index: Index) -> None:
+    """Write the index of a report."""
+    content = msgspec.json.format(msgspec.json.encode(index, order="deterministic"), indent=1)
+    write_changed(folder / INDEX, content + b"\n")
+
+
+def sha256(content: bytes) -> str:
+    """Return the hash by which a content is named."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def runs(record: CellRecord) -> tuple[str, ...]:
+    """Return the probe runs that a cell was judged by."""
+    found = [name for one in record.cases for name in one.runs]
+    return tuple(dict.fromkeys([*found, *(record.suite.runs if record.suite else ())]))
+
+
+def _packs(packed: Packed, state: Path) -> Iterator[bytes]:
+    """Yield the packs of these records, of which none but one of a single cell is too large."""
+    content = _archive(_members(packed, state))
+    if len(content) <= MOST_PACK or len(packed.records) == 1:
+        yield content
+        return
+    half = len(packed.records) // 2
+    for records in (packed.records[:half], packed.records[half:]):
+        yield from _packs(msgspec.structs.replace(packed, records=records), state)
+
+
+def _bare(record: CellRecord) -> CellRecord:
+    """Return a record without what is judged from its runs."""
+    cases = tuple(replace(one, phases=()) if one.runs else one for one in record.cases)
+    tests = record.suite
+    if tests and tests.runs:
+        tests = PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED, runs=tests.runs)
+    return replace(record, cases=cases, suite=tests, mark=None)
+
+
+def _members(packed: Packed, state: Path) -> dict[str, bytes]:
+    vault = Vault(state)
+    found = {CELLS: msgspec.json.encode(packed, order="deterministic")}
+    for record in packed.records:
+        found |= _logs(record, state)
+        for name in runs(record):
+            found |= {f"{CONTENTS}/{sha}": content for sha, content in vault.contents(name).items()}
+    return found
+
+
+def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
+    """Return what steps on the host left, and faults: texts by their path below the state."""
+    steps = [step.log for step in (record.resolve, record.install) if step]
+    phases = [phase.evidence for one in record.cases if not one.runs for phase in one.phases]
+    tests = [record.suite.evidence] if record.suite and not record.suite.runs else []
+    places = [state / path for path in (*steps, *phases, *tests) if path]
+    files = [file for place in places for file in (sorted(place.iterdir()) if place.is_dir() else [place])]
+    found = {}
+    for file in files:
+        name = file.relative_to(state).as_posix()
+        if NAME.fullmatch(name) and file.suffix in {".log", ".txt", ".jsonl"} and file.is_file():
+            found[name] = guarded_files.head(file, MOST_FILE)
+    return found
+
+
+def _archive(members: Mapping[str, bytes]) -> bytes:
+    """Return a compressed archive, equal for equal members."""
+    plain = io.BytesIO()
+    with tarfile.open(fileobj=plain, mode="w", format=tarfile.USTAR_FORMAT) as archive:
+        for name, content in sorted(members.items(), key=lambda pair: (pair[0] != CELLS, _kind(pair[1]), pair[0])):
+            info = tarfile.TarInfo(name)
+            info.size = len(content)
+            archive.addfile(info, io.BytesIO(content))
+    return lzma.compress(plain.getvalue(), format=lzma.FORMAT_XZ, check=lzma.CHECK_SHA256, filters=FILTERS)
+
+
+def _kind(content: bytes) -> bytes:
+    """Return what like contents begin with, so that they come to lie side by side."""
+    return content[:12]
+
+
+# --- unpacking -------------------------------------------------------------------------------------------------
+
+
+def index(folder: Path) -> Index | None:
+    """Return the index of a report; None where it has none. Raises BadInput."""
+    path = folder / INDEX
+    try:
+        return guarded_files.decoded(path, MOST_INDEX, guarded_files.decoder(Index).decode, follow=True)
+    except Absent:
+        return None
+    except Unreadable as error:
+        message = f"{path}: {error}"
+        raise BadInput(message) from None
+
+
+def unpack(folder: Path, known: Index, state: Path) -> tuple[Packed, ...]:
+    """Lay the evidence of a report into a state folder, and return what its packs say of cells.
+
+    Raises BadInput for a pack that is damaged, and Absent for one that is gone.
+    """
+    found = tuple(_unpacked(folder / name, sha, state) for name, sha in known.packs.items())
+    vault = Vault(state)
+    for path in sorted((folder / "frames").glob(f"*{PICTURE}")):
+        vault.keep(guarded_files.read(path, MOST_FRAME))
+    for path in sorted((folder / "locks").glob("*")):
+        write_atomic(state / "locks" / path.name, guarded_files.read(path, MOST_FRAME))
+    for packed in found:
+        for record in packed.records:
+            for name in runs(record):
+                vault.show(name)
+    return found
+
+
+def _unpacked(path: Path, sha: str, state: Path) -> Packed:
+    if "/" in path.name or not re.fullmatch(PACK.format(r"(-\d+)?"), path.name):
+        message = f"{path}: is not the name of a pack"
+        raise BadInput(message)
+    try:
+        content = guarded_files.read(path, MOST_UNPACKED, follow=True)
+        if sha256(content) != sha:
+            message = "it is not the pack that the index names"
+            raise Unreadable(message)
+        with understanding():
+            return _laid(content, state)
+    except Absent:
+        raise
+    except Unreadable as error:
+        message = f"{path}: {error}"
+        raise BadInput(message) from None
+
+
+def _laid(content: bytes, state: Path) -> Packed:
+    vault, told = Vault(state), None
+    for name, member in _read(content):
+        if name == CELLS:
+            told = guarded_files.decoder(Packed).decode(member)
+        elif name.startswith(CONTENTS):
+            if vault.keep(member) != name.rpartition("/")[2]:
+                message = f"{name} is not the content of that name"
+                raise Unreadable(message)
+        else:
+            write_atomic(state / name, member)
+    if told is None:
+        message = f"there is no {CELLS} in it"
+        raise Unreadable(message)
+    return told
+
+
+def _read(content: bytes) -> Iterable[tuple[str, bytes]]:
+    """Yield the members of an archive, no more and no larger ones than a pack may have."""
+    plain = lzma.LZMADecompressor(memlimit=1 << 30).decompress(content, MOST_UNPACKED)
+    with tarfile.open(fileobj=io.BytesIO(plain), mode="r:") as archive:
+        for number, member in enumerate(archive):
+            if number > MOST_MEMBERS or not member.isreg() or not NAME.fullmatch(member.name):
+                message = f"{member.name[:100]!r} is no part of a pack"
+                raise Unreadable(message)
+            file = archive.extractfile(member)
+            yield member.name, file.read() if file else b""
