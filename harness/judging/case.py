@@ -40,7 +40,7 @@ from harness.model import (
 from harness.probes.evidence import Reading
 from harness.vocabulary import MISLEADING
 
-BULKY = frozenset({"trajectory"})
+BULKY = frozenset({"trajectory", "values", "pictures"})
 """Facts of a check that stay with its evidence."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import jsonschema
 import pytest
 from commandline import SMALL, Desk, Measured
 from PIL import Image
+
+from harness.probes.vault import Vault
 
 TOP = {"schema", "generated", "machines", "cells", "dropped"}
 CELL = {
@@ -255,10 +258,15 @@ def test_a_variable_of_the_user_that_cells_see_is_measured_again(kept: Desk) -> 
 
 def test_what_failed_is_tried_again_on_another_system(kept: Desk) -> None:
     """After a library was installed a red phase may be green: it is measured again, what passed is reused."""
-    records = [path for path in kept.state.glob("results/*/*.json") if '"conditions":"' in path.read_text()]
-    assert records  # the red phase, and what was tried under other settings to draw
-    for path in records:
-        path.write_text(re.sub(r'"conditions":"\w+"', '"conditions":"before"', path.read_text()))
+    vault = Vault(kept.state)
+    claims = sorted((vault.folder / "ac").glob("*/*"))
+    assert claims
+    for claim in claims:
+        key = claim.parent.name + claim.name
+        runs = [reading.run for reading in vault.readings(vault.runs(key))]
+        claim.unlink()
+        for run in runs:
+            vault.put(replace(run, host=replace(run.host, conditions="before")), key)
     for path in kept.state.glob("cells/*/small/*.json"):
         path.write_text(re.sub(r'"mark":"\w+"', '"mark":"before"', path.read_text()))
     cells = kept.run("run", "small.toml", "--json").cells("which")
