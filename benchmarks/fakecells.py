@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -135,14 +134,8 @@ def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) 
 
 def _reply(request: Request) -> bytes:
     """The reply of a probe in which all passed."""
-    records: list[dict[str, Any]] = [
-        {
-            "kind": "hello",
-            "python": sys.version.split()[0],
-            "implementation": "CPython",
-            "executable": "$ENV/bin/python",
-        }
-    ]
+    python = {"python": platform.python_version(), "implementation": "CPython", "executable": "$ENV/bin/python"}
+    records: list[dict[str, Any]] = [{"kind": "hello", **python}]
     for check in (name for led in request.limits for name in (led, *wire.FOLLOWERS.get(led, ()))):
         facts = FACTS if check in {"single.loop", "single.repeat"} else {}
         ended = {"outcome": "passed", "seconds": 0.1, "raised": None, "reason": None, "workers": [], "facts": facts}

@@ -33,7 +33,7 @@ FLOORS = {
         "given_files", "glprobe",
         "guarded_files", "index", "indexsettings",
         "inputs", "interpreters", "issue_texts", "knowledge", "machine", "measured", "memory",
-        "overlays", "probes", "process", "scratch_folders",
+        "overlays", "packs", "probes", "process", "scratch_folders",
         "sdists", "shipped_reports", "signature_files", "sitepackages", "sources",
         "store",
         "subjects", "supervisor", "systempackages", "typos", "uv", "uvcli", "warming",

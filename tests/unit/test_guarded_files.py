@@ -246,5 +246,8 @@ def test_threads_make_one_decoder_at_a_time() -> None:
 def test_threads_decode_through_it() -> None:
     """No module that threads run lets msgspec make its types by the way."""
     package = Path(guarded_files.__file__).parent
-    modules = (package / f"{name}.py" for name in ("store", "environments", "interpreters", "fetched", "launch"))
+    modules = (
+        package / f"{name}.py"
+        for name in ("store", "environments", "interpreters", "fetched", "probes/launch", "probes/vault")
+    )
     assert [path.name for path in modules if "msgspec.json.decode(" in path.read_text(encoding="utf-8")] == []
