@@ -139,7 +139,7 @@ def _reply(request: Request) -> bytes:
     records: list[dict[str, Any]] = [{"kind": "hello", **python}]
     for check in (name for led in request.limits for name in (led, *wire.FOLLOWERS.get(led, ()))):
         facts = FACTS if check in {"single.loop", "single.repeat"} else {}
-        ended = {"outcome": "passed", "seconds": 0.1, "raised": None, "reason": None, "workers": [], "facts": facts}
+        ended = {"outcome": "passed", "seconds": 0.1, "raised": None, "observed": None, "workers": [], "facts": facts}
         records.append({"kind": "start", "check": check})
         if check == "render.rgb_array":
             records.append({"kind": "frame", "check": check, "which": "first", "path": f"{PICTURE}.npy"})

@@ -22,6 +22,11 @@ HERE = Host(python=PYTHON, conditions="here")
 PROGRAM = "of-today"
 
 
+def observed(code: str, **data: str) -> dict[str, Any]:
+    """Return what a cell observed, as it writes it."""
+    return {"code": code, "at": None, "got": None, "promised": None, "data": data}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Check:
     """A check of a reply: how it ended, if it did, and what it found on the way."""
@@ -37,7 +42,13 @@ class Check:
         """Yield its records as the cell writes them."""
         yield {"kind": "start", "check": self.name}
         for text in self.findings:
-            yield {"kind": "finding", "check": f"{self.name.partition('.')[0]}.odd", "level": "warning", "text": text}
+            odd = f"{self.name.partition('.')[0]}.odd"
+            yield {
+                "kind": "finding",
+                "check": odd,
+                "level": "warning",
+                "observed": observed("warned.check_env", text=text),
+            }
         if self.outcome is DIED:
             return
         raised = {"type": "RuntimeError", "message": self.message, "traceback": "", "blame": self.blame}
@@ -47,7 +58,7 @@ class Check:
             "outcome": self.outcome,
             "seconds": 1.0,
             "raised": raised if self.outcome == FAILED else None,
-            "reason": self.message if self.outcome == SKIPPED else None,
+            "observed": observed("skip.no_state") if self.outcome == SKIPPED else None,
             "workers": [],
             "facts": dict(self.facts),
         }
