@@ -34,7 +34,7 @@ MOST_PACK = 5_000_000
 
 MOST_INDEX, MOST_UNPACKED, MOST_MEMBERS = 1 << 20, 2 << 30, 200_000
 MOST_FRAME = 4 << 20
-NAME = re.compile(rf"{CELLS}|{CONTENTS}/[0-9a-f]{{64}}|{LOGS}/[\w.+-]{{1,150}}/[\w.+-]{{1,150}}")
+NAME = re.compile(rf"{CELLS}|{CONTENTS}/[0-9a-f]{{64}}|{LOGS}/\w[\w.+-]{{0,150}}/\w[\w.+-]{{0,150}}")
 FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9, "dict_size": 64 << 20}]
 """Cells of one report said the same in long stretches: the dictionary reaches over all of them."""
 
@@ -170,7 +170,7 @@ def index(folder: Path) -> Index | None:
 def unpack(folder: Path, known: Index, state: Path) -> tuple[Packed, ...]:
     """Lay the evidence of a report into a state folder, and return what its packs say of cells.
 
-    Raises BadInput for a pack that is damaged, and Absent for one that is gone.
+    Raises BadInput for a pack that is damaged, or gone.
     """
     found = tuple(_unpacked(folder / name, sha, state) for name, sha in known.packs.items())
     vault = Vault(state)
@@ -196,8 +196,6 @@ def _unpacked(path: Path, sha: str, state: Path) -> Packed:
             raise Unreadable(message)
         with understanding():
             return _laid(content, state)
-    except Absent:
-        raise
     except Unreadable as error:
         message = f"{path}: {error}"
         raise BadInput(message) from None

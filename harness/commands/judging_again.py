@@ -50,7 +50,7 @@ def main(folders: Sequence[Path], *, write: bool) -> int:
     altered, untold = 0, 0
     for folder in folders:
         known = packs.index(folder)
-        if known is None:
+        if known is None or not all((folder / name).exists() for name in known.packs):
             untold += 1
             _tell_untold(folder)
             continue
@@ -68,11 +68,7 @@ def main(folders: Sequence[Path], *, write: bool) -> int:
 
 def judged(folder: Path, index: Index, opened: Store) -> Again:
     """Return what comes of the evidence of a report today, laid into a store. Raises BadInput."""
-    try:
-        packed = packs.unpack(folder, index, opened.folder)
-    except Unreadable as error:
-        message = f"{folder}: a pack that {packs.INDEX} names: {error}"
-        raise BadInput(message) from None
+    packed = packs.unpack(folder, index, opened.folder)
     vault = Vault(opened.folder)
     plans = _plans(packed)
     planned = {cell.id: cell for plan in plans for cell in plan.cells}
@@ -153,7 +149,10 @@ def _tell_untold(folder: Path) -> None:
     cells = document.read(given_files.read_content(path), str(path)).cells if path.is_file() else ()
     named = ", ".join(cell.id for cell in cells[:MOST_NAMED])
     more = f" and {len(cells) - MOST_NAMED} more" if len(cells) > MOST_NAMED else ""
-    print(f"{os.path.relpath(folder)}: no evidence lies beside it; not judged again: {named}{more}", file=sys.stderr)
+    print(
+        f"{os.path.relpath(folder)}: its evidence does not lie beside it; not judged again: {named}{more}",
+        file=sys.stderr,
+    )
 
 
 def _altered(again: Again) -> Iterator[str]:

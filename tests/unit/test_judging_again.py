@@ -1,0 +1,189 @@
+"""A report is judged again from the evidence that lies beside it: the same comes of it, or what judging alters."""
+
+from __future__ import annotations
+
+import lzma
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from readings import CASE, DIED, FAILED, GOOD, HERE, Check, asked, lines, passed
+from specimens import GENERATED, MACHINES, cell, record
+
+from harness import document, normalise, packs
+from harness.__main__ import main
+from harness.commands import reporting
+from harness.judging import case as judging
+from harness.judging.fold import Folded, after
+from harness.judging.todo import todo
+from harness.model import CellRecord, Expectation, Plan, Verdict
+from harness.probes.evidence import LOG, REPLY, End, ProbeRun
+from harness.probes.vault import Vault, kept
+from harness.reporttypes import Document
+from harness.store import Store
+
+CRASH = End(signal=11, seconds=2.0)
+RED = Expectation(verdict=Verdict.PARTIAL, reason="known", match="no camera")
+PICTURE = b"\x89PNG not really"
+
+
+def measured(opened: Store, label: str, *failing: Check, expect: Expectation | None = None) -> CellRecord:
+    """A cell with a case of which checks ended so, and all others passed, in as many runs as judging asked for."""
+    vault, folded, wanted = Vault(opened.folder), Folded(), asked()
+    ended = {check.name: check for check in failing}
+    picture = vault.keep(PICTURE)
+    while request := todo(wanted, folded):
+        told: list[Check] = []
+        for name in (one for led in request.limits for one in (led, *(f for f in request.followers))):
+            told.append(ended.get(name) or passed(name)[0])
+            if told[-1].outcome is DIED:
+                break
+        dead = told[-1].outcome is DIED
+        texts = {REPLY: lines(told, last=not dead), LOG: f"{label} was here\n".encode()}
+        run = ProbeRun(
+            request=request,
+            program=dict.fromkeys((*request.limits, *request.followers), "of-today"),
+            end=CRASH if dead else GOOD,
+            host=HERE,
+            files={**kept(vault, texts), "render.rgb_array-first.png": picture},
+            measured=GENERATED,
+        )
+        folded = after(wanted, folded, vault.reading(vault.put(run, label)))
+    case = judging.case_record(CASE, judging.phases(wanted, folded), folded.runs)
+    (opened.folder / "locks").mkdir(exist_ok=True)
+    (opened.folder / "locks/5f0c.txt").write_text("numpy==2.2.6\n")
+    of = cell(label, matrix="packed", cases=(), expect=expect)
+    of = replace(of, id=f"packed/{label}", cases=(CASE,))
+    return record(case, of=of, lock="locks/5f0c.txt")
+
+
+def published(folder: Path, opened: Store, *records: CellRecord) -> Document:
+    """The report of these cells, with its evidence, in a folder."""
+    plan = Plan(matrix="packed", cells=tuple(one.cell for one in records), axes=("python", "gymnasium"))
+    locate = reporting.place(records, opened, folder)
+    made = document.build(records, [plan], MACHINES, GENERATED, locate)
+    reporting.write(made, folder, None)
+    reporting.pack(made, plan, records, opened, folder)
+    return made
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder of a report of three cells, whose state is gone."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "another"))
+    opened = Store(tmp_path / "state")
+    dead = Check(name="vector.sync", outcome=DIED)
+    blank = Check(name="render.rgb_array", outcome=FAILED, message="no camera")
+    published(
+        tmp_path / "report",
+        opened,
+        measured(opened, "py3.11_gymnasium-1.0.0"),
+        measured(opened, "py3.11_gymnasium-1.1.0", dead),
+        measured(opened, "py3.11_gymnasium-1.2.0", blank, expect=RED),
+    )
+    (tmp_path / "state").rename(tmp_path / "gone")
+    return tmp_path / "report"
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Every file of a report."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_the_same_comes_of_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is said, and nothing is written."""
+    before = files(folder)
+
+    assert main(["report", "--judge-again", str(folder)]) == 0
+    assert capsys.readouterr() == ("", "1 report judged again, none altered\n")
+    assert files(folder) == before
+
+
+def test_all_of_a_report_comes_back_to_the_byte(folder: Path) -> None:
+    """But for its frames and locks, which are no text of a probe."""
+    before = files(folder)
+    for name in before:
+        if name.startswith("evidence/") or name in {"report.json", "report.md"}:
+            (folder / name).unlink()
+
+    assert main(["report", "--judge-again", "--write", str(folder)]) == 0
+    assert files(folder) == before
+    assert any(name.startswith("evidence/") for name in before)
+
+
+def test_a_crash_is_judged_anew_by_a_later_reading(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What is altered is said, cell by cell; written, the report bears the instant at which it was judged."""
+    monkeypatch.setattr(normalise, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+
+    assert main(["report", "--judge-again", str(folder)]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said == ["packed/py3.11_gymnasium-1.1.0: decisive: killed by SIGSEGV -> signal 11, read better"]
+
+    assert main(["report", "--judge-again", "--write", str(folder)]) == 0
+    again = document.read((folder / "report.json").read_bytes(), "report.json")
+    assert again.generated > GENERATED
+    index = packs.index(folder)
+    assert index
+    assert index.judged == again.generated
+    assert main(["report", "--judge-again", str(folder)]) == 0
+
+
+@pytest.mark.parametrize("gone", ["index.json", "evidence.tar.xz"])
+def test_a_report_without_evidence_cannot_be_judged_again(
+    folder: Path, gone: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """That is said with its cells, and nothing is made up."""
+    (folder / gone).unlink()
+
+    assert main(["report", "--judge-again", str(folder)]) == 3
+    assert capsys.readouterr().err.splitlines() == [
+        "report: its evidence does not lie beside it; not judged again: packed/py3.11_gymnasium-1.0.0, "
+        "packed/py3.11_gymnasium-1.1.0, packed/py3.11_gymnasium-1.2.0",
+        "0 reports judged again, none altered",
+    ]
+
+
+@pytest.mark.parametrize("damage", ["cut", "changed", "other", "link"])
+def test_a_damaged_pack_is_named(folder: Path, damage: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """And nothing is written."""
+    pack = folder / "evidence.tar.xz"
+    content = pack.read_bytes()
+    damaged = {
+        "cut": content[:-40],
+        "changed": content[:100] + bytes([content[100] ^ 1]) + content[101:],
+        "other": lzma.compress(b"x" * 3000),
+    }
+    if damage == "link":
+        pack.unlink()
+        pack.symlink_to("/etc/hostname")
+    else:
+        pack.write_bytes(damaged[damage])
+    before = files(folder)
+
+    assert main(["report", "--judge-again", "--write", str(folder)]) == 2
+    assert "evidence.tar.xz" in capsys.readouterr().err
+    assert files(folder) == before
+
+
+def test_what_a_pack_may_hold() -> None:
+    """No member lies outside the folders of evidence, whatever an archive says."""
+    for name in ("../x", "/etc/passwd", "cas/../../x", "cas/" + "g" * 64, "evidence/../x", "evidence/a/b/c"):
+        assert not packs.NAME.fullmatch(name)
+    for name in ("cells.json", "cas/" + "0" * 64, "evidence/lock-01ab/uv.log"):
+        assert packs.NAME.fullmatch(name)
+
+
+def test_evidence_of_many_cells_lies_in_several_packs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None is larger than a pack may be, where it has more than one cell."""
+    monkeypatch.setattr(packs, "MOST_PACK", 10)
+    opened = Store(folder.parent / "many")
+    published(folder, opened, measured(opened, "py3.11_gymnasium-1.0.0"), measured(opened, "py3.11_gymnasium-1.1.0"))
+    index = packs.index(folder)
+
+    assert index
+    assert set(index.packs) == {"evidence.tar.xz", "evidence-2.tar.xz"}
+    assert main(["report", "--judge-again", str(folder)]) == 0
