@@ -15,7 +15,6 @@ from packaging.utils import canonicalize_name
 
 from harness import changes, redacting, reproducing
 from harness.entry_failures import counted
-from harness.hostile_data import json_object
 from harness.judging.words import VIOLATION, in_words
 from harness.markdown_texts import address, block, code, prose, table_cell
 from harness.model import FAILING, Case, Cell, Outcome, Phase
@@ -23,6 +22,7 @@ from harness.reporttypes import CellEntry, DiagnosisEntry, word
 from harness.standalone.control_characters import visible
 from harness.tables import settings
 from harness.vocabulary import required_name
+from harness.wire import plain_records
 
 LONGEST = 60
 """Lines of a traceback that are quoted, the last ones."""
@@ -247,9 +247,8 @@ def excerpt(texts: Mapping[str, str], check: str, decisive: str | None) -> str:
 
 def _tracebacks(text: str, check: str) -> Iterator[str]:
     """Of a reply, those of a check and of its workers, which come first."""
-    for line in text.splitlines():
-        entry = json_object(line)
-        if entry and entry.get("check", check) == check:
+    for entry in plain_records(text):
+        if entry.get("check", check) == check:
             workers = entry.get("workers")
             told = [worker for worker in workers if isinstance(worker, dict)] if isinstance(workers, list) else []
             for one in (*told, entry):

@@ -36,7 +36,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from harness.hostile_data import Unreadable, shallow, understanding
+from harness.hostile_data import Unreadable, json_object, shallow, understanding
 from harness.judging.words import VIOLATION, sentence
 from harness.model import CheckReply, Finding, Level, Observed, Outcome, ProbeReply, ProbeRequest, Raised, WorkerRecord
 from harness.probes.facts import believed
@@ -212,6 +212,11 @@ def read_reply(lines: Iterable[bytes], files: Mapping[str, bytes] = MappingProxy
         complete=reading.complete,
         problems=problems[:MOST_PROBLEMS],
     )
+
+
+def plain_records(text: str) -> Iterator[dict[str, Any]]:
+    """Yield the records of a reply, or of a worker's file, as plain objects: those lines that are any."""
+    yield from filter(None, map(json_object, text.splitlines()))
 
 
 def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRecord], ...], tuple[str, ...]]:

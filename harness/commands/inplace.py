@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from harness import cellrun, guarded_files, machine, plan, process
+from harness import cellrun, machine, plan, process
 from harness.commands import drawn
 from harness.commands.drawn import Looked
-from harness.hostile_data import Unreadable, json_object
-from harness.judging.failure_texts import KILLED, WRITTEN
+from harness.judging.failure_texts import KILLED, written
+from harness.knowledge import texts
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
 from harness.probes import launch
-from harness.probes.evidence import Host
+from harness.probes.evidence import REPLY, Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
 from harness.scratch_folders import scratch_folder
@@ -172,34 +172,11 @@ TOLD = frozenset(Outcome) - {Outcome.NOT_REACHED, Outcome.SKIPPED}
 PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
 
 
-MOST_REPLY = 16 << 20
-
-
 def _seen(phase: PhaseRecord, store: Store) -> Seen:
     """The errors of a phase that failed, with their tracebacks, as known failures are held against them."""
     lines = (phase.decisive, *(check.decisive for check in phase.checks))
-    try:
-        reply = guarded_files.head(store.folder / (phase.evidence or "") / "reply.jsonl", MOST_REPLY)
-    except Unreadable:
-        reply = b""
-    replies = reply.decode("utf-8", "replace").splitlines()
-    words = [text for line in replies for text in _words(line)]
+    kept = texts(store.folder / phase.evidence) if phase.evidence else {}
+    words = written({name: text for name, text in kept.items() if name == REPLY}, phase.phase)
     told = tuple(dict.fromkeys(filter(None, (*lines, *words))))
     killed = next((found[1] for line in told if (found := KILLED.search(line))), None)
     return Seen(phase=str(phase.phase), told=told, signal=killed)
-
-
-def _words(line: str) -> Iterator[str]:
-    """The tracebacks of a check that failed, from its line of a reply."""
-    record = json_object(line)
-    if record and record.get("outcome") != Outcome.PASSED:
-        yield from _written(record)
-
-
-def _written(plain: Any) -> Iterator[str]:
-    parts = plain.items() if isinstance(plain, dict) else enumerate(plain) if isinstance(plain, list) else ()
-    for key, value in parts:
-        if key in WRITTEN and isinstance(value, str):
-            yield value
-        else:
-            yield from _written(value)

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from harness.hostile_data import json_object
 from harness.judging.counted_phases import observed
 from harness.judging.words import in_words
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
 from harness.signatures import Evidence, Sighting
+from harness.wire import plain_records
 
 KILLED = re.compile(r"\bkilled by (SIG[A-Z]+)")
 
@@ -89,9 +89,8 @@ def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
     if not name.endswith(".jsonl"):
         yield text
         return
-    for line in text.splitlines():
-        entry = json_object(line)
-        if entry and entry.get("outcome") != "passed" and _about(entry, phase):
+    for entry in plain_records(text):
+        if entry.get("outcome") != "passed" and _about(entry, phase):
             yield from _words(entry)
             observed = in_words(entry.get("observed")) if entry.get("kind") == "check" else None
             yield from [observed] if observed else []
