@@ -1,152 +1,29 @@
-"""Small real records to judge, tabulate and present."""
+"""A whole matrix with a cell of every kind, its records and its report; and how golden files are compared."""
 
-import json
-from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from harness import document, schema
-from harness.judging.known_failures import Knowledge
+from builders import GENERATED, HERE, MACHINES, case, cell, phase, record, step, warning
+
+from harness import document
 from harness.model import (
-    Case,
     CaseRecord,
     Cell,
     CellRecord,
-    CheckRecord,
     Dropped,
     Edit,
     Expectation,
-    Finding,
-    Level,
     Outcome,
     Phase,
-    PhaseRecord,
     Plan,
-    Question,
     Repair,
-    Step,
     Verdict,
 )
 from harness.reporttypes import Document
-from harness.signatures import Signature
 
-CHECKS = {
-    Phase.IMPORT: "import.modules",
-    Phase.SINGLE: "single.loop",
-    Phase.VECTOR: "vector.sync",
-    Phase.RENDER: "render.rgb_array",
-}
-"""A check of each phase that every case goes through."""
-LETTERS = {
-    "p": Outcome.PASSED,
-    "f": Outcome.FAILED,
-    "c": Outcome.CRASHED,
-    "t": Outcome.TIMED_OUT,
-    "y": Outcome.FLAKY,
-    "i": Outcome.INFRA,
-    "u": Outcome.UNAVAILABLE,
-    "n": Outcome.NOT_REACHED,
-    "s": Outcome.SKIPPED,
-}
-
-
-def step(phase: Phase, outcome: Outcome = Outcome.PASSED, decisive: str | None = None) -> Step:
-    """A step on the host."""
-    return Step(phase=phase, outcome=outcome, decisive=decisive, log=f"evidence/{phase}/log.txt")
-
-
-def phase(
-    name: Phase, outcome: Outcome, decisive: str | None = None, findings: tuple[Finding, ...] = (), **more: Any
-) -> PhaseRecord:
-    """A phase with one check that ended as the phase did, as a probe leaves it."""
-    check = CheckRecord(check=CHECKS[name], outcome=outcome, decisive=decisive, masked_by=more.pop("masked_by", None))
-    ran = outcome is not Outcome.NOT_REACHED
-    return PhaseRecord(
-        phase=name, outcome=outcome, decisive=decisive, checks=(check,) if ran else (), findings=findings, **more
-    )
-
-
-def case(outcomes: str, name: str = "ant", required: tuple[str, ...] = (), **replaced: PhaseRecord) -> CaseRecord:
-    """A case from one letter per phase: `ppfn` is import and single passed, vector failed, render not reached."""
-    phases = {
-        at.value: phase(at, LETTERS[letter], f"{name} {at}" if letter in "fctyiu" else None)
-        for at, letter in zip(CHECKS, outcomes, strict=True)
-    }
-    return CaseRecord(
-        case=name, env="Ant-v5", api="gymnasium", required=required, phases=tuple((phases | replaced).values())
-    )
-
-
-def cell(label: str = "py3.11_gymnasium-1.2.3", cases: Iterable[str] = ("ant",), **more: Any) -> Cell:
-    """A cell of the matrix `quick`, with a case of every phase for each name."""
-    values: dict[str, Any] = {
-        "id": f"quick/{label}",
-        "matrix": "quick",
-        "axes": {"python": "3.11", "gymnasium": "1.2.3"},
-        "python": "3.11",
-        "question": Question(requirements=("gymnasium==1.2.3",)),
-        "environment": {},
-        "cases": tuple(Case(id=name, env="Ant-v5", api="gymnasium", checks=tuple(CHECKS.values())) for name in cases),
-    }
-    return Cell(**(values | more))
-
-
-def record(*cases: CaseRecord, of: Cell | None = None, **more: Any) -> CellRecord:
-    """An installed cell with these cases."""
-    values: dict[str, Any] = {
-        "cell": of or cell(cases=[tried.case for tried in cases]),
-        "machine": "linux-x86_64",
-        "python": "3.11.7",
-        "installed": {"gymnasium": "1.2.3", "numpy": "2.2.6"},
-        "resolve": step(Phase.RESOLVE),
-        "install": step(Phase.INSTALL),
-        "cases": cases,
-        "measured": "2026-11-21T12:00:00Z",
-        "seconds": 12.34,
-    }
-    return CellRecord(**(values | more))
-
-
-def signature(name: str, pattern: str | None = "solver_iter", **more: Any) -> Signature:
-    """A known failure with this pattern, in any phase, and whatever else its file says."""
-    plain = {"id": name, "cause": "because", "remedy": {}, "pattern": pattern}
-    return schema.load_json(json.dumps(plain | more), Signature, name)
-
-
-def knowing(*signatures: Signature, **logs: Mapping[str, str]) -> Knowledge:
-    """Knowledge of these, with texts kept at paths whose last part is the name."""
-    return Knowledge(signatures=lambda: signatures, logs=lambda path: logs.get(Path(path).name, {}))
-
-
-def warning(check: str, text: str = "the same seed gives another trajectory") -> Finding:
-    """A finding that a matrix can require not to be there."""
-    return Finding(check=check, level=Level.WARNING, text=text)
-
-
-def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
-    """Phases and outcomes as words."""
-    return {at.value: outcome.value for at, outcome in judgement.items()}
-
-
-# --- a whole matrix, with a cell of every kind -----------------------------------------------------------------
-
-HERE = "linux-x86_64"
-LLVMPIPE = {"vendor": "Mesa/X.org", "renderer": "llvmpipe", "version": "4.5 Mesa 22.3.6"}
-MACHINES = {
-    HERE: {
-        "os": "Debian 12",
-        "libc": "glibc 2.36",
-        "architecture": "x86_64",
-        "egl": LLVMPIPE,
-        "osmesa": {"missing": "no library"},
-        "gpu": {"missing": "no driver of NVIDIA's"},
-    }
-}
-"""Facts under the names that `harness.machine` writes: a test compares them with those of a committed report."""
 GPU = {"models": "NVIDIA H200", "driver": "570.86.15"}
-"""The same of a machine that has one."""
-GENERATED = "2026-11-21T12:30:00Z"
+"""Facts of a machine that has a GPU, under the names that `harness.machine` writes."""
 SOLVER = "AttributeError: 'mujoco._structs.MjData' object has no attribute 'solver_iter'"
 XML = "ValueError: XML Error: bad | worse / Element 'default', line 0"
 RESET = "ConnectionResetError: [Errno 104] Connection reset by peer"

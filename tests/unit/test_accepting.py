@@ -6,9 +6,9 @@ from random import Random
 from time import monotonic
 
 import pytest
-from specimens import GENERATED, MACHINES, case, phase, record
+from builders import case, entry, phase, record
 
-from harness import accepting, document, matrixfile, plan
+from harness import accepting, matrixfile, plan
 from harness.errors import BadInput
 from harness.matrix import Matrix
 from harness.model import Cell, Outcome, Phase, Plan
@@ -40,11 +40,7 @@ def planned(text: str) -> tuple[Matrix, Plan]:
 def measured(cell: Cell, line: str | None = None, machine: str = "linux", at: Phase = Phase.SINGLE) -> CellEntry:
     """A result of a cell: works, or is broken with this line."""
     failed = case("pfff" if at is Phase.SINGLE else "fnnn", **{at.value: phase(at, Outcome.FAILED, line)})
-    one = record(failed if line else case("pppp"), of=cell, machine=machine)
-    made = document.build(
-        [one], [Plan(matrix="walkers", cells=(cell,))], {machine: MACHINES["linux-x86_64"]}, GENERATED
-    )
-    return made.cells[0]
+    return entry(record(failed if line else case("pppp"), of=cell, machine=machine))
 
 
 def results(cells: Sequence[Cell], red: Sequence[str], line: str = LINE) -> dict[str, list[CellEntry]]:

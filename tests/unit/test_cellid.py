@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from builders import asking
 from packaging.requirements import Requirement
 
 from harness import cellid, document, measured, plan
-from harness.model import Cell, CellRecord, IndexSettings, Question, Subject
+from harness.model import CellRecord, IndexSettings, Subject
 from harness.store import Store
 from harness.vocabulary import Instant
 
@@ -243,10 +244,7 @@ def test_every_committed_id_has_one_form(file: Path) -> None:
 
 def stored(cell_id: str, base: str | None = None) -> CellRecord:
     """Return a record as it may lie in a store."""
-    cell = Cell(
-        id=cell_id, matrix="demo", axes=AXES, python="3.9" if base else "3.11", question=Question(requirements=()),
-        environment={}, cases=(), base=base,
-    )  # fmt: skip
+    cell = asking(id=cell_id, matrix="demo", axes=AXES, python="3.9" if base else "3.11", base=base)
     return CellRecord(cell=cell, machine="here", seconds=3.0)
 
 

@@ -8,14 +8,15 @@ from typing import Any
 import msgspec
 import pytest
 import specimens
-from specimens import GENERATED, MACHINES, RESET, SOLVER, XML, case, cell, phase, record, step
+from builders import case, cell, document_of, knowing, phase, record, signature, step
+from specimens import RESET, SOLVER, XML
 
-from harness import changes, document, matrixfile, plan, remedies, signatures, tables
+from harness import changes, document, matrixfile, plan, remedies, tables
 from harness.commands import reporting
 from harness.errors import BadInput
-from harness.judging.known_failures import Knowledge
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.reporttypes import CellEntry, Document
+from harness.signatures import Signature
 from harness.tabletypes import Effect
 
 MATRIX = """
@@ -29,18 +30,18 @@ CHANGE = '[[change]]\nname = "old"\nreason = "before it broke"\n'
 OLD = CHANGE + 'cells = "py3.11_mujoco-3.3.7_egl"\nrequirements = ["mujoco<3"]\n'
 
 
-def planned(text: str, known: tuple[signatures.Signature, ...] = ()) -> Plan:
+def planned(text: str, known: tuple[Signature, ...] = ()) -> Plan:
     """The plan of a matrix called demo."""
     read = remedies.filled(matrixfile.read(MATRIX + text, "demo.toml"), known)
     return plan.expand(read, host_python="3.12.1")
 
 
-def changed(text: str, known: tuple[signatures.Signature, ...] = ()) -> dict[str, Cell]:
+def changed(text: str, known: tuple[Signature, ...] = ()) -> dict[str, Cell]:
     """The changed cells of a matrix, by label."""
     return {cell.label: cell for cell in planned(text, known).cells if cell.base}
 
 
-def refused(text: str, known: tuple[signatures.Signature, ...] = ()) -> str:
+def refused(text: str, known: tuple[Signature, ...] = ()) -> str:
     """The sentence with which a matrix is refused."""
     with pytest.raises(BadInput) as told:
         planned(text, known)
@@ -150,15 +151,9 @@ class TestCells:
         assert made_from(OLD) == made_from("")
 
 
-def signature(name: str, **remedy: Any) -> signatures.Signature:
-    """A known failure of the render phase with this remedy."""
-    return signatures.Signature(
-        id=signatures.Label(name),
-        cause="because",
-        remedy=signatures.RemedyTable(**remedy),
-        pattern=signatures.PortablePattern("solver_iter"),
-        examples=("a", "b"),
-    )
+def remedied(name: str, **remedy: Any) -> Signature:
+    """A known failure with this remedy."""
+    return signature(name, remedy=remedy)
 
 
 class TestRemedies:
@@ -166,7 +161,7 @@ class TestRemedies:
 
     def test_it_does_what_the_remedy_says(self) -> None:
         """All of it, in the words of the signature."""
-        known = signature(
+        known = remedied(
             "it",
             requirements=("mujoco<3",),
             constraints=("numpy<1.25",),
@@ -179,7 +174,7 @@ class TestRemedies:
         assert made.tried
         assert made.tried.change == known.remedy.change
         assert (made.question.constraints, made.python, made.environment["A"]) == (("numpy<1.25",), "3.10", "b")
-        assert refused(text, (signature("it", text="buy a GPU"),)) == (
+        assert refused(text, (remedied("it", text="buy a GPU"),)) == (
             'demo.toml: change[0].remedy_of: no machine can apply the remedy of "it": buy a GPU'
         )
 
@@ -303,8 +298,8 @@ def test_a_change_in_words() -> None:
 # --- what came of it -------------------------------------------------------------------------------------------
 
 KNOWN = (
-    msgspec.structs.replace(signature("solver", requirements=("mujoco<3",)), phases=(Phase.RENDER,)),
-    signature("words", text="nobody can do this"),
+    msgspec.structs.replace(remedied("solver", requirements=("mujoco<3",)), phases=(Phase.RENDER,)),
+    remedied("words", text="nobody can do this"),
 )
 BASE = cell(question=Question(requirements=("gymnasium==0.29.1", "mujoco==3.3.7")))
 SOLVED = case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, SOLVER))
@@ -322,12 +317,7 @@ OTHER = tried("other", Change(requirements=("mujoco<2",)))
 
 def made(*records: CellRecord) -> Document:
     """A document of these cells, by the failures known above."""
-    cells = tuple({record.cell.id: record.cell for record in records}.values())
-    machines = {record.machine: MACHINES["linux-x86_64"] for record in records}
-    known = Knowledge(signatures=lambda: KNOWN)
-    return document.build(
-        records, [Plan(matrix="quick", cells=cells, axes=tuple(cells[0].axes))], machines, GENERATED, known=known
-    )
+    return document_of(*records, known=knowing(*KNOWN), axes=tuple(records[0].cell.axes))
 
 
 def proofs(whole: Document) -> list[tuple[str, bool, str | None]]:

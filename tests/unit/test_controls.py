@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from builders import CHECKS, LETTERS, case, cell, checked, phase, record, step, warning
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from specimens import CHECKS, LETTERS, case, cell, phase, record, step, warning
 
 from harness import controls, locks
 from harness.errors import BadInput
@@ -21,7 +21,6 @@ from harness.model import (
     FAILING,
     CaseRecord,
     CellRecord,
-    CheckRecord,
     ControlRecord,
     Outcome,
     Phase,
@@ -122,15 +121,6 @@ class TestJudging:
         assert (told.verdict, told.phase) == (Verdict.INCONCLUSIVE, Phase.SINGLE)
 
 
-def vector(**ended: Outcome) -> PhaseRecord:
-    """A phase of several checks."""
-    checks = tuple(
-        CheckRecord(check=f"vector.{name.replace('_', '.')}", outcome=outcome, decisive=f"own line of {name}")
-        for name, outcome in ended.items()
-    )
-    return PhaseRecord(phase=Phase.VECTOR, outcome=Outcome.FAILED, decisive=checks[0].decisive, checks=checks)
-
-
 class TestChecks:
     """Of one phase each check has an answer of its own."""
 
@@ -141,17 +131,21 @@ class TestChecks:
     @pytest.mark.parametrize(
         ("phase", "outcome", "line"),
         [
-            (vector(sync=Outcome.FAILED), Outcome.FAILED, "own line of sync"),
-            (vector(async_fork=Outcome.CRASHED, sync=Outcome.FAILED), Outcome.FAILED, "own line of sync"),
+            (checked(vector_sync=Outcome.FAILED), Outcome.FAILED, "own line of vector.sync"),
             (
-                vector(async_fork=Outcome.CRASHED, sync=Outcome.PASSED),
-                Outcome.INFRA,
-                "control good fails, too, in vector.async.fork: no fork (here: own line of async_fork)",
+                checked(vector_async_fork=Outcome.CRASHED, vector_sync=Outcome.FAILED),
+                Outcome.FAILED,
+                "own line of vector.sync",
             ),
             (
-                vector(async_spawn=Outcome.FAILED),
+                checked(vector_async_fork=Outcome.CRASHED, vector_sync=Outcome.PASSED),
                 Outcome.INFRA,
-                "control good fails, too, in vector.async.fork: no fork (here: own line of async_spawn)",
+                "control good fails, too, in vector.async.fork: no fork (here: own line of vector.async.fork)",
+            ),
+            (
+                checked(vector_async_spawn=Outcome.FAILED),
+                Outcome.INFRA,
+                "control good fails, too, in vector.async.fork: no fork (here: own line of vector.async.spawn)",
             ),
         ],
         ids=["passed there", "one of two", "the same", "not tried there"],

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from specimens import GENERATED, MACHINES, case, cell, knowing, phase, record, signature
+from builders import case, cell, entry, knowing, phase, record, signature
 
-from harness import document, entry_failures
+from harness import entry_failures
 from harness.judging.assess import assess
-from harness.model import Expectation, Outcome, Phase, Plan, Verdict
+from harness.model import Expectation, Outcome, Phase, Verdict
 from harness.standalone.counting import Fit, counting, nameable, says
 
 DEEP = Fit("deep", masks=False, generic=False, seen="no such field", says=True)
@@ -54,10 +54,9 @@ def test_a_cell_and_its_entry_count_alike(named: str) -> None:
     )
 
     found = assess(record(case("ppfp", vector=vector), of=cell(expect=expect)), known)
-    plan = Plan(matrix="quick", cells=(found.record.cell,))
-    (entry,) = document.build([found.record], [plan], MACHINES, GENERATED, known=known).cells
+    stored = entry(found.record, known)
 
-    assert found.failure == entry_failures.failure(entry)
+    assert found.failure == entry_failures.failure(stored)
     assert found.failure
     assert found.failure.causes == ("deep",)
-    assert found.as_expected is entry.as_expected is (named in entry_failures.nameable(entry)) is (named != "mask")
+    assert found.as_expected is stored.as_expected is (named in entry_failures.nameable(stored)) is (named != "mask")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from builders import known
 from facts import SITE, distribution, facts, installed
 
 from harness.standalone.doctor import declared, reading
@@ -213,23 +214,16 @@ def test_differences_in_sentences() -> None:
 # --- known failures --------------------------------------------------------------------------------------------
 
 
-def known(name: str, **more: Any) -> Known:
+def bool8(name: str, **more: Any) -> Known:
     """A known failure of gym below 1 beside numpy from 2 on."""
-    plain = {
-        "id": name,
-        "cause": "so it is",
-        "phases": ["single"],
-        "pattern": "bool8",
-        "packages": ["gym<1", "numpy>=2"],
-        "remedy": {"requirements": ["numpy<2"]},
-    }
-    return read({**plain, **more})
+    usual = {"cause": "so it is", "packages": ["gym<1", "numpy>=2"], "remedy": {"requirements": ["numpy<2"]}}
+    return known(name, "bool8", **{**usual, **more})
 
 
 def test_known_failures_of_an_import() -> None:
     """The error of an import is held against what is known, with what is installed."""
     probes = {"imports": {"gym": imported("AttributeError: no bool8", output="")}, "clean_imports": {}}
-    one = known("bool8", phases=["import"])
+    one = bool8("bool8", phases=["import"])
 
     hits = [
         [hit.known.id for hit in reading.known_causes([one], probes, installed(gym="0.26.2", numpy=version))]
@@ -244,18 +238,18 @@ def test_a_log_is_no_cause() -> None:
     seen = [Seen(phase="single", told=("ValueError: other",), logs=("warning: bool8 is gone",))]
     probes: dict[str, Any] = {"imports": {}, "clean_imports": {}}
 
-    assert reading.known_causes([known("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()
+    assert reading.known_causes([bool8("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()
 
 
 def test_known_failures_that_these_versions_have() -> None:
     """All packages are there in such versions and the remedy asks for others; of one remedy, one is told."""
     those = [
-        known("wide", phases=["import", "single", "render"]),
-        known("narrow"),
-        known("one-package", packages=["gym<1"]),
-        known("no-other-version", remedy={"text": "reboot"}),
-        known("at-install", phases=["install"]),
-        known("mask", masks=True),
+        bool8("wide", phases=["import", "single", "render"]),
+        bool8("narrow"),
+        bool8("one-package", packages=["gym<1"]),
+        bool8("no-other-version", remedy={"text": "reboot"}),
+        bool8("at-install", phases=["install"]),
+        bool8("mask", masks=True),
     ]
 
     assert [one.id for one in reading.foreseen(those, installed(gym="0.26.2", numpy="2.2.6"))] == ["narrow"]

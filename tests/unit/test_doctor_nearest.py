@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from builders import measured_cell
 from facts import distribution, facts, installed
 
 from harness.standalone import matching
@@ -13,23 +14,12 @@ from harness.standalone.installing import PIP
 
 def cell(label: str, verdict: str = "works", python: str = "3.11.7", env: str = "CartPole-v1", **lock: str) -> Any:
     """A cell with its lock; `lock` names versions."""
-    how = "passed" if verdict == "works" else "failed"
-    return {
-        "id": f"m/{label}",
-        "python": python,
-        "machine": "here",
-        "measured": "2026-11-22T00:00:00Z",
-        "verdict": verdict,
-        "unverified": [],
-        "phases": {"import": "passed", "single": how},
-        "decisive": None if verdict == "works" else "AttributeError: no",
-        "axes": {"gym": lock.get("gym", "")},
-        "cases": [{"case": "c", "env": env, "api": "gym", "phases": {"import": "passed", "single": how}}],
-        "repairs": [],
-        "environment": {},
-        "supplied": {"MUJOCO_GL": "egl"},
-        "lock": {name.replace("_", "-"): version for name, version in lock.items()},
-    }
+    made = measured_cell(label, verdict, python, axes={"gym": lock.get("gym", "")}, supplied={"MUJOCO_GL": "egl"})
+    (case,) = made["cases"]
+    made["decisive"] = None if verdict == "works" else "AttributeError: no"
+    made["cases"] = [{**case, "env": env, "api": "gym"}]
+    made["lock"] = {name.replace("_", "-"): version for name, version in lock.items()}
+    return made
 
 
 def measured(*cells: Any) -> dict[str, Any]:

@@ -5,21 +5,8 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from specimens import (
-    GENERATED,
-    HERE,
-    MACHINES,
-    RESET,
-    XML,
-    case,
-    cell,
-    phase,
-    quick,
-    quick_document,
-    record,
-    step,
-    warning,
-)
+from builders import GENERATED, HERE, MACHINES, case, cell, document_of, phase, record, step, warning
+from specimens import RESET, XML, quick, quick_document
 
 from harness import document
 from harness.errors import BadInput
@@ -36,8 +23,7 @@ CASE_KEYS = {"case", "env", "api", "phases", "checks", "frames", "decisive"}
 
 def one(made: CellRecord, *stale: str) -> CellEntry:
     """The entry of a record in a document of its own."""
-    plan = Plan(matrix="quick", cells=(made.cell,), stale=stale)
-    return document.build([made], [plan], MACHINES, GENERATED).cells[0]
+    return document_of(made, stale=stale).cells[0]
 
 
 def test_keys_of_the_contract() -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from specimens import GENERATED, MACHINES, RESET, XML, case, cell, phase, record, step, warning
+from builders import case, cell, entry, knowing, phase, record, step, warning
+from specimens import RESET, XML
 
-from harness import document, entry_failures, knowledge, signature_files, signatures, suites
+from harness import entry_failures, knowledge, signature_files, signatures, suites
 from harness.errors import BadInput
 from harness.judging.assess import assess
 from harness.judging.known_failures import Knowledge
@@ -21,13 +22,12 @@ from harness.model import (
     Observed,
     Outcome,
     Phase,
-    Plan,
     Step,
     Subject,
     Suite,
     Verdict,
 )
-from harness.reporttypes import CellEntry, DiagnosisEntry
+from harness.reporttypes import DiagnosisEntry
 from harness.signatures import Sighting
 
 KNOWN = signatures.read(
@@ -66,13 +66,7 @@ MASKED = record(case("ppfp", vector=VECTOR))
 
 def known(**logs: dict[str, str]) -> Knowledge:
     """The signatures above, with texts kept at `evidence/NAME`."""
-    return Knowledge(signatures=lambda: KNOWN, logs=lambda path: logs.get(Path(path).name, {}))
-
-
-def entry(made: CellRecord, knowledge: Knowledge) -> CellEntry:
-    """The entry of a record in a document of its own."""
-    plan = Plan(matrix="quick", cells=(made.cell,))
-    return document.build([made], [plan], MACHINES, GENERATED, known=knowledge).cells[0]
+    return knowing(*KNOWN, **logs)
 
 
 def test_what_a_failure_says() -> None:

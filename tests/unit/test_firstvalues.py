@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from specimens import cell, step
+from builders import asking, interpreter, lock, step
 
 from harness import firstvalues
 from harness.commands import firstdraft
 from harness.drafts import Range
-from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.store import Store
 from harness.vocabulary import Rule
 
-PYTHON = Interpreter(path="/python", version="3.11.7", implementation="cpython", identity="one")
-LOCK = Lock(pins=(), requirements="", sha256="", instant="")
+PYTHON = interpreter()
+LOCK = lock()
 
 
 def planned(**versions: str) -> Cell:
     """A cell with these versions of packages as its axes."""
     axes = {"python": "3.11", **versions}
-    question = Question(requirements=tuple(f"{name}=={version}" for name, version in versions.items()))
-    return replace(cell(), axes=axes, python=axes["python"], question=question)
+    return asking(*(f"{name}=={version}" for name, version in versions.items()), axes=axes, python=axes["python"])
 
 
 class Resolver:

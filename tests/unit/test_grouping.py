@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import msgspec
 import pytest
+from builders import diagnosis
 from specimens import quick_document
 
 from harness import grouping, present
@@ -41,13 +42,7 @@ def broken(found: Iterable[tuple[str, str]], line: str = "no such field", **more
 
 def known(signature: str, **more: object) -> DiagnosisEntry:
     """A known failure."""
-    plain = {
-        "remedy": {"requirements": ["mujoco<4"]},
-        "references": ("https://e.org",),
-        "proven": False,
-        "masks": False,
-    }
-    return DiagnosisEntry(signature=signature, cause=f"cause of {signature}", **{**plain, **more})
+    return diagnosis(signature, **{"remedy": {"requirements": ["mujoco<4"]}, "references": ("https://e.org",), **more})
 
 
 def only(cells: list[CellEntry]) -> Trouble:

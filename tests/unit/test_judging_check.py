@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import pytest
+from builders import warning
 
 from harness import wire
 from harness.judging.check import SHOT, Ending, check_record, found_beside, machine_trouble, reachable, shot
 from harness.judging.words import sentence
-from harness.model import CheckReply, Finding, Level, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
+from harness.model import CheckReply, Finding, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
 
 PASSED = Outcome.PASSED
 NOT_REACHED = "not looked at: the process ended before"
@@ -43,11 +44,6 @@ def raised(
     error = Raised(type=type, message=text, traceback=f'  File "$ENV/site-packages/{file}"', blame=blame)
     facts = {"loaded": list(modules)} if check.startswith("render") else {}
     return CheckReply(check=check, outcome=Outcome.FAILED, raised=error, facts=facts)
-
-
-def warning(check: str, text: str) -> Finding:
-    """A finding as it is expected here."""
-    return Finding(check=check, level=Level.WARNING, text=text)
 
 
 @pytest.mark.parametrize(

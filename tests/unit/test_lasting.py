@@ -7,8 +7,9 @@ import time
 from pathlib import Path
 
 import pytest
+from builders import lock, pin
 
-from harness.model import Artifact, IndexSettings, Lock, Pin, Question
+from harness.model import IndexSettings, Lock, Question
 from harness.scheduler.lasting import lasts
 
 NAME = "demo-1.0-py3-none-any.whl"
@@ -32,10 +33,9 @@ def wheels(tmp_path: Path) -> Path:
     return folder
 
 
-def lock(source: str, *escaped: str) -> Lock:
+def locked(source: str, *escaped: str) -> Lock:
     """A lock of one package."""
-    pin = Pin(name="demo", version="1.0", hashes=(), artifact=Artifact(filename=NAME, sha256="0" * 64, source=source))
-    return Lock(pins=(pin,), requirements="", sha256="0" * 64, instant="2026-01-01T00:00:00Z", escaped=escaped)
+    return lock(pin("demo", "1.0", source, NAME), instant="2026-01-01T00:00:00Z", escaped=escaped)
 
 
 def question(*links: Path | str) -> Question:
@@ -53,12 +53,12 @@ def later() -> int:
 
 def test_the_instant_decides(wheels: Path) -> None:
     """A lock to which its instant applied lasts, whatever lies in a folder."""
-    assert lasts(lock("https://files.example/demo.whl"), question(wheels / "absent"), 0)
+    assert lasts(locked("https://files.example/demo.whl"), question(wheels / "absent"), 0)
 
 
 def test_an_untouched_folder(wheels: Path) -> None:
     """What came from a folder lasts while the folder is as it was."""
-    assert lasts(lock((wheels / NAME).as_uri(), "demo"), question(wheels), later())
+    assert lasts(locked((wheels / NAME).as_uri(), "demo"), question(wheels), later())
 
 
 @pytest.mark.parametrize("change", ["another", "overwritten", "removed", "link"])
@@ -67,7 +67,7 @@ def test_a_changed_folder(wheels: Path, tmp_path: Path, change: str) -> None:
     link = tmp_path / "link"
     link.symlink_to(wheels)
     made = later()
-    assert lasts(lock((wheels / NAME).as_uri(), "demo"), question(link), made)
+    assert lasts(locked((wheels / NAME).as_uri(), "demo"), question(link), made)
 
     if change == "another":
         (wheels / "demo-2.0-py3-none-any.whl").touch()
@@ -79,7 +79,7 @@ def test_a_changed_folder(wheels: Path, tmp_path: Path, change: str) -> None:
         link.unlink()
         link.symlink_to(wheels)
 
-    assert not lasts(lock((wheels / NAME).as_uri(), "demo"), question(link), made)
+    assert not lasts(locked((wheels / NAME).as_uri(), "demo"), question(link), made)
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_what_cannot_be_watched(wheels: Path, source: str, link: str) -> None:
     source = (wheels / NAME).as_uri() if source == "WHEELS" else source
     place = wheels if link == "WHEELS" else link
 
-    assert not lasts(lock(source, "demo"), question(place), later())
+    assert not lasts(locked(source, "demo"), question(place), later())

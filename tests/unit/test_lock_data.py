@@ -3,28 +3,19 @@
 import tomllib
 
 import pytest
+from builders import SHA, interpreter, lock, pin
 
 from harness import locks
 from harness.errors import BadInput, CouldNotTell
-from harness.model import Artifact, Interpreter, Lock, Pin
+from harness.model import Artifact
 
 A, B, C = "a" * 64, "b" * 64, "c" * 64
 INSTANT = "2026-01-01T00:00:00Z"
 
 
-def python(version: str, implementation: str = "cpython") -> Interpreter:
-    """An interpreter as `interpreters` describes it."""
-    return Interpreter(path="/python", version=version, implementation=implementation, identity=version)
-
-
 def entry(name: str, sha256: str = A) -> dict[str, object]:
     """A file as uv writes it."""
     return {"url": f"https://files.invalid/x%2By/{name}".replace("+", "%2B"), "hashes": {"sha256": sha256}}
-
-
-def pin(name: str, version: str) -> Pin:
-    """A package of a lock."""
-    return Pin(name=name, version=version, artifact=Artifact(filename="x.whl", sha256=A, source="x"), hashes=(A,))
 
 
 @pytest.mark.parametrize(
@@ -46,7 +37,7 @@ def pin(name: str, version: str) -> Pin:
 def test_file_that_is_taken(version: str, implementation: str, files: tuple[str, ...], taken: int) -> None:
     """Of several wheels that fit, the interpreter takes the most particular, of equals the last build."""
     package = {"name": "p", "version": "1", "wheels": [entry(name) for name in files]}
-    lock = locks.read({"packages": [package]}, python(version, implementation), INSTANT)
+    lock = locks.read({"packages": [package]}, interpreter(version, implementation), INSTANT)
 
     assert lock.pins[0].artifact.filename == files[taken]
 
@@ -54,10 +45,10 @@ def test_file_that_is_taken(version: str, implementation: str, files: tuple[str,
 def test_newest_platform_first() -> None:
     """Of wheels for several platforms the one for the newest that is here is taken."""
     names = ["p-1-cp311-cp311-manylinux_2_5_x86_64.whl", "p-1-cp311-cp311-manylinux_2_17_x86_64.whl"]
-    if locks.rank(names[0], python("3.11.7"))[0] == locks.UNRANKED:
+    if locks.rank(names[0], interpreter("3.11.7"))[0] == locks.UNRANKED:
         pytest.skip("unavailable: a Linux of glibc on x86_64")
 
-    assert sorted(names, key=lambda name: locks.rank(name, python("3.11.7"))) == names[::-1]
+    assert sorted(names, key=lambda name: locks.rank(name, interpreter("3.11.7"))) == names[::-1]
 
 
 def test_sdist_only_without_wheel() -> None:
@@ -65,7 +56,7 @@ def test_sdist_only_without_wheel() -> None:
     wheels = [entry("p-1-py3-none-any.whl", B), entry("p-1-py2.py3-none-any.whl", A)]
     both = {"name": "P.p", "version": "1", "sdist": entry("p-1.tar.gz", C), "wheels": wheels}
     alone = {"name": "q", "version": "2+x", "sdist": entry("q-2%2Bx.tar.gz", C)}
-    lock = locks.read({"packages": [alone, both]}, python("3.11.7"), INSTANT)
+    lock = locks.read({"packages": [alone, both]}, interpreter("3.11.7"), INSTANT)
 
     assert lock.requirements == (
         f"p-p==1 \\\n    --hash=sha256:{A} \\\n    --hash=sha256:{B}\nq==2+x \\\n    --hash=sha256:{C}\n"
@@ -78,7 +69,7 @@ def test_folder_cannot_be_locked() -> None:
     """A package from a folder or repository has no hash."""
     package = {"name": "p", "version": "1", "directory": {"path": "."}}
     with pytest.raises(BadInput) as raised:
-        locks.read({"packages": [package]}, python("3.11.7"), INSTANT)
+        locks.read({"packages": [package]}, interpreter("3.11.7"), INSTANT)
 
     assert str(raised.value) == (
         "p comes from a folder or a repository, which no hash can pin; "
@@ -90,7 +81,7 @@ def test_index_without_hashes() -> None:
     """A file that an index gives no hash of cannot be locked: the index's fault."""
     package = {"name": "p", "version": "1", "wheels": [{"url": "https://files.invalid/p-1-py3-none-any.whl"}]}
     with pytest.raises(CouldNotTell) as raised:
-        locks.read({"packages": [package]}, python("3.11.7"), INSTANT)
+        locks.read({"packages": [package]}, interpreter("3.11.7"), INSTANT)
 
     assert str(raised.value) == (
         "the index gives no SHA-256 of p-1-py3-none-any.whl, so that it cannot be locked; use another index"
@@ -102,7 +93,7 @@ class TestText:
         """What is written is read back."""
         lock = locks.assembled([pin("b", "2.0+cpu"), pin("a", "1.0")], INSTANT)
 
-        assert locks.pinned(lock.requirements) == {"a": ("1.0", (A,)), "b": ("2.0+cpu", (A,))}
+        assert locks.pinned(lock.requirements) == {"a": ("1.0", (SHA,)), "b": ("2.0+cpu", (SHA,))}
 
     @pytest.mark.parametrize(
         "text", ["a>=1", "a==1.0", "a==1.0 --hash=md5:00", f"a==1 \\\n    --hash=sha256:{A} extra"]
@@ -118,7 +109,7 @@ class TestText:
 
 
 class TestUnmet:
-    LOCK = Lock(pins=(pin("b", "2.0"), pin("c", "1.0rc1")), requirements="", sha256="", instant="")
+    LOCK = lock(pin("b", "2.0"), pin("c", "1.0rc1"))
 
     @pytest.mark.parametrize(
         ("line", "told"),
@@ -137,7 +128,7 @@ class TestUnmet:
     )
     def test_requirement(self, line: str, told: str | None) -> None:
         """A requirement counts where its marker holds in the cell's Python, unless it is overridden."""
-        assert locks.unmet([line], self.LOCK, python("3.7.16"), ["e==1"]) == told
+        assert locks.unmet([line], self.LOCK, interpreter("3.7.16"), ["e==1"]) == told
 
 
 def test_pylock_to_install_from() -> None:

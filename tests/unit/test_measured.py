@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from specimens import HERE, MACHINES, quick, quick_document
+from builders import HERE, MACHINES
+from specimens import quick, quick_document
 
 from harness import distilling, document, measured
 from harness.errors import BadInput

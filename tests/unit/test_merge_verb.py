@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from specimens import GENERATED, HERE, MACHINES, case, measured, quick
+from builders import GENERATED, HERE, MACHINES, case
+from specimens import measured, quick
 
 from harness import document
 from harness.__main__ import main

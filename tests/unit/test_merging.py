@@ -8,7 +8,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from specimens import GENERATED, HERE, MACHINES, case, quick, record
+from builders import GENERATED, HERE, MACHINES, case, record
+from specimens import quick
 
 from harness import document, merging
 from harness.errors import BadInput

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from builders import asking
 
 from harness import changes, clues, moves
-from harness.model import Cell, Change, Phase, Question
+from harness.model import Change, Phase
 from harness.moves import Way
 from harness.signatures import Evidence
 
@@ -15,12 +16,6 @@ WHOLE = Change(
     environment={"MUJOCO_GL": "egl", "DISPLAY": ""},
     python="3.10",
 )
-
-
-def cell(*requirements: str, constraints: tuple[str, ...] = (), **environment: str) -> Cell:
-    """A cell that asks for this."""
-    question = Question(requirements=requirements, constraints=constraints)
-    return Cell(id="m/c", matrix="m", axes={}, python="3.11", question=question, environment=environment, cases=())
 
 
 def told(*lines: str, phase: Phase = Phase.SINGLE) -> list[Evidence]:
@@ -64,18 +59,18 @@ def test_remedy_beside_what_is_asked_for(
     asked: list[str], bounded: list[str], change: str, made: list[str], contrary: bool
 ) -> None:
     """What the user wrote stays where it can; where it cannot, that is told."""
-    of = cell(*asked, constraints=tuple(bounded))
+    of = asking(*asked, constraints=tuple(bounded))
     assert moves.beside(of, Change(requirements=(change,))) == (Change(requirements=tuple(made)), contrary)
 
 
 def test_a_bound_that_is_contrary_to_a_pin_moves_it() -> None:
     """A constraint would leave the pin, and nothing to resolve."""
-    made, contrary = moves.beside(cell("gymnasium==0.29.1", "mujoco==3.0.1"), Change(constraints=("mujoco<3",)))
+    made, contrary = moves.beside(asking("gymnasium==0.29.1", "mujoco==3.0.1"), Change(constraints=("mujoco<3",)))
     assert (made, contrary) == (Change(requirements=("mujoco<3",)), True)
-    before = cell("mujoco==3.0.1")
+    before = asking("mujoco==3.0.1")
     assert moves.moved(before, changes.applied(before, made, {})) == ("mujoco",)
-    narrowed = changes.applied(cell("numpy<2"), Change(requirements=("numpy<1.24",)), {})
-    assert moves.moved(cell("numpy<2"), narrowed) == ()
+    narrowed = changes.applied(asking("numpy<2"), Change(requirements=("numpy<1.24",)), {})
+    assert moves.moved(asking("numpy<2"), narrowed) == ()
     free = changes.applied(before, Change(constraints=("numpy<2",)), {})
     assert moves.moved(before, free) == ()
 
@@ -104,7 +99,7 @@ def test_what_an_error_says_to_install() -> None:
         'DependencyNotInstalled: pygame is not installed, run `pip install "gymnasium[classic-control]"`',
         "pip install some-package-of-that-name",
     )
-    found = list(clues.told_to_install(cell("gymnasium[mujoco]==1.2.3"), evidence))
+    found = list(clues.told_to_install(asking("gymnasium[mujoco]==1.2.3"), evidence))
     assert found == [Change(requirements=("gymnasium[classic-control,mujoco]==1.2.3",))]
 
 
@@ -118,14 +113,15 @@ def test_suspects() -> None:
 
 def test_ways_of_drawing() -> None:
     """Those that the machine has, where the failure speaks of drawing; first what the user set is taken away."""
-    here, of = frozenset({"egl", "osmesa"}), cell("mujoco", MUJOCO_GL="egl", PYOPENGL_PLATFORM="glx")
+    here = frozenset({"egl", "osmesa"})
+    of = asking("mujoco", environment={"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"})
     found = list(clues.variables(of, Phase.RENDER, told("no OpenGL platform"), here=here))
     assert [one.change.environment for one in found] == [
         {"PYOPENGL_PLATFORM": ""},
         {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"},
     ]
     assert not list(clues.variables(of, Phase.SINGLE, told("numpy has no attribute"), here=here))
-    shown = list(clues.variables(cell("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"})))
+    shown = list(clues.variables(asking("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"})))
     assert [one.change.environment for one in shown] == [
         {"SDL_VIDEODRIVER": "x11"},
         {"DISPLAY": "virtual"},
@@ -139,7 +135,7 @@ def test_ways_of_drawing_that_nothing_reads() -> None:
     here = frozenset({"egl", "osmesa", "display"})
 
     def tried(*installed: str) -> list[dict[str, str]]:
-        found = clues.variables(cell("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed)
+        found = clues.variables(asking("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed)
         return [dict(one.change.environment) for one in found]
 
     assert tried("pygame") == [{"SDL_VIDEODRIVER": "x11"}, {"DISPLAY": "virtual"}]

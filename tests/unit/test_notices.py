@@ -8,9 +8,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from specimens import MACHINES, RESET, combination, measured, quick, quick_document, record
-from specimens import case as tried
-from specimens import cell as planned
+from builders import MACHINES, record
+from builders import case as tried
+from builders import cell as planned
+from specimens import RESET, combination, measured, quick, quick_document
 
 from harness import document, notices
 from harness.__main__ import main

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from builders import HERE, measured_cell
 
 from harness import distilling, inferring, measured_cells, recommended, recommending, traps
 from harness.distilling import Layer
 from harness.measured_cells import Query, Wanted
 from harness.model import Phase
 
-HERE = "linux-x86_64"
 ALL = {"import": "passed", "single": "passed", "vector": "passed", "render": "passed"}
 
 
@@ -33,14 +33,11 @@ class World:
         sha = hashlib.sha256(text.encode()).hexdigest()
         self.locks[sha] = text
         label = "-".join(f"{name}{version}" for name, version in pins.items())
-        cell = {
-            "id": f"m/py{python}_{label}{more.pop('suffix', '')}", "matrix": "m", "python": f"{python}.7",
-            "machine": HERE, "measured": "2026-11-21T12:00:00Z", "verdict": verdict, "unverified": [],
-            "phase": None if verdict == "works" else "single", "phases": ALL, "axes": {"python": python, **pins},
-            "environment": {}, "supplied": {}, "requirements": [], "decisive": None, "lock": sha, "causes": [],
-            "repairs": [],
-            "cases": [{"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None}],
-        } | more  # fmt: skip
+        cell = measured_cell(
+            f"py{python}_{label}{more.pop('suffix', '')}", verdict, f"{python}.7",
+            measured="2026-11-21T12:00:00Z", phases=ALL, axes={"python": python, **pins}, lock=sha,
+            cases=[{"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None}],
+        ) | more  # fmt: skip
         self.cells.append(cell)
         return str(cell["id"])
 

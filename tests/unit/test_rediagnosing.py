@@ -8,14 +8,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from specimens import GENERATED, MACHINES, case, cell, phase, record
+from builders import GENERATED, MACHINES, case, cell, document_of, knowing, phase, record
 
 from harness import document, rediagnosing, signature_files
 from harness.__main__ import main
-from harness.judging.known_failures import Knowledge
-from harness.model import Change, Expectation, Outcome, Phase, Plan, Step, Tried, Verdict
+from harness.model import CellRecord, Change, Expectation, Outcome, Phase, Plan, Step, Tried, Verdict
 from harness.reporttypes import CellEntry, Document
-from harness.signatures import Signature, read
+from harness.signatures import read
 
 SIGNATURES = read(
     {
@@ -48,15 +47,9 @@ CURED = replace(
 RED = record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, "no solver_iter")))
 
 
-def known(*signatures: Signature, **logs: dict[str, str]) -> Knowledge:
-    """What is known, and what lies at a path."""
-    return Knowledge(signatures=lambda: signatures, logs=lambda path: logs.get(path.replace("/", "_"), {}))
-
-
-def made(*records: object) -> Document:
+def made(*records: CellRecord) -> Document:
     """A report of the time when nothing was known."""
-    planned = Plan(matrix="quick", cells=tuple(one.cell for one in records), axes=("python", "gymnasium"))
-    return document.build(records, [planned], MACHINES, GENERATED)
+    return document_of(*records, axes=("python", "gymnasium"))
 
 
 def causes(found: Document) -> list[list[str]]:
@@ -73,7 +66,7 @@ def test_a_line_is_known_now() -> None:
     """A red cell gets its cause, with the line and the remedy, and nothing else of it changes."""
     before = made(RED)
 
-    after = rediagnosing.diagnosed(before, known(*SIGNATURES))
+    after = rediagnosing.diagnosed(before, knowing(*SIGNATURES))
 
     assert (causes(before), causes(after)) == ([[]], [["told"]])
     assert first(after).diagnoses[0].seen == "no solver_iter"
@@ -85,14 +78,14 @@ def test_a_line_is_known_now() -> None:
 
 def test_it_comes_to_the_same_as_when_it_was_measured() -> None:
     """From the document alone the same is told as from the records."""
-    log = {"evidence_1": {"log.txt": "so deep in a log"}}
+    log = {"1": {"log.txt": "so deep in a log"}}
     vector = phase(Phase.VECTOR, Outcome.FAILED, "silence", evidence="evidence/1")
     records = (replace(RED, cases=(*RED.cases, *record(case("ppfp", "b", vector=vector)).cases)),)
     planned = Plan(matrix="quick", cells=(BASE,), axes=())
-    knowing = known(*SIGNATURES, **log)
+    known = knowing(*SIGNATURES, **log)
 
-    then = document.build(records, [planned], MACHINES, GENERATED, known=knowing)
-    now = rediagnosing.diagnosed(document.build(records, [planned], MACHINES, GENERATED), knowing)
+    then = document.build(records, [planned], MACHINES, GENERATED, known=known)
+    now = rediagnosing.diagnosed(document.build(records, [planned], MACHINES, GENERATED), known)
 
     assert causes(now) == [["told", "written"]]
     assert now == then
@@ -105,7 +98,7 @@ def test_logs_of_a_step_are_read(at: Phase) -> None:
     steps = {"resolve": step, "install": None} if at is Phase.RESOLVE else {"install": step}
     red = record(installed=None, of=BASE, **steps)
 
-    after = rediagnosing.diagnosed(made(red), known(*SIGNATURES, evidence_uv={"uv.log": "so deep in a log"}))
+    after = rediagnosing.diagnosed(made(red), knowing(*SIGNATURES, uv={"uv.log": "so deep in a log"}))
 
     assert causes(after) == [["written"]]
 
@@ -114,8 +107,8 @@ def test_what_is_not_red_has_no_cause() -> None:
     """Neither a green cell, nor one whose packages do not fit the signature."""
     other = replace(RED, installed={"gymnasium": "2.0"})
 
-    assert causes(rediagnosing.diagnosed(made(record(case("pppp"))), known(*SIGNATURES))) == [[]]
-    assert causes(rediagnosing.diagnosed(made(other), known(*SIGNATURES))) == [[]]
+    assert causes(rediagnosing.diagnosed(made(record(case("pppp"))), knowing(*SIGNATURES))) == [[]]
+    assert causes(rediagnosing.diagnosed(made(other), knowing(*SIGNATURES))) == [[]]
 
 
 def test_a_remedy_is_proven_by_the_cell_that_was_made_by_it() -> None:
@@ -125,9 +118,9 @@ def test_a_remedy_is_proven_by_the_cell_that_was_made_by_it() -> None:
     assert before.cells[1].change
     assert before.cells[1].change.remedy_of == ()
 
-    proven = rediagnosing.diagnosed(before, known(*SIGNATURES))
+    proven = rediagnosing.diagnosed(before, knowing(*SIGNATURES))
     other = replace(CURED, tried=replace(CURED.tried, change=Change(requirements=("mujoco<2",))))
-    unproven = rediagnosing.diagnosed(made(RED, record(case("pppp"), of=other)), known(*SIGNATURES))
+    unproven = rediagnosing.diagnosed(made(RED, record(case("pppp"), of=other)), knowing(*SIGNATURES))
 
     assert first(proven).diagnoses[0].proof == CURED.id
     assert first(unproven).diagnoses[0].proof is None
@@ -140,7 +133,7 @@ def test_what_is_expected_is_judged_again(signature: str, is_it: bool) -> None:
     before = made(replace(RED, cell=replace(BASE, expect=expect)))
 
     assert first(before).as_expected is False
-    assert first(rediagnosing.diagnosed(before, known(*SIGNATURES))).as_expected is is_it
+    assert first(rediagnosing.diagnosed(before, knowing(*SIGNATURES))).as_expected is is_it
 
 
 def test_what_a_matrix_expects_no_more_is_not_as_expected() -> None:
@@ -150,7 +143,7 @@ def test_what_a_matrix_expects_no_more_is_not_as_expected() -> None:
     cells = tuple(msgspec.structs.replace(cell, expectation=None) for cell in before.cells)
 
     assert first(before).as_expected is True
-    assert first(rediagnosing.diagnosed(msgspec.structs.replace(before, cells=cells), known())).as_expected is False
+    assert first(rediagnosing.diagnosed(msgspec.structs.replace(before, cells=cells), knowing())).as_expected is False
 
 
 def test_on_the_command_line(

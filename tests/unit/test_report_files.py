@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from specimens import case, record
+from builders import case, record
 
 from harness import store
 from harness.commands import reporting

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from specimens import GENERATED, MACHINES, quick
+from builders import GENERATED, MACHINES
+from specimens import quick
 
 from harness import document
 from harness.__main__ import main

@@ -7,17 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from builders import asking
 
 from harness import document, shards
 from harness.commands import choosing
 from harness.errors import BadInput
-from harness.model import Cell, Question
+from harness.model import Cell
 
 
 def cell(name: str, question: str = "", python: str = "3.11") -> Cell:
     """A cell that asks for one package, its own unless another is named."""
-    asked = Question(requirements=(question or name,))
-    return Cell(id=f"m/{name}", matrix="m", axes={}, python=python, question=asked, environment={}, cases=())
+    return asking(question or name, id=f"m/{name}", python=python)
 
 
 def labels(split: tuple[tuple[Cell, ...], ...]) -> list[str]:

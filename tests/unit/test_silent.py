@@ -8,14 +8,14 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
+from builders import case, cell, document_of, drawn, entry, knowing, record
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
-from specimens import case, cell, record
 
 from harness import changes, document, knowledge, rediagnosing, signatures
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
-from harness.model import CaseRecord, CellRecord, CheckRecord, Outcome, Phase, PhaseRecord, Plan, Verdict
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.reporttypes import CaseEntry, CellEntry, Document
 from harness.signatures import Signature
 from harness.standalone import silent
@@ -41,15 +41,12 @@ NAME = "silent:camera-elsewhere"
 
 def known() -> Knowledge:
     """Return the known issues of these tests."""
-    return Knowledge(signatures=lambda: KNOWN)
+    return knowing(*KNOWN)
 
 
-def drawn(camera: Outcome | None) -> CaseRecord:
+def seen_by(camera: Outcome | None) -> CaseRecord:
     """A case that drew by OpenGL, and how its camera check ended, if it ran."""
-    first = CheckRecord(check="render.rgb_array", outcome=Outcome.PASSED, facts={"gl": {"api": "egl"}})
-    second = CheckRecord(check="render.camera", outcome=camera, decisive="off") if camera else None
-    checks = (first, second) if second else (first,)
-    return case("pppp", render=PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=checks))
+    return case("pppp", render=drawn(camera, "off", gl={"api": "egl"}))
 
 
 def tried(**changed: object) -> Exercised:
@@ -89,15 +86,12 @@ def test_an_exclusion_leaves_environments_out() -> None:
 
 def judged(seen: CellRecord) -> tuple[Assessed, CellEntry]:
     """A record as it is judged, and as a document has it."""
-    made = document.build(
-        [seen], [Plan(matrix="quick", cells=(seen.cell,))], {"m": {}}, "2026-11-23T00:00:00Z", known=known()
-    )
-    return assess(seen, known()), made.cells[0]
+    return assess(seen, known()), entry(seen, known())
 
 
 def test_a_green_cell_says_what_is_left_open() -> None:
     """It works, and is not plainly good: neither it nor a remedy that leads to it is handed out."""
-    said, entry = judged(record(drawn(None)))
+    said, entry = judged(record(seen_by(None)))
 
     assert (said.verdict, said.unverified) == (Verdict.WORKS, (NAME,))
     assert not said.fulfilled
@@ -108,7 +102,7 @@ def test_a_green_cell_says_what_is_left_open() -> None:
 
 def test_a_check_that_passed_refutes_it() -> None:
     """Then the cell is plainly good."""
-    said, entry = judged(record(drawn(Outcome.PASSED)))
+    said, entry = judged(record(seen_by(Outcome.PASSED)))
 
     assert said.unverified == entry.unverified == ()
     assert silent.plainly_good(entry.verdict, entry.unverified)
@@ -116,7 +110,7 @@ def test_a_check_that_passed_refutes_it() -> None:
 
 def test_a_check_that_failed_names_it() -> None:
     """The case misleads, and the issue is the cell's diagnosis, by the line of the check."""
-    said, entry = judged(record(drawn(Outcome.FAILED)))
+    said, entry = judged(record(seen_by(Outcome.FAILED)))
 
     assert (said.verdict, said.unverified) == (Verdict.MISLEADS, ())
     assert [one.misleads for one in entry.cases] == [("render.camera",)]
@@ -128,7 +122,7 @@ def test_a_check_that_failed_names_it() -> None:
 
 def test_other_releases_are_not_spoken_of() -> None:
     """The packages have to be there in those versions."""
-    said, _ = judged(replace(record(drawn(None)), installed={"gymnasium": "1.3.0"}))
+    said, _ = judged(replace(record(seen_by(None)), installed={"gymnasium": "1.3.0"}))
 
     assert said.unverified == ()
 
@@ -136,10 +130,8 @@ def test_other_releases_are_not_spoken_of() -> None:
 @pytest.mark.parametrize("camera", [None, Outcome.PASSED, Outcome.FAILED])
 def test_a_stored_report_says_the_same(camera: Outcome | None) -> None:
     """`report --diagnose` looks silent issues up from what the document holds, in green cells, too."""
-    seen = record(drawn(camera), of=cell(cases=["ant"]))
-    plan = Plan(matrix="quick", cells=(seen.cell,))
-    plain = document.build([seen], [plan], {"m": {}}, "2026-11-23T00:00:00Z")
-    now = document.build([seen], [plan], {"m": {}}, "2026-11-23T00:00:00Z", known=known())
+    seen = record(seen_by(camera), of=cell(cases=["ant"]))
+    plain, now = document_of(seen), document_of(seen, known=known())
 
     assert rediagnosing.diagnosed(plain, known()) == now
     assert rediagnosing.diagnosed(now, known()) == now

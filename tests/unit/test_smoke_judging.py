@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import builders
 import pytest
-from specimens import knowing, signature
+from builders import CHECKS, knowing, signature
 
 from harness.judging.assess import assess
 from harness.model import (
-    Case,
-    CaseRecord,
     Cell,
     CellRecord,
     CheckRecord,
@@ -19,7 +18,6 @@ from harness.model import (
     Outcome,
     Phase,
     PhaseRecord,
-    Question,
     Step,
     Subject,
     Suite,
@@ -28,13 +26,8 @@ from harness.model import (
 from harness.smoke import judging
 from harness.smoke.judging import Kind, Seen
 
-CASE = Case(
-    id="Ant", env="Ant-v5", api="gymnasium", checks=("import.modules", "single.loop", "vector.sync", "render.a")
-)
-CELL = Cell(
-    id="m/c", matrix="m", axes={}, python="3.11", question=Question(requirements=()), environment={}, cases=(CASE,)
-)
-PASSED = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
+CELL = builders.cell(id="m/c")
+(CASE,) = CELL.cases
 EVERYTHING = frozenset(Phase)
 TODAY = "2026-11-21"
 
@@ -49,27 +42,12 @@ def expecting(verdict: str, phase: str | None = None, match: str | None = None, 
 
 def record(cell: Cell = CELL, decisive: str | None = "boom", **outcomes: str) -> CellRecord:
     """A cell that was installed, with a case whose phases ended so; `import_`, since `import` is Python's."""
-    phases = []
-    for check in CASE.checks:
-        phase = Phase(check.partition(".")[0])
-        outcome = Outcome(outcomes.get(phase.value, outcomes.get(f"{phase.value}_", "passed")))
+    phases = {}
+    for at in CHECKS:
+        outcome = Outcome(outcomes.get(at.value, outcomes.get(f"{at.value}_", "passed")))
         line = None if outcome in {Outcome.PASSED, Outcome.NOT_REACHED} else decisive
-        checks = (CheckRecord(check=check, outcome=outcome, decisive=line),)
-        reached = outcome is not Outcome.NOT_REACHED
-        phases.append(
-            PhaseRecord(
-                phase=phase,
-                outcome=outcome,
-                decisive=line,
-                checks=checks if reached else (),
-                evidence=f"evidence/{phase}" if reached else None,
-                seconds=2.0,
-                measured="2026-11-21T00:00:00Z" if reached else None,
-            )
-        )
-    case = CaseRecord(case=CASE.id, env=CASE.env, api=CASE.api, required=(), phases=tuple(phases))
-    install = replace(PASSED, phase=Phase.INSTALL)
-    return CellRecord(cell=cell, machine="here", resolve=PASSED, install=install, key="k", cases=(case,))
+        phases[at.value] = builders.phase(at, outcome, line, evidence=f"evidence/{at}", seconds=2.0)
+    return builders.record(builders.case("pppp", CASE.id, **phases), of=cell, machine="here")
 
 
 def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -> tuple[Kind, str]:
@@ -309,11 +287,8 @@ def test_time_is_that_of_this_session() -> None:
 
 def misleading(cell: Cell = CELL) -> CellRecord:
     """A cell whose picture was drawn by a camera that looks elsewhere."""
-    seen = record(cell)
-    camera = CheckRecord(check="render.camera", outcome=Outcome.FAILED, decisive="looks elsewhere")
-    (case,) = seen.cases
-    phases = tuple(replace(one, checks=(*one.checks, camera)) if one.phase == "render" else one for one in case.phases)
-    return replace(seen, cases=(replace(case, phases=phases),))
+    seen = builders.case("pppp", CASE.id, render=builders.drawn(Outcome.FAILED))
+    return builders.record(seen, of=cell)
 
 
 def test_a_case_that_misleads_has_not_passed() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from specimens import GPU, HERE, LLVMPIPE, MACHINES
+from builders import HERE, LLVMPIPE, MACHINES
+from specimens import GPU
 
 from harness import machine
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from specimens import GENERATED, MACHINES, case, cell, record
+from builders import GENERATED, case, cell, document_of, record
 
-from harness import document, matrixfile, plan, present, rediagnosing, squares, tables
+from harness import matrixfile, plan, present, rediagnosing, squares, tables
 from harness.model import Cell, CellRecord, Change, Outcome, Phase, Plan, Role, Step, Tried, Verdict
 from harness.reporttypes import Document
 from harness.tabletypes import Pivot, Square
@@ -31,8 +31,7 @@ def ran(of: Cell, *outcomes: str, **more: Any) -> CellRecord:
 
 def made(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Document:
     """The document of a matrix."""
-    planned = Plan(matrix="quick", cells=tuple(one.cell for one in records), axes=axes, variants=variants)
-    return document.build(records, [planned], MACHINES, GENERATED)
+    return document_of(*records, axes=axes, variants=variants)
 
 
 def pivot(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Pivot:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from builders import known
 
 from harness.standalone import matching
 from harness.standalone.explain import explaining, hinting, telling
@@ -253,12 +254,6 @@ def test_versions_are_told_in_passing(text: str, python: str | None, packages: d
 
 
 # --- known causes ----------------------------------------------------------------------------------------------
-
-
-def known(name: str, pattern: str | None, **more: object) -> matching.Known:
-    """A known failure."""
-    plain = {"id": name, "cause": f"the cause of {name}", "remedy": {"text": "mend it"}, "phases": ["single"], **more}
-    return matching.read({**plain, **({"pattern": pattern} if pattern else {})})
 
 
 KNOWN = known("wings", "no wings")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from builders import known
+
 from harness.standalone import matching, remedies
 from harness.standalone.explain import explaining, wording
 from harness.standalone.explain.explaining import Here
@@ -11,10 +13,10 @@ TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.9/site-packa
 REMEDY = {"requirements": ["numpy<2"], "environment": {"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": ""}, "text": "or wait"}
 
 
-def known(remedy: dict[str, object], **more: object) -> matching.Known:
+def wings(remedy: dict[str, object], **more: object) -> matching.Known:
     """A known failure."""
-    plain = {"id": "wings", "cause": "it has none", "remedy": remedy, "phases": ["single"], "pattern": "no wings"}
-    return matching.read({**plain, "references": ["https://example.org/1"], **more})
+    links = ["https://example.org/1"]
+    return known("wings", **{"cause": "it has none", "remedy": remedy, "references": links, **more})
 
 
 def said(text: str, place: Place, *those: matching.Known, **here: object) -> list[str]:
@@ -25,7 +27,7 @@ def said(text: str, place: Place, *those: matching.Known, **here: object) -> lis
 def test_a_known_cause() -> None:
     """With the remedy as it is typed for this interpreter, and where the output lies."""
     place = Place(python="/e/bin/python", kept="out.log")
-    assert said(TRACE + "ValueError: no wings\n", place, known(REMEDY)) == [
+    assert said(TRACE + "ValueError: no wings\n", place, wings(REMEDY)) == [
         "failed:    ValueError: no wings",
         "cause:     it has none",
         "remedy:    install `numpy<2`; set `MUJOCO_GL=egl`; unset `PYOPENGL_PLATFORM`. or wait",
@@ -53,13 +55,13 @@ def test_an_unknown_one() -> None:
 
 def test_the_file_that_stands_alone_names_itself() -> None:
     """And no verb that it has not."""
-    told = said(TRACE + "ValueError: no wings\n", Place(program="python a.pyz", alone=True), known({"text": "wait"}))
+    told = said(TRACE + "ValueError: no wings\n", Place(program="python a.pyz", alone=True), wings({"text": "wait"}))
     assert told[-1] == "next:      python a.pyz doctor"
 
 
 def test_a_worker_that_died_without_a_word_is_asked_to_speak() -> None:
     """The command is run again, so that a crash says where."""
-    mask = known({"text": "look"}, pattern="EOFError", masks=True, phases=["vector"])
+    mask = wings({"text": "look"}, pattern="EOFError", masks=True, phases=["vector"])
     told = said(TRACE + "EOFError\n", Place(command=("python", "my train.py")), mask, failed=True)
     assert told[:4] == [
         "failed:    EOFError (in vector)",
@@ -72,7 +74,7 @@ def test_a_worker_that_died_without_a_word_is_asked_to_speak() -> None:
 
 def test_nothing_failed() -> None:
     """The last line is shown, and how to catch what does."""
-    assert said("Episode 1\nall done\n", Place(), known(REMEDY)) == [
+    assert said("Episode 1\nall done\n", Place(), wings(REMEDY)) == [
         "no failure: nothing in this text says that anything failed",
         "last line: all done",
         "next:      simmatrix explain -- COMMAND, which keeps all that a command writes",
@@ -81,7 +83,7 @@ def test_nothing_failed() -> None:
 
 def test_a_release_that_is_repaired_is_tried_so() -> None:
     """By the verb that can."""
-    told = said("gym==0.21.0\nValueError: no wings\n", Place(), known({"overlay": ["gym"]}))
+    told = said("gym==0.21.0\nValueError: no wings\n", Place(), wings({"overlay": ["gym"]}))
     assert told[-1] == "           simmatrix try gym==0.21.0 --overlay"
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from specimens import GENERATED, MACHINES, case, cell, plain, record
+from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, plain, record
 
 from harness import document, matrixfile, model, plan, subjects, suites
 from harness.errors import BadInput
@@ -15,15 +15,12 @@ from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
 from harness.judging.pytest_report import Report, outcome_of
 from harness.model import (
-    Artifact,
     CaseRecord,
     Cell,
-    Interpreter,
     Lock,
     Outcome,
     Phase,
     PhaseRecord,
-    Pin,
     Question,
     Step,
     Subject,
@@ -33,7 +30,7 @@ from harness.model import (
 from harness.vocabulary import SELF
 
 AXES = 'axes = { python = ["3.11"] }\n'
-PYTHON = Interpreter(path="/python", version="3.11.7", implementation="cpython", identity="one")
+PYTHON = interpreter()
 
 
 def cells(text: str) -> dict[str, Cell]:
@@ -243,14 +240,9 @@ def test_what_it_does_not_have(wanted: Subject, question: Question | None, sente
     assert str(error.value) == sentence
 
 
-def lock(**versions: str) -> Lock:
-    """A lock of these versions, which knows no files."""
-    text = "".join(f"{name}=={version}\n" for name, version in versions.items())
-    pins = tuple(
-        Pin(name=name, version=version, artifact=Artifact(filename="", sha256="", source=""), hashes=())
-        for name, version in versions.items()
-    )
-    return Lock(pins=pins, requirements=text, sha256="0", instant="")
+def locked(**versions: str) -> Lock:
+    """A lock of these versions."""
+    return lock(*(pin(name, version) for name, version in versions.items()))
 
 
 @pytest.mark.parametrize(
@@ -266,7 +258,7 @@ def test_packages_of_a_suite(suite: Suite, more: tuple[str, ...]) -> None:
     """The suite's environment holds the cell's packages at the cell's versions, what its tests need, and pytest."""
     own = Subject(source=".", suite=suite)
     cell_question = asked(own)
-    question = suites.question(cell_question, lock(numpy="1.26.4", new="2"), own, OWN, PYTHON)
+    question = suites.question(cell_question, locked(numpy="1.26.4", new="2"), own, OWN, PYTHON)
 
     assert question.constraints == ("numpy==1.26.4", "new==2")
     assert sorted(question.requirements) == sorted({*cell_question.requirements, *more})
@@ -278,7 +270,7 @@ def test_a_suite_asks_for_extras_by_their_key() -> None:
     own = Subject(source=".", suite=Suite(requirements=("own[draw]",)))
 
     with pytest.raises(BadInput) as error:
-        suites.question(asked(own), lock(numpy="1.26.4"), own, OWN, PYTHON)
+        suites.question(asked(own), locked(numpy="1.26.4"), own, OWN, PYTHON)
 
     assert str(error.value) == (
         "own is the subject, which no requirement, override or axis may name; its extras are for `suite.extras`"
@@ -313,11 +305,11 @@ def test_what_was_installed_is_taken_out_of_the_copy(tmp_path: Path) -> None:
 
 def test_a_moved_pin_is_told() -> None:
     """A package of the cell that the tests' lock holds at another version, or not at all, is named."""
-    cell_lock = lock(numpy="2.1.0", new="2", jax="1")
+    cell_lock = locked(numpy="2.1.0", new="2", jax="1")
 
-    assert suites.moved(cell_lock, lock(numpy="2.1.0", new="2", jax="1", pytest="8")) is None
+    assert suites.moved(cell_lock, locked(numpy="2.1.0", new="2", jax="1", pytest="8")) is None
     assert (
-        suites.moved(cell_lock, lock(numpy="1.26.4", jax="1"))
+        suites.moved(cell_lock, locked(numpy="1.26.4", jax="1"))
         == "the tests ask for numpy 1.26.4 instead of 2.1.0, new gone instead of 2"
     )
 

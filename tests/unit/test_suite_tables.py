@@ -6,12 +6,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from builders import diagnosis
 from specimens import quick_document
 
 import harness
 from harness import present, suite_tables, tables
 from harness.model import Outcome
-from harness.reporttypes import CellEntry, DiagnosisEntry, SuiteEntry
+from harness.reporttypes import CellEntry, SuiteEntry
 
 AXES = ("python", "gymnasium")
 TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
@@ -48,9 +49,7 @@ NOT_RUN = SuiteEntry(
     tests={},
     decisive="error: command 'swig' failed",
     evidence=None,
-    diagnoses=(
-        DiagnosisEntry(signature="box2d-py-swig", cause="c", remedy={}, proven=False, masks=False, references=()),
-    ),
+    diagnoses=(diagnosis("box2d-py-swig", cause="c"),),
 )
 
 

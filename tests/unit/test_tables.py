@@ -6,7 +6,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from specimens import GENERATED, HERE, MACHINES, agrees, case, quick, quick_document, record
+from builders import GENERATED, HERE, MACHINES, case, record
+from specimens import agrees, quick, quick_document
 
 from harness import document, tables
 from harness.errors import BadInput

@@ -11,7 +11,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from specimens import GPU, HERE, MACHINES, case, cell, phase, record, step
+from builders import HERE, MACHINES, case, cell, entry, phase, record, step
+from specimens import GPU
 
 from harness import document, reproducing, upstream
 from harness.__main__ import main
@@ -145,12 +146,6 @@ def failing(entry: Any, **more: Any) -> upstream.Failing:
     return upstream.Failing(**values)
 
 
-def built(made: CellRecord) -> Any:
-    """The entry of a record."""
-    plan = Plan(matrix="quick", cells=(made.cell,), axes=())
-    return document.build([made], [plan], MACHINES, "now").cells[0]
-
-
 def test_what_does_not_install_is_asked_for(tmp_path: Path) -> None:
     """Without a lock the requirements stand in the command, as the index stood."""
     asked = replace(cell(), question=Question(requirements=("gym==0.21.0",), constraints=("numpy<2",)))
@@ -158,7 +153,7 @@ def test_what_does_not_install_is_asked_for(tmp_path: Path) -> None:
     logs = "\n".join([*(f"line {n}" for n in range(50)), "error: no way", "DEBUG x", "hint: none", *["after"] * 30])
 
     text = upstream.issue(
-        failing(built(made), cell=asked, lock=None, instant="2026-11-22T00:00:00Z", texts={"uv.log": logs})
+        failing(entry(made), cell=asked, lock=None, instant="2026-11-22T00:00:00Z", texts={"uv.log": logs})
     )
 
     assert text.startswith("# gym==0.21.0: error: no way\n")
@@ -173,7 +168,7 @@ def test_an_environment_of_its_own_has_no_script() -> None:
     """What the matrix brings itself cannot be run by others: it says so, and claims no reproduction."""
     own = replace(cell(), files={"own.py": "1"})
 
-    text = upstream.issue(failing(built(red(cell=own)), cell=own))
+    text = upstream.issue(failing(entry(red(cell=own)), cell=own))
 
     assert upstream.NO_SCRIPT in text
     assert "repro.py" not in text

@@ -4,7 +4,7 @@ import itertools
 from dataclasses import replace
 
 import pytest
-from specimens import CHECKS, LETTERS, case, cell, phase, plain, record, step, warning
+from builders import CHECKS, LETTERS, case, cell, drawn, phase, plain, record, step, warning
 
 from harness import misleading
 from harness.judging import expectation
@@ -494,25 +494,17 @@ def test_exit_code(judged: list[tuple[Verdict, bool | None]], stale: bool, fail_
 CAMERA = Case(id="Ant-v5", env="Ant-v5", api="gymnasium", checks=(*CHECKS.values(), "render.camera"))
 
 
-def drawn(camera: Outcome, others: Outcome = Outcome.PASSED, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
-    """A case whose camera check ended so, and all else of `render` otherwise."""
-    checks = (
-        CheckRecord(check="render.rgb_array", outcome=others, decisive=None if others is Outcome.PASSED else "black"),
-        CheckRecord(check="render.camera", outcome=camera, decisive="lookat is (0.55, 0.55, 0.55)"),
-    )
-    counting = misleading.settled(checks)
-    phases = (
-        phase(Phase.IMPORT, Outcome.PASSED),
-        phase(Phase.SINGLE, single, None if single is Outcome.PASSED else "no reset"),
-        phase(Phase.VECTOR, Outcome.PASSED),
-        PhaseRecord(phase=Phase.RENDER, outcome=worst(one.outcome for one in counting), checks=checks),
-    )
-    return CaseRecord(case="Ant-v5", env="Ant-v5", api="gymnasium", required=(), phases=phases)
+def seen_by(camera: Outcome, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
+    """A case that drew a picture, and whose camera check ended so."""
+    picture = drawn(camera, "lookat is (0.55, 0.55, 0.55)")
+    render = replace(picture, outcome=worst(one.outcome for one in misleading.settled(picture.checks)))
+    ended = phase(Phase.SINGLE, single, None if single is Outcome.PASSED else "no reset")
+    return case("pppp", "Ant-v5", single=ended, render=render)
 
 
 def test_a_misleading_check_that_fails_leaves_its_phase_and_makes_the_verdict() -> None:
     """The picture was drawn, so `render` passed; the cell misleads, by the line of the check."""
-    seen = record(drawn(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
+    seen = record(seen_by(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
 
     judged = assess(seen)
 
@@ -526,8 +518,8 @@ def test_a_misleading_check_that_fails_leaves_its_phase_and_makes_the_verdict() 
 def test_misleads_comes_before_the_failures_of_other_phases() -> None:
     """A failure stays in `phases`, and a trouble of this machine elsewhere does not hide what was shown."""
     whole = replace(cell(), cases=(CAMERA,))
-    failed = assess(record(drawn(Outcome.FAILED, single=Outcome.FAILED), of=whole))
-    infra = assess(record(drawn(Outcome.FAILED, single=Outcome.INFRA), of=whole))
+    failed = assess(record(seen_by(Outcome.FAILED, single=Outcome.FAILED), of=whole))
+    infra = assess(record(seen_by(Outcome.FAILED, single=Outcome.INFRA), of=whole))
 
     assert failed.verdict is infra.verdict is Verdict.MISLEADS
     assert failed.phases[Phase.SINGLE] is Outcome.FAILED
@@ -536,7 +528,7 @@ def test_misleads_comes_before_the_failures_of_other_phases() -> None:
 @pytest.mark.parametrize("camera", [Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE])
 def test_a_misleading_check_that_shows_nothing_harms_nobody(camera: Outcome) -> None:
     """It passed, has no meaning here, or could not be measured: the cell works."""
-    judged = assess(record(drawn(camera), of=replace(cell(), cases=(CAMERA,))))
+    judged = assess(record(seen_by(camera), of=replace(cell(), cases=(CAMERA,))))
 
     assert judged.verdict is Verdict.WORKS
     assert judged.unverified == ()
@@ -544,14 +536,14 @@ def test_a_misleading_check_that_shows_nothing_harms_nobody(camera: Outcome) -> 
 
 def test_a_process_that_dies_in_a_misleading_check_is_a_failure() -> None:
     """A crash is loud: it fails the phase, and misleads nobody."""
-    judged = assess(record(drawn(Outcome.CRASHED), of=replace(cell(), cases=(CAMERA,))))
+    judged = assess(record(seen_by(Outcome.CRASHED), of=replace(cell(), cases=(CAMERA,))))
 
     assert (judged.verdict, judged.phases[Phase.RENDER]) == (Verdict.PARTIAL, Outcome.CRASHED)
 
 
 def test_a_control_that_fails_the_same_misleading_check_makes_it_inconclusive() -> None:
     """A known-good lock that shows the same puts the blame on the check or on this machine."""
-    seen = record(drawn(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
+    seen = record(seen_by(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
     same = ControlRecord(control="control gymnasium-1", failed={"render.camera": "lookat"})
     other = ControlRecord(control="control gymnasium-1", failed={"single.contact": "passed through"})
 
@@ -564,8 +556,8 @@ def test_misleads_may_be_expected() -> None:
     expect = Expectation(verdict=Verdict.MISLEADS, reason="numpy 2", phase=Phase.RENDER, match="lookat")
     whole = replace(cell(), cases=(CAMERA,), expect=expect)
 
-    assert expectation.expected(whole, assess(record(drawn(Outcome.FAILED), of=whole)), "2026", tuple)[0] is True
-    works = assess(record(drawn(Outcome.PASSED), of=whole))
+    assert expectation.expected(whole, assess(record(seen_by(Outcome.FAILED), of=whole)), "2026", tuple)[0] is True
+    works = assess(record(seen_by(Outcome.PASSED), of=whole))
     assert expectation.expected(whole, works, "2026", tuple) == (
         False,
         f"{whole.id} does better than expected: works instead of misleads",

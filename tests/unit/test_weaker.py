@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from specimens import case, knowing, record, signature, step
+from builders import case, drawn, knowing, record, signature, step
 
 from harness.judging.assess import assess
-from harness.model import CaseRecord, CellRecord, CheckRecord, Outcome, Phase, PhaseRecord, Verdict
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import ended, further, passes, weaker
 from harness.rootcause.predicate import Predicate, failing
@@ -76,11 +76,9 @@ def test_passing_up_to_a_phase() -> None:
 # --- what misleads ----------------------------------------------------------------------------------------------
 
 
-def drawn(camera: Outcome) -> Trial:
+def seen_by(camera: Outcome) -> Trial:
     """A cell that drew a picture, with a check of its camera that ended so."""
-    ends = (("render.rgb_array", Outcome.PASSED), ("render.camera", camera))
-    checks = tuple(CheckRecord(check=name, outcome=how, decisive="looks elsewhere") for name, how in ends)
-    return trial(case("pppp", render=PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=checks)))
+    return trial(case("pppp", render=drawn(camera)))
 
 
 def doubtful() -> Trial:
@@ -91,14 +89,14 @@ def doubtful() -> Trial:
 
 def test_what_misleads_is_no_cure_and_has_to_be_shown_right() -> None:
     """A search takes it for red; what cures it passes the same check, in which a skip is no answer."""
-    before = drawn(Outcome.FAILED)
+    before = seen_by(Outcome.FAILED)
 
     assert before.assessed.verdict is Verdict.MISLEADS
     assert not before.works
     assert failing(before)
-    assert weaker(before, drawn(Outcome.PASSED)) is None
-    assert weaker(before, drawn(Outcome.SKIPPED)) == "render.camera of ant was failed before and is skipped now"
-    assert weaker(drawn(Outcome.PASSED), drawn(Outcome.SKIPPED)) is None
+    assert weaker(before, seen_by(Outcome.PASSED)) is None
+    assert weaker(before, seen_by(Outcome.SKIPPED)) == "render.camera of ant was failed before and is skipped now"
+    assert weaker(seen_by(Outcome.PASSED), seen_by(Outcome.SKIPPED)) is None
 
 
 def test_what_is_only_not_refuted_is_no_cure() -> None:
@@ -111,9 +109,9 @@ def test_what_is_only_not_refuted_is_no_cure() -> None:
 
 def test_a_bisection_asks_for_the_same_misleading() -> None:
     """A candidate that misleads alike is bad, one that passes the check is good, and one not refuted is unknown."""
-    asked = Predicate(failure=drawn(Outcome.FAILED).failure)
+    asked = Predicate(failure=seen_by(Outcome.FAILED).failure)
 
-    assert asked.of(drawn(Outcome.FAILED)).answer is Answer.BAD
-    assert asked.of(drawn(Outcome.PASSED)).answer is Answer.GOOD
+    assert asked.of(seen_by(Outcome.FAILED)).answer is Answer.BAD
+    assert asked.of(seen_by(Outcome.PASSED)).answer is Answer.GOOD
     assert asked.of(doubtful()).answer is Answer.UNTESTABLE
-    assert Predicate(failure=trial(case("pppf")).failure).of(drawn(Outcome.FAILED)).answer is Answer.UNTESTABLE
+    assert Predicate(failure=trial(case("pppf")).failure).of(seen_by(Outcome.FAILED)).answer is Answer.UNTESTABLE

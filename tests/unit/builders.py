@@ -1,0 +1,239 @@
+"""Builders of what tests are about: small values of the real types, with all that a test does not name filled in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from harness import document, schema
+from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
+from harness.model import (
+    Artifact,
+    Case,
+    CaseRecord,
+    Cell,
+    CellRecord,
+    CheckRecord,
+    Finding,
+    Interpreter,
+    Level,
+    Lock,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Pin,
+    Plan,
+    Question,
+    Step,
+)
+from harness.reporttypes import CellEntry, DiagnosisEntry, Document
+from harness.signatures import Signature
+from harness.standalone import matching
+
+HERE = "linux-x86_64"
+LLVMPIPE = {"vendor": "Mesa/X.org", "renderer": "llvmpipe", "version": "4.5 Mesa 22.3.6"}
+MACHINES = {
+    HERE: {
+        "os": "Debian 12",
+        "libc": "glibc 2.36",
+        "architecture": "x86_64",
+        "egl": LLVMPIPE,
+        "osmesa": {"missing": "no library"},
+        "gpu": {"missing": "no driver of NVIDIA's"},
+    }
+}
+"""Facts under the names that `harness.machine` writes: a test compares them with those of a committed report."""
+GENERATED = "2026-11-21T12:30:00Z"
+SHA = "0" * 64
+CHECKS = {
+    Phase.IMPORT: "import.modules",
+    Phase.SINGLE: "single.loop",
+    Phase.VECTOR: "vector.sync",
+    Phase.RENDER: "render.rgb_array",
+}
+"""A check of each phase that every case goes through."""
+LETTERS = {
+    "p": Outcome.PASSED,
+    "f": Outcome.FAILED,
+    "c": Outcome.CRASHED,
+    "t": Outcome.TIMED_OUT,
+    "y": Outcome.FLAKY,
+    "i": Outcome.INFRA,
+    "u": Outcome.UNAVAILABLE,
+    "n": Outcome.NOT_REACHED,
+    "s": Outcome.SKIPPED,
+}
+
+
+# --- a cell, and what was measured of it -----------------------------------------------------------------------
+
+
+def step(phase: Phase, outcome: Outcome = Outcome.PASSED, decisive: str | None = None) -> Step:
+    """A step on the host."""
+    return Step(phase=phase, outcome=outcome, decisive=decisive, log=f"evidence/{phase}/log.txt")
+
+
+def phase(
+    name: Phase, outcome: Outcome, decisive: str | None = None, findings: tuple[Finding, ...] = (), **more: Any
+) -> PhaseRecord:
+    """A phase with one check that ended as the phase did, as a probe leaves it."""
+    check = CheckRecord(check=CHECKS[name], outcome=outcome, decisive=decisive, masked_by=more.pop("masked_by", None))
+    ran = outcome is not Outcome.NOT_REACHED
+    return PhaseRecord(
+        phase=name, outcome=outcome, decisive=decisive, checks=(check,) if ran else (), findings=findings, **more
+    )
+
+
+def checked(**ended: Outcome) -> PhaseRecord:
+    """A phase of several checks, each with a line of its own: `vector_async_fork` is the check `vector.async.fork`.
+
+    It ended as the first of them that did not pass.
+    """
+    checks = tuple(
+        CheckRecord(check=name.replace("_", "."), outcome=outcome, decisive=f"own line of {name.replace('_', '.')}")
+        for name, outcome in ended.items()
+    )
+    first = next((check for check in checks if check.outcome is not Outcome.PASSED), checks[0])
+    return PhaseRecord(
+        phase=Phase(first.check.partition(".")[0]), outcome=first.outcome, decisive=first.decisive, checks=checks
+    )
+
+
+def drawn(camera: Outcome | None, line: str = "looks elsewhere", **facts: Any) -> PhaseRecord:
+    """A picture that was drawn, with a check of its camera that ended so, if it ran; `facts` are of the picture."""
+    checks = [CheckRecord(check="render.rgb_array", outcome=Outcome.PASSED, facts=facts)]
+    checks += [CheckRecord(check="render.camera", outcome=camera, decisive=line)] if camera else []
+    return PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=tuple(checks))
+
+
+def case(outcomes: str, name: str = "ant", required: tuple[str, ...] = (), **replaced: PhaseRecord) -> CaseRecord:
+    """A case from one letter per phase: `ppfn` is import and single passed, vector failed, render not reached."""
+    phases = {
+        at.value: phase(at, LETTERS[letter], f"{name} {at}" if letter in "fctyiu" else None)
+        for at, letter in zip(CHECKS, outcomes, strict=True)
+    }
+    return CaseRecord(
+        case=name, env="Ant-v5", api="gymnasium", required=required, phases=tuple((phases | replaced).values())
+    )
+
+
+def cell(label: str = "py3.11_gymnasium-1.2.3", cases: Iterable[str] = ("ant",), **more: Any) -> Cell:
+    """A cell of the matrix `quick`, with a case of every phase for each name."""
+    values: dict[str, Any] = {
+        "id": f"quick/{label}",
+        "matrix": "quick",
+        "axes": {"python": "3.11", "gymnasium": "1.2.3"},
+        "python": "3.11",
+        "question": Question(requirements=("gymnasium==1.2.3",)),
+        "environment": {},
+        "cases": tuple(Case(id=name, env="Ant-v5", api="gymnasium", checks=tuple(CHECKS.values())) for name in cases),
+    }
+    return Cell(**(values | more))
+
+
+def asking(*requirements: str, constraints: Iterable[str] = (), **more: Any) -> Cell:
+    """A cell without cases that asks for this."""
+    question = Question(requirements=requirements, constraints=tuple(constraints))
+    return cell(**({"cases": (), "axes": {}, "question": question} | more))
+
+
+def record(*cases: CaseRecord, of: Cell | None = None, **more: Any) -> CellRecord:
+    """An installed cell with these cases."""
+    values: dict[str, Any] = {
+        "cell": of or cell(cases=[tried.case for tried in cases]),
+        "machine": "linux-x86_64",
+        "python": "3.11.7",
+        "installed": {"gymnasium": "1.2.3", "numpy": "2.2.6"},
+        "resolve": step(Phase.RESOLVE),
+        "install": step(Phase.INSTALL),
+        "cases": cases,
+        "measured": "2026-11-21T12:00:00Z",
+        "seconds": 12.34,
+    }
+    return CellRecord(**(values | more))
+
+
+def warning(check: str, text: str = "the same seed gives another trajectory") -> Finding:
+    """A finding that a matrix can require not to be there."""
+    return Finding(check=check, level=Level.WARNING, text=text)
+
+
+# --- what is known ---------------------------------------------------------------------------------------------
+
+
+def signature(name: str, pattern: str | None = "solver_iter", **more: Any) -> Signature:
+    """A known failure with this pattern, in any phase, and whatever else its file says."""
+    plain = {"id": name, "cause": "because", "remedy": {}, "pattern": pattern}
+    return schema.load_json(json.dumps(plain | more), Signature, name)
+
+
+def knowing(*signatures: Signature, **logs: Mapping[str, str]) -> Knowledge:
+    """Knowledge of these, with texts kept at paths whose last part is the name."""
+    return Knowledge(signatures=lambda: signatures, logs=lambda path: logs.get(Path(path).name, {}))
+
+
+def known(name: str, pattern: str | None = "no wings", **more: Any) -> matching.Known:
+    """A known failure of `single` as what stands alone reads it."""
+    plain = {"id": name, "cause": f"the cause of {name}", "remedy": {"text": "mend it"}, "phases": ["single"]}
+    return matching.read({**plain, **({"pattern": pattern} if pattern else {}), **more})
+
+
+def diagnosis(name: str, **more: Any) -> DiagnosisEntry:
+    """A known failure as documents have it."""
+    usual = {"cause": f"cause of {name}", "remedy": {}, "proven": False, "masks": False, "references": ()}
+    return DiagnosisEntry(signature=name, **(usual | more))
+
+
+# --- documents -------------------------------------------------------------------------------------------------
+
+
+def document_of(*records: CellRecord, known: Knowledge = NOTHING_KNOWN, **plan: Any) -> Document:
+    """The document of these records, and of a plan with their cells and whatever else is named of it."""
+    cells = tuple({one.cell.id: one.cell for one in records}.values())
+    planned = Plan(matrix="quick", cells=cells, **plan)
+    machines = {one.machine: MACHINES[HERE] for one in records}
+    return document.build(records, [planned], machines, GENERATED, known=known)
+
+
+def entry(made: CellRecord, known: Knowledge = NOTHING_KNOWN) -> CellEntry:
+    """The entry of a record in a document of its own."""
+    return document_of(made, known=known).cells[0]
+
+
+def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
+    """Phases and outcomes as words."""
+    return {at.value: outcome.value for at, outcome in judgement.items()}
+
+
+def measured_cell(name: str, verdict: str = "works", python: str = "3.11.7", **more: Any) -> dict[str, Any]:
+    """A cell of the matrix `m` as the measured results that are at hand have it; a red one failed in `single`."""
+    phases = {"import": "passed", "single": "passed" if verdict == "works" else "failed"}
+    return {
+        "id": f"m/{name}", "matrix": "m", "python": python, "machine": HERE, "measured": "2026-11-22T00:00:00Z",
+        "verdict": verdict, "unverified": [], "phase": None if verdict == "works" else "single", "phases": phases,
+        "axes": {}, "environment": {}, "supplied": {}, "requirements": [], "decisive": None, "lock": None,
+        "causes": [], "repairs": [],
+        "cases": [{"case": "c", "env": "Ant-v5", "api": "gymnasium", "phases": phases, "decisive": None}],
+    } | more  # fmt: skip
+
+
+# --- interpreters and locks ------------------------------------------------------------------------------------
+
+
+def interpreter(version: str = "3.11.7", implementation: str = "cpython") -> Interpreter:
+    """An interpreter as `interpreters` describes it."""
+    return Interpreter(path="/python", version=version, implementation=implementation, identity=version)
+
+
+def pin(name: str, version: str, source: str = "x", filename: str = "x.whl") -> Pin:
+    """A package of a lock."""
+    artifact = Artifact(filename=filename, sha256=SHA, source=source)
+    return Pin(name=name, version=version, artifact=artifact, hashes=(SHA,))
+
+
+def lock(*pins: Pin, **more: Any) -> Lock:
+    """A lock of these."""
+    text = "".join(f"{one.name}=={one.version}\n" for one in pins)
+    return Lock(**({"pins": pins, "requirements": text, "sha256": SHA, "instant": GENERATED} | more))
