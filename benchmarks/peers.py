@@ -27,7 +27,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from harness import interpreters, matrixfile, plan, wire
-from harness.model import Case, ProbeRequest
+from harness.model import Case
 from harness.probes import launch
 
 HERE = Path(__file__).parent
@@ -152,7 +152,7 @@ def ask(work: Path) -> None:
                     folder.mkdir(parents=True)
                     case = Case(id="CartPole-v1", env="CartPole-v1", api="gymnasium", checks=checks)
                     limits = dict.fromkeys(checks, 120.0)
-                    request = ProbeRequest(case=case, checks=checks, folder=str(folder), limits=limits)
+                    request = wire.request(case, limits, folder)
                     folder.with_suffix(".json").write_text(wire.request_to_json(request))
 
 

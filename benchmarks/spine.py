@@ -24,7 +24,7 @@ import plan_10k
 from uv import find_uv_bin
 
 from harness import wire
-from harness.model import Case, ProbeRequest
+from harness.model import Case
 from harness.probes import launch
 from harness.vocabulary import CHECKS, STANDARD
 
@@ -145,7 +145,7 @@ class Bench:
         folder = Path(tempfile.mkdtemp(dir=work))
         case = Case(id="cartpole", env="CartPole-v1", api="gymnasium", checks=checks)
         limits = dict.fromkeys(checks, 120.0)
-        request = ProbeRequest(case=case, checks=checks, folder=str(folder), limits=limits)
+        request = wire.request(case, limits, folder)
         (folder / "request.json").write_text(wire.request_to_json(request))
         return str(folder / "request.json")
 

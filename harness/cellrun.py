@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cache
 
 from harness import sources
 from harness.judging.case import case_record, phases
@@ -17,6 +18,7 @@ from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRe
 from harness.probes import program
 from harness.probes.evidence import Request
 from harness.probes.measure import Laboratory
+from harness.standalone.adapters import carried
 from harness.store import digest
 from harness.wire import followers_of
 
@@ -92,8 +94,14 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
     """
     asked = [(case.id, case.required, _asked(case), _limits(case), case.checks) for case in cases]
     programs = [sorted(context.asked(case).program.items()) for case in cases]
-    how = (context.verify, context.until, context.laboratory.host.conditions, *map(sources.digest, JUDGING))
-    return digest("cell", context.identity, lock, asked, programs, how)
+    how = (context.verify, context.until, context.laboratory.host.conditions)
+    return digest("cell", context.identity, lock, asked, programs, how, _judging())
+
+
+@cache
+def _judging() -> tuple[str, ...]:
+    """Identify what judges: its sources, and what adapters declare."""
+    return *map(sources.digest, JUDGING), carried().decode()
 
 
 def reusable(cases: Iterable[CaseRecord]) -> bool:

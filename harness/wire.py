@@ -30,6 +30,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
@@ -38,7 +39,18 @@ from msgspec import Meta, Struct
 
 from harness.hostile_data import Unreadable, json_object, shallow, understanding
 from harness.judging.words import VIOLATION, sentence
-from harness.model import CheckReply, Finding, Level, Observed, Outcome, ProbeReply, ProbeRequest, Raised, WorkerRecord
+from harness.model import (
+    Case,
+    CheckReply,
+    Finding,
+    Level,
+    Observed,
+    Outcome,
+    ProbeReply,
+    ProbeRequest,
+    Raised,
+    WorkerRecord,
+)
 from harness.probes.facts import believed
 
 LONGEST_LINE = 1 << 20
@@ -74,6 +86,19 @@ WORKER_FILE = re.compile(r"worker-(\d{1,9})\.(jsonl|txt)")
 Name = Annotated[str, Meta(min_length=1, max_length=100)]
 Line = Annotated[str, Meta(max_length=4_000)]
 Text = Annotated[str, Meta(max_length=100_000)]
+
+
+def request(
+    case: Case, limits: Mapping[str, float], folder: Path, followers: Iterable[str] | None = None
+) -> ProbeRequest:
+    """Return the request of these checks, each with its seconds; one that follows another may take as long.
+
+    `followers` are the checks that are to follow where one passes; all that can where none are named.
+    """
+    wanted = set(followers_of(limits) if followers is None else followers)
+    led = {check: tuple(one for one in FOLLOWERS.get(check, ()) if one in wanted) for check in limits}
+    allowed = {**limits, **{name: limits[check] for check, names in led.items() for name in names}}
+    return ProbeRequest(case=case, checks=tuple(limits), folder=str(folder), limits=allowed, followers=led)
 
 
 def request_to_json(request: ProbeRequest) -> str:

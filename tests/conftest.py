@@ -14,7 +14,7 @@ import pytest
 
 import harness
 from harness import indexsettings, wire
-from harness.model import Case, CheckReply, ProbeReply, ProbeRequest
+from harness.model import Case, CheckReply, ProbeReply
 
 INCELL = Path(harness.__file__).parent / "incell"
 
@@ -55,9 +55,7 @@ def probe(tmp_path: Path) -> Callable[..., Probed]:
     ) -> Probed:
         folder = tmp_path / "reply"
         folder.mkdir()
-        request = ProbeRequest(
-            case=case, checks=case.checks, folder=str(folder), limits=dict.fromkeys(case.checks, limit)
-        )
+        request = wire.request(case, dict.fromkeys(case.checks, limit), folder)
         (tmp_path / "request.json").write_text(wire.request_to_json(request))
         process = subprocess.Popen(
             [python, "-s", "-B", str(INCELL / "bootstrap.py"), str(tmp_path / "request.json")],

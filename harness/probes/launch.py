@@ -123,15 +123,7 @@ def probe(site: Site, case: Case, limits: Mapping[str, float], followers: Iterab
     with scratch_folder() as scratch:
         (scratch / "reply").mkdir()
         with Folder(scratch) as beside, Folder(scratch / "reply") as left:
-            led = tuple(wire.followers_of(limits) if followers is None else followers)
-            yield _run(site, _request(case, limits, led, scratch / "reply"), scratch, beside, left)
-
-
-def _request(case: Case, limits: Mapping[str, float], followers: tuple[str, ...], replies: Path) -> ProbeRequest:
-    """Return what the cell is asked; a check that follows another one may take as long."""
-    led = {check: tuple(one for one in wire.FOLLOWERS.get(check, ()) if one in followers) for check in limits}
-    allowed = {**limits, **{name: limits[check] for check, names in led.items() for name in names}}
-    return ProbeRequest(case=case, checks=tuple(limits), folder=str(replies), limits=allowed, followers=led)
+            yield _run(site, wire.request(case, limits, scratch / "reply", followers), scratch, beside, left)
 
 
 def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left: Folder) -> Ran:

@@ -18,6 +18,7 @@ import msgspec
 import pytest
 
 from harness import catalog, interpreters, resolving, store
+from harness.judging import words
 from harness.model import Cell, CellRecord, Level, Outcome, Phase
 from harness.probes import launch
 from harness.scheduler import Runner, Settings
@@ -98,7 +99,7 @@ def test_a_release_is_driven_as_a_user_drives_it(release: dict[str, Any], runner
     assert {how for check, (how, _) in ended.items() if check in MISLEADING} <= {"passed", "skipped"}
     assert surprising(record, release) == []
     told = witnessed(runner, asked, release)
-    assert unknown(told["complaints"], release) == []
+    assert unknown([told_of(*one) for one in told["complaints"]], release) == []
     assert len(told["adapter"]) > 1
     assert told["adapter"] == told["by_hand"]
     assert described(told["adapter"][0][0]) == release.get("observation", described(told["by_hand"][0][0]))
@@ -130,6 +131,13 @@ def surprising(record: CellRecord, release: dict[str, Any]) -> list[str]:
 def unknown(texts: list[str], release: dict[str, Any]) -> list[str]:
     """Those that no pattern of the data file fits."""
     return [text for text in texts if not any(re.search(one, text) for one in release.get("findings", ()))]
+
+
+def told_of(code: str, data: dict[str, Any]) -> str:
+    """What an adapter observed, in words."""
+    named = {name: value for name, value in data.items() if name not in {"got", "promised", "at", "level"}}
+    plain = {"code": code, "got": data.get("got"), "promised": data.get("promised"), "data": named}
+    return words.in_words(plain) or code
 
 
 def witnessed(runner: Runner, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:

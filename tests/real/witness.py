@@ -46,7 +46,7 @@ def by_adapter(case, seed, steps):
     complaints = []
     for name in case["imports"] + adapter.modules(case):
         importlib.import_module(name)
-    env = adapter.make(case, lambda kind, text: complaints.append(text))
+    env = adapter.make(case, lambda kind, code, **data: complaints.append((code, data)))
     env.seed_actions(seed)
     entries, actions = [entry(env.reset(seed))], []
     while len(actions) < steps:
