@@ -17,6 +17,7 @@ from typing import Any
 from harness import cellid, entry_failures, schema
 from harness.errors import BadInput
 from harness.judging.expectation import expected
+from harness.judging.words import escaped, recognised
 from harness.matrix import ExpectTable, Matrix
 from harness.merging import natural
 from harness.model import Cell, Phase, Verdict
@@ -93,11 +94,11 @@ def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red
     """Write tables for red cells into the text of a matrix file; `cells` are all that are planned."""
     groups: dict[tuple[Verdict, Phase | None, str, bool], list[Cell]] = {}
     for red in found:
-        groups.setdefault((red.verdict, red.phase, _match(red.lines), red.cell.base is None), []).append(red.cell)
+        groups.setdefault((red.verdict, red.phase, _line(red.lines), red.cell.base is None), []).append(red.cell)
     planned = [cell for cell in cells if cell.base is None]
     tables = [
-        _table(selector, verdict, phase, match, wish)
-        for (verdict, phase, match, plain), group in groups.items()
+        _table(selector, verdict, phase, line, wish)
+        for (verdict, phase, line, plain), group in groups.items()
         for selector in (_selectors(matrix, planned, group, wish.pattern) if plain else map(_labelled, group))
     ]
     accepted = {red.cell.id for red in found}
@@ -117,9 +118,15 @@ def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red
     )
 
 
-def _match(lines: Iterable[str]) -> str:
-    """A regular expression that finds these lines: as they are, what has a meaning in one escaped."""
-    return "|".join(re.sub(r"[\\.^$*+?{}\[\]|()]", r"\\\g<0>", _cut(line)) for line in lines)
+def _line(lines: Sequence[str]) -> str:
+    """The keys that tell these lines: the code of our own sentence, else an expression that finds them all."""
+    first, *others = [recognised(line) for line in lines] or [None]
+    if first is None or any(other != first for other in others):
+        match = "|".join(escaped(_cut(line)) for line in lines)
+        return f"match = {_string(match)}" if match else ""
+    code, data = first
+    values = ", ".join(f"{name} = {_string(value)}" for name, value in data.items() if len(value) <= LONGEST)
+    return f"code = {_string(code)}" + (f"\ndata = {{ {values} }}" if values else "")
 
 
 def _cut(line: str) -> str:
@@ -127,11 +134,11 @@ def _cut(line: str) -> str:
     return first if len(first) <= LONGEST else first[:LONGEST].rpartition(" ")[0] or first[:LONGEST]
 
 
-def _table(selector: str, verdict: Verdict, phase: Phase | None, match: str, wish: Wish) -> str:
-    pairs = {"verdict": verdict.value, "phase": phase and phase.value, "match": match, "reason": wish.reason,
-             "link": wish.link, "until": wish.until}  # fmt: skip
-    lines = [f"{key} = {_string(value)}" for key, value in pairs.items() if value]
-    return "\n".join(["[[expect]]", selector, *lines, ""])
+def _table(selector: str, verdict: Verdict, phase: Phase | None, line: str, wish: Wish) -> str:
+    before = {"verdict": verdict.value, "phase": phase and phase.value}
+    after = {"reason": wish.reason, "link": wish.link, "until": wish.until}
+    first, last = ([f"{key} = {_string(value)}" for key, value in pairs.items() if value] for pairs in (before, after))
+    return "\n".join(["[[expect]]", selector, *first, *([line] if line else []), *last, ""])
 
 
 def _string(text: str) -> str:

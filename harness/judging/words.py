@@ -30,6 +30,12 @@ LONGEST = 2000
 
 DEEPEST = 8
 NOTHING: Mapping[str, Any] = MappingProxyType({})
+SAID = re.compile(rf"(?:{VIOLATION}|[a-z]+(?:\.[a-z_0-9]+)+): (.*[^…])")
+"""A decisive line by which a check of ours says why, and a finding that a case requires not to be there."""
+
+FEWEST = 8
+"""Characters of a template by which its sentence can be told."""
+
 SPECIAL = re.compile(r"[\\.^$*+?{}\[\]|()]")
 ANY = ".*?"
 
@@ -199,6 +205,29 @@ def _field(name: str, form: str, condition: Any) -> str:
         fitting = [text for text in texts if condition.keys() <= {field for _, field, _ in split(text)}]
         return f"(?:{'|'.join(_expression(text, condition) for text in fitting)})"
     return f"(?:{condition})" if isinstance(condition, str) else escaped(_shown(name, form, condition, 0))
+
+
+def recognised(line: str) -> tuple[str, dict[str, str]] | None:
+    """Return the code of the sentence that a decisive line is, and conditions for its data; None of a library's line.
+
+    The template that has most of the text is meant; what is cut is no whole sentence.
+    """
+    said = SAID.fullmatch(line)
+    found = ((code, re.fullmatch(_groups(template), said[1])) for code, template in templates().items() if said)
+    fitting = {code: match for code, match in found if match and _literals(code) >= FEWEST}
+    code = max(fitting, key=_literals, default=None)
+    return (code, {name: escaped(text) for name, text in fitting[code].groupdict().items()}) if code else None
+
+
+def _groups(template: str) -> str:
+    """Return an expression for a whole sentence, each field that is no table a group."""
+    parts = ((escaped(text), name, _key(name, form)) for text, name, form in split(template))
+    groups = ((text, ANY if key in phrases() else f"(?P<{name}>{ANY})" if name else "") for text, name, key in parts)
+    return "".join(text + group for text, group in groups)
+
+
+def _literals(code: str) -> int:
+    return sum(len(text) for text, _, _ in split(templates()[code]))
 
 
 def refusal(code: str | None, wanted: Mapping[str, Any]) -> str | None:

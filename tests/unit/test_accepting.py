@@ -112,6 +112,14 @@ class TestTables:
             made = accepted(text, red, accepting.Wish(pattern=pattern, reason="x"))
             assert [table.splitlines()[1] for table in made.tables] == selectors
 
+    def test_our_own_sentence_is_told_by_code(self) -> None:
+        """And by its data, so that it is met again whatever its words become."""
+        line = "ContractViolation: render() returned shape (480, 720, 4), not (height, width, 3)"
+        (table,) = accepted(HEAD, labels()[:1], line=line).tables
+        expect = tomllib.loads(table)["expect"][0]
+        data = {"got": r"\(480, 720, 4\)", "promised": r"\(height, width, 3\)"}
+        assert (expect["code"], expect["data"], "match" in expect) == ("render.shape", data, False)
+
     def test_a_long_line_is_cut(self) -> None:
         """Of a long line its beginning is expected, to the end of a word."""
         (table,) = accepted(HEAD, labels()[:1], line="Because " + "no wheel " * 100).tables

@@ -153,6 +153,50 @@ def test_conditions_of_tables_and_of_what_is_within() -> None:
     assert words.met("raised", {}, within)
 
 
+@pytest.mark.parametrize(
+    ("line", "code", "data"),
+    [
+        ("ContractViolation: blank frame: every pixel is [0, 0, 0]", "render.blank", {"got": r"\[0, 0, 0\]"}),
+        (
+            "ContractViolation: step() returned an observation that is not finite (1 of 3 values)",
+            "value.not_finite",
+            {"got": "1", "size": "3"},
+        ),
+        (
+            "single.repeat.same: the same environment, reset with the same seed, gives another trajectory, "
+            "from step 0 on (observation off by 0.157 there, at most by 0.157 later)",
+            "repeat.same",
+            {},
+        ),
+        (
+            "ContractViolation: asked for device 1 by X=1, drew by osmesa, which knows no devices",
+            "device.other",
+            {"promised": "1", "setting": "X=1"},
+        ),
+    ],
+)
+def test_a_line_is_recognised(line: str, code: str, data: dict[str, str]) -> None:
+    """By the template that has most of it, with the data that are no tables; and it is then found again."""
+    assert words.recognised(line) == (code, data)
+    assert re.search(words.sentence_pattern(code, data), line)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "blank frame: every pixel is [0, 0, 0]",
+        "ValueError: blank frame: every pixel is [0, 0, 0]",
+        "ContractViolation: blank frame: every pixel is [0, 0…",
+        "ContractViolation: of a library",
+        "single.check_env: what the library says",
+        "",
+    ],
+)
+def test_no_line_of_a_library_is_recognised(line: str) -> None:
+    """Nor one that is cut."""
+    assert words.recognised(line) is None
+
+
 def test_numbers_are_looked_for_as_they_are_written() -> None:
     """By the format that the template gives them."""
     told = seen("solver.differs", steps=5, gap=0.123456, largest=2.0)

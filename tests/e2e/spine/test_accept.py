@@ -21,7 +21,7 @@ def test_accepted_cells_are_as_expected(kept: Desk) -> None:
     assert path.read_text() == before + "\n" + made.out
     assert made.out == (
         '[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nphase = "render"\n'
-        "match = 'ContractViolation: blank frame: every pixel is \\[0, 0, 0\\]'\n"
+        "code = \"render.blank\"\ndata = { got = '\\[0, 0, 0\\]' }\n"
         'reason = "it draws nothing"\nuntil = "2999-12-31"\n'
     )
     assert tried.out == made.out.replace('until = "2999-12-31"\n', "")
