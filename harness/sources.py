@@ -25,7 +25,7 @@ def digest(module: str) -> str:
     """Return a digest of the sources of a module (`harness.cellrun`) and all of ours that it imports, itself or not."""
     combined = hashlib.sha256()
     for name, path in sorted(imported(module).items()):
-        combined.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
+        combined.update(name.encode() + b"\0" + path.read_bytes() + b"\0" + _data(path) + b"\0")
     return combined.hexdigest()[:32]
 
 
@@ -41,6 +41,12 @@ def imported(module: str) -> dict[str, Path]:
             package = name if path.name == "__init__.py" else name.rpartition(".")[0]
             waiting += [package, name.rpartition(".")[0], *_imports(path.read_text(encoding="utf-8"), package)]
     return found
+
+
+def _data(path: Path) -> bytes:
+    """Return the data of a module, a file of its name beside it."""
+    beside = path.with_suffix(".toml")
+    return beside.read_bytes() if beside.is_file() else b""
 
 
 def _file(name: str) -> Path | None:

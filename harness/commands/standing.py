@@ -69,7 +69,8 @@ def _ourselves() -> tuple[tuple[int, int], ...]:
 def made_with() -> list[Path]:
     """Return every file of ours, since any of them may have a say in a report."""
     package = sources.PACKAGE
-    return sorted([*package.rglob("*.py"), *(package / "templates").iterdir(), *signature_files.files()])
+    data = [*(package / "templates").iterdir(), *(package / "judging").glob("*.toml"), *signature_files.files()]
+    return sorted([*package.rglob("*.py"), *data])
 
 
 def template() -> Path:

@@ -53,7 +53,7 @@ def test_what_judges_a_probe_is_part_of_a_mark(module: str) -> None:
 
 
 def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Imports of imports count, at the top or inside a function; other modules do not."""
+    """Imports of imports count, at the top or inside a function, and data beside them; other modules do not."""
     package = tmp_path / "harness"
     (package / "inner").mkdir(parents=True)
     (package / "__init__.py").write_text("")
@@ -72,7 +72,12 @@ def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatc
     (package / "other.py").write_text("# changed\n")
     assert digest() == first
     (package / "inner" / "lines.py").write_text("LINE = 2\n")
-    assert digest() != first
+    second = digest()
+    assert second != first
+    (package / "other.toml").write_text("a = 1\n")
+    assert digest() == second
+    (package / "words.toml").write_text("a = 1\n")
+    assert digest() != second
     sources.digest.cache_clear()
 
 
@@ -82,4 +87,4 @@ def test_a_report_depends_on_all_that_it_is_made_with() -> None:
 
     assert set(sources.imported("harness.commands.reporting").values()) <= files
     assert PACKAGE / "standalone" / "matching.py" in files
-    assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "identity.py", "check.py"}
+    assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "identity.py", "check.py", "words.toml"}
