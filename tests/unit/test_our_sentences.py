@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ from harness.judging.words import VIOLATION
 from harness.knowledge import known
 from harness.model import Observed, Phase
 from harness.signatures import Around, Evidence, Sighting, Signature, diagnose
+from harness.standalone import matching
+from harness.standalone.lines import bounded
 
 ROOT = Path(__file__).parents[2]
 SAMPLES: dict[str, tuple[Any, ...]] = {
@@ -120,6 +123,15 @@ def test_code_and_sentence_tell_the_same(one: Signature) -> None:
     found = [(one.observes(seen), bool(re.search(one.wording, words.sentence(seen)))) for seen in observed(one)]
     assert (True, True) in found
     assert {pair for pair in found if pair[0] != pair[1]} == set()
+
+
+@pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)
+def test_what_stands_alone_knows_the_sentence(one: Signature) -> None:
+    """It has neither codes nor templates: what it is given of a known failure has the pattern of our sentence."""
+    alone = matching.read(json.loads(json.dumps(one.as_file)))
+    pasted = next(words.sentence(seen) for seen in observed(one) if one.observes(seen))
+    (hit,) = matching.matches([alone], matching.Seen(phase=None, told=(f"{VIOLATION}: {pasted}",)))
+    assert (hit.known.id, hit.seen) == (one.id, bounded(f"{VIOLATION}: {pasted}"))
 
 
 @pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)
