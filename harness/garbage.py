@@ -221,7 +221,9 @@ def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
             yield _item(Kind.RECORD, disk, path, waste=True)
     old = [places.state / "results"]  # of an earlier version, which no later one reads
     waste = [(Kind.RECORD, path) for path in old if path.is_dir()]
-    waste += [(Kind.EVIDENCE, path) for path, _ in _folders(places.state / "evidence") if path.name not in kept]
+    waste += [
+        (Kind.EVIDENCE, path) for path, _ in _folders(places.state / "evidence") if path.name not in kept | starts
+    ]
     yield from _aged((_item(kind, disk, path, waste=True) for kind, path in waste), now)
     if places.evidence:
         yield from _runs(places.state / "vault", kept, disk, now)
@@ -237,7 +239,7 @@ def _runs(vault: Path, named: Set[str], disk: Disk, now: float) -> Iterator[Item
     for claim in sorted((vault / "ac").glob("*/*")):
         runs = {name.decode() for name in CONTENT.findall(_content(claim))}
         old = now - claim.stat().st_mtime > DAY
-        if old and not any(folder_of(run).rpartition("/")[2] in named for run in runs):
+        if old and not any({run, folder_of(run).rpartition("/")[2]} & named for run in runs):
             yield _item(Kind.RUN, disk, claim, waste=True)
             continue
         needed |= runs

@@ -23,6 +23,7 @@ from harness.packs import Index, Packed
 from harness.probes.vault import Vault
 from harness.reporttypes import CellEntry, Document, number
 from harness.scratch_folders import scratch_folder
+from harness.standalone.output import print_json
 from harness.store import Store
 
 NAME = "report.json"
@@ -45,9 +46,12 @@ class Again:
         return packs.sha256(document.encode(self.document)) == self.index.report
 
 
-def main(folders: Sequence[Path], *, write: bool) -> int:
-    """Say what judging alters in these reports, or write them anew; the exit code is that of `report`."""
-    altered, untold = 0, 0
+def main(folders: Sequence[Path], *, write: bool, as_json: bool) -> int:
+    """Say what judging alters in these reports, or write them anew: 0 nothing, 1 something, 3 where evidence is gone.
+
+    As JSON the document is printed that comes of all of them, and what alters on stderr.
+    """
+    altered, untold, made = 0, 0, []
     for folder in folders:
         known = packs.index(folder)
         if known is None or not all((folder / name).exists() for name in known.packs):
@@ -58,10 +62,13 @@ def main(folders: Sequence[Path], *, write: bool) -> int:
             again = judged(folder, known, Store(state))
             lines = list(_altered(again))
             for line in lines:
-                print(line)
+                print(line, file=sys.stderr if as_json else sys.stdout)
+            made.append(document.moved(again.document, reporting.seen_from_here(folder)))
             altered += bool(lines)
             if write:
                 _write(again)
+    if as_json and made:
+        print_json(document.encode(document.combined(made)))
     print(f"{number(len(folders) - untold, 'report')} judged again, {altered or 'none'} altered", file=sys.stderr)
     return (1 if altered and not write else 0) or (CouldNotTell.exit_code if untold else 0)
 

@@ -66,7 +66,10 @@ def main(args: argparse.Namespace) -> int:
     if args.into:
         return blocks.renew(args.into, of_block)
     if args.judge_again:
-        return judging_again.main([_folder(name) for name in args.sources], write=args.write)
+        return _judged_again(args)
+    if args.write:
+        message = "--write goes with --judge-again: it renews reports as they are judged now"
+        raise BadInput(message)
     sources = [found(name) for name in args.sources] or _all()
     if args.out:
         store.writable(args.out)
@@ -114,6 +117,13 @@ def _all() -> list[Path]:
         message = "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json"
         raise BadInput(message)
     return found
+
+
+def _judged_again(args: argparse.Namespace) -> int:
+    if not args.sources or args.out:
+        message = "--judge-again wants the folders of reports, such as reports/quickstart; --write renews them in place"
+        raise BadInput(message)
+    return judging_again.main([_folder(name) for name in args.sources], write=args.write, as_json=args.json)
 
 
 def _folder(name: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import lzma
 from collections.abc import Iterator
 from dataclasses import replace
@@ -167,6 +168,22 @@ def test_a_damaged_pack_is_named(folder: Path, damage: str, capsys: pytest.Captu
     assert main(["report", "--judge-again", "--write", str(folder)]) == 2
     assert "evidence.tar.xz" in capsys.readouterr().err
     assert files(folder) == before
+
+
+def test_the_document_is_printed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With `--json` it alone is on stdout."""
+    assert main(["report", "--judge-again", "--json", str(folder)]) == 0
+    assert [cell["verdict"] for cell in json.loads(capsys.readouterr().out)["cells"]] == ["works", "partial", "partial"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["report", "--judge-again"], ["report", "--write", "x"], ["report", "--judge-again", "--out", "y", "x"]],
+)
+def test_what_says_nothing_is_refused(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a report, or with a place that is not its own."""
+    assert main(arguments) == 2
+    assert "--judge-again" in capsys.readouterr().err
 
 
 def test_what_a_pack_may_hold() -> None:
