@@ -105,7 +105,7 @@ def page(
         seen = list(dict.fromkeys(one.cell for one in those))
         named = ", ".join(f"`{cell}`" for cell in seen[:MOST_NAMED]) + (" …" if len(seen) > MOST_NAMED else "")
         reason = known.get(name)
-        why, hand = (reason.why, f"`{reason.by_hand}`") if reason else ("**no reason known**", "")
+        why, hand = (reason.why, reason.by_hand) if reason else ("**no reason known**", "")
         lines.append(f"| {why} | {len(seen)}: {named} | {len(those)} | {hand} |")
     lines += ["", f"Measured again: {', '.join(names)}.", ""]
     return "\n".join(lines)
