@@ -1,0 +1,97 @@
+"""What is measured anew after our own code has changed: the checks that changed, and nothing else."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commandline import Desk, Ran
+
+import harness
+from harness.probes.vault import Vault
+
+PACKAGE = Path(harness.__file__).parent
+Changed = Callable[..., Ran]
+
+
+@pytest.fixture
+def changed(kept: Desk) -> Changed:
+    """Runs the matrix by a copy of the package in which a text of a file stands for another one."""
+    copy = kept.folder / "copy"
+    shutil.copytree(PACKAGE, copy / "harness", ignore=shutil.ignore_patterns("__pycache__", "matrices"))
+    (copy / "matrices").symlink_to(PACKAGE.parent / "matrices")
+
+    def run(file: str, old: str, new: str) -> Ran:
+        path = copy / "harness" / file
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+        return kept.run("run", "small.toml", "--json", PYTHONPATH=str(copy))
+
+    return run
+
+
+def evidence(desk: Desk) -> dict[str, bytes]:
+    """Every content that is kept."""
+    return {path.name: path.read_bytes() for path in Vault(desk.state).folder.glob("cas/*/*")}
+
+
+def asked(desk: Desk) -> list[tuple[str, ...]]:
+    """The checks of every probe run that is kept."""
+    vault = Vault(desk.state)
+    names = [name for claim in vault.folder.glob("ac/*/*") for name in vault.runs(claim.parent.name + claim.name)]
+    return sorted(tuple(vault.reading(name).run.request.limits) for name in names)
+
+
+def said(ran: Ran) -> dict[str, Any]:
+    """Verdict and line of each cell."""
+    return {name: (cell["verdict"], cell["decisive"], cell["reused"]) for name, cell in ran.cells("which").items()}
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("judging/fold.py", "RUNS_TO_CONFIRM = 3", "RUNS_TO_CONFIRM = 3  # times"),
+        ("judging/todo.py", '"""Say which', '"""Tell which'),
+        ("incell/check_vector_sync.py", '"""', '"""In other words: '),
+        ("incell/cell_episode.py", '"""', '"""In other words: '),
+    ],
+)
+def test_words_about_code_measure_nothing(kept: Desk, changed: Changed, file: str, old: str, new: str) -> None:
+    """A comment in judging, and a docstring in a cell."""
+    before, runs = evidence(kept), asked(kept)
+    known = said(kept.run("run", "small.toml", "--json"))
+
+    assert said(changed(file, old, new)) == known
+    assert (evidence(kept), asked(kept)) == (before, runs)
+
+
+def test_other_judging_says_something_else_of_the_same_evidence(kept: Desk, changed: Changed) -> None:
+    """Nothing is measured, and every cell that it is about is judged anew."""
+    before, runs = evidence(kept), asked(kept)
+    known = said(kept.run("run", "small.toml", "--json"))
+    again = said(changed("judging/words.toml", '"render.blank" = "blank frame', '"render.blank" = "empty frame'))
+
+    verdict, line, reused = known["blank"]
+    assert line.startswith("ContractViolation: blank frame")
+    assert again == {**known, "blank": (verdict, line.replace("blank frame", "empty frame"), reused)}
+    assert (evidence(kept), asked(kept)) == (before, runs)
+
+
+def test_a_changed_check_is_measured_alone(kept: Desk, changed: Changed) -> None:
+    """Once for each case; what was kept stays as it was."""
+    before, runs = evidence(kept), asked(kept)
+    known = said(kept.run("run", "small.toml", "--json"))
+    path = PACKAGE / "incell" / "check_vector_sync.py"
+    end = path.read_text().splitlines()[-1]
+    again = said(changed("incell/check_vector_sync.py", end, f"{end}\n\n\nCHANGED = True"))
+
+    assert {name: told[:2] for name, told in again.items()} == {name: told[:2] for name, told in known.items()}
+    new = sorted(asked(kept))
+    for one in runs:
+        new.remove(one)
+    assert set(new) == {("vector.sync",)}
+    assert before.items() <= evidence(kept).items()
