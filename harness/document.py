@@ -137,7 +137,7 @@ def entry(assessed: Assessed, making: Making) -> CellEntry:
     return CellEntry(
         id=cell.id,
         matrix=cell.matrix,
-        axes=dict(cell.axes),
+        axes=dict(sorted(cell.axes.items())),
         requested_python=cell.python,
         python=record.python,
         machine=record.machine or None,
@@ -151,7 +151,7 @@ def entry(assessed: Assessed, making: Making) -> CellEntry:
         reused=record.reused,
         inferred=False,
         attempts=assessed.attempts,
-        seconds=round(record.seconds, 1),
+        seconds=round(float(record.seconds), 1),
         verdict=assessed.verdict,
         unverified=assessed.unverified,
         expected=cell.expect.verdict if cell.expect else Verdict.WORKS,
