@@ -1,4 +1,4 @@
-"""What a second measurement of the committed reports changed, and why: `python benchmarks/measured_again.py COMMIT`.
+"""List what a second measurement of the committed reports changed, and why: `measured_again.py COMMIT`.
 
 Verdicts, phases, decisive lines and causes of every cell are held against those of the report at COMMIT. Each
 difference needs a reason in `measured_again.toml`, which says how to see it by hand; one without is listed as such, and
@@ -32,7 +32,7 @@ Cells = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """What is said otherwise of one field of a cell."""
+    """Hold one field of a cell that is said otherwise."""
 
     cell: str
     field: str
@@ -59,7 +59,7 @@ class Reason:
 
 
 def cells(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """What a report says of each cell: the fields, and the outcome of each phase."""
+    """Return the fields of each cell of a report, and the outcome of each phase."""
     return {
         cell["id"]: {
             **{name: cell[name] for name in ("verdict", "phase", "decisive")},

@@ -18,7 +18,7 @@ CASE = re.compile(r"c(\d+)g(\d+)-(tensor|cpu)")
 CHECK = "render.rgb_array"
 NUMBER = re.compile(r" failed on .* with error (\d+)$")
 NO_PICTURE, NO_CAMERA, BLACK = "isaacgym.no_picture", "isaacgym.no_camera", "render.blank"
-"""What the cell observed, of which documents have the sentence as the decisive line of a failure."""
+"""The observations of a cell whose sentence is the decisive line of a failure in documents."""
 
 
 class Seen(StrEnum):

@@ -119,7 +119,7 @@ def marks() -> Callable[[Cell], str]:
 
 
 class Making(NamedTuple):
-    """What the entries of a document are made with; `signatures` gives the known failures."""
+    """Hold all that the entries of a document are made with; `signatures` gives the known failures."""
 
     locate: Locate
     mark: Callable[[Cell], str]

@@ -124,7 +124,7 @@ def _number(device: int, inode: int) -> int:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Places:
-    """Where to look; `state` and `temporary` need not exist. With `evidence` probe runs are looked at, too."""
+    """Name places to look at; `state` and `temporary` need not exist. With `evidence` probe runs are looked at, too."""
 
     cache: Path
     state: Path

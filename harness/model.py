@@ -94,7 +94,7 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Observed:
-    """What a check in the cell saw, as a code and data; `judging.words` has the sentence.
+    """Hold an observation of a check in the cell, as a code and data; `judging.words` has the sentence.
 
     `at` is the step at which it was seen, where that is known; `got` and `promised` are such as shapes.
     """
@@ -154,7 +154,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Expectation:
-    """What a cell is expected to be; `match` is a regular expression on the decisive line.
+    """Hold what a cell is expected to be; `match` is a regular expression on the decisive line.
 
     `code` and `data` stand in its place where that line is a sentence of ours; see `judging.words`.
     """

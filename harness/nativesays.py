@@ -11,7 +11,7 @@ MOST = 10
 """Lines that are told of one run."""
 
 LAVAPIPE = "WARNING: lavapipe is not a conformant vulkan implementation.*"
-"""What Mesa prints that draws in place of a driver of hardware."""
+"""The line of Mesa where it draws in place of a driver of hardware."""
 
 
 @cache

@@ -40,7 +40,7 @@ FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9, "dict_size": 64 << 20}]
 
 
 class Packed(msgspec.Struct, frozen=True, kw_only=True):
-    """What a pack says of cells: their records, the plans that they are of, machines, and in-cell digests."""
+    """Hold the records of cells, the plans that they are of, machines, and in-cell digests."""
 
     plans: tuple[Plan, ...]
     machines: dict[str, dict[str, Any]]

@@ -278,7 +278,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def observed(self) -> None:
-        """What the cell said of the line that says why: a document has the line alone."""
+        """Return the observation behind the line that says why: a document has the line alone."""
 
 
 class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

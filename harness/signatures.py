@@ -230,7 +230,7 @@ class Signature(Table, frozen=True, kw_only=True):
 
     @property
     def as_file(self) -> dict[str, Any]:
-        """What its file says of it, but for examples and where it was seen: what is matched in texts, and told."""
+        """Return the fields of its file that are matched in texts, and told; examples and sightings are left out."""
         parts = (part.requirements for part in self.packages)
         said = {
             "id": str(self.id),

@@ -1,4 +1,4 @@
-"""Where records, locks and logs live: plain JSON files, written atomically, found again by content.
+"""Keep records, locks and logs: plain JSON files, written atomically, found again by content.
 
 `locks/` and `steps/` hold the answer to each question, `installed/` what became of each lock's install, `cells/` the
 last record of each cell on each machine, `evidence/` logs and frames. Probe runs are kept apart (`probes.vault`).

@@ -108,7 +108,7 @@ class Environment:
     """Of rewards and flags: () of one environment, (n,) of a simulation of n worlds."""
 
     seen_from = None
-    """Where the adapter itself places the camera: `view` and `lens`, matrices of 16 numbers, of the last picture."""
+    """The camera of the last picture, where the adapter places it: `view` and `lens`, matrices of 16 numbers."""
 
     get_state = None
     """Where the state can be had: a method that returns it, and `set_state` that takes it back."""

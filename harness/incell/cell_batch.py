@@ -14,7 +14,7 @@ PATIENCE = 3.0
 """Seconds given to workers to end by themselves after a failure or a close."""
 
 FEWEST, MOST = 4, 16
-"""How many environments `vector.async.many` has at least and at most."""
+"""The least and the largest number of environments of `vector.async.many`."""
 
 
 def many():

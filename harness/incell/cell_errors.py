@@ -7,7 +7,7 @@ from .cell_observed import observation
 
 
 class Ours(Exception):
-    """What we observed, raised. A vector environment raises what a worker raised within an exception of its type."""
+    """Raise an observation. A vector environment raises that of a worker within an exception of its type."""
 
     def __init__(self, observed):
         super().__init__(observed)

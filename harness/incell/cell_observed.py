@@ -1,4 +1,4 @@
-"""What a check observes, as a code and data; the host has the words, in `judging/words.toml`."""
+"""Write an observation of a check as a code and data; the host has the words, in `judging/words.toml`."""
 
 from .cell_lines import bounded
 

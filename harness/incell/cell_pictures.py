@@ -88,7 +88,7 @@ def changed(before, after):
 
 
 def composed(picture, above, below):
-    """Whether what has the one colour lies above what has the other: a remark on what is wrong, or None.
+    """Look whether one colour lies above another one: a remark on what is wrong, or None.
 
     Colours are written `#rrggbb`, as a right picture has them. One that is missing makes the picture a wrong one.
     """
@@ -102,7 +102,7 @@ def composed(picture, above, below):
 
 
 def marred(picture, never):
-    """Whether a picture shows a colour that none should: a remark on what is wrong, or None."""
+    """Look for a colour that no picture should show: a remark on what is wrong, or None."""
     if never is None or _height(picture, never) is None:
         return None
     return remark("picture", "render.colour_wrong", got=never)

@@ -5,7 +5,7 @@ import sys
 from .cell_errors import skip
 
 OTHERS = ("value.not_array", "pybullet.no_numpy")
-"""What was found where an array was promised and something else came."""
+"""The codes of something else that came where an array was promised."""
 
 
 def run(probe, _facts):

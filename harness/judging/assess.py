@@ -56,7 +56,7 @@ class Assessed:
 
     @property
     def phases(self) -> Outcomes:
-        """How each phase ended: in the case where it ended worst."""
+        """Return the outcome of each phase, that of the case where it ended worst."""
         return self._judged.phases
 
     @property
@@ -71,23 +71,23 @@ class Assessed:
 
     @property
     def observed(self) -> Observed | None:
-        """What the cell said of that line, where it is ours."""
+        """Return the observation behind that line, where it is ours."""
         return self._judged.observed
 
     @cached_property
     def unverified(self) -> tuple[str, ...]:
-        """What a working cell could not show: phases, and silent issues that are neither shown nor refuted."""
+        """Return the phases that a working cell could not show, and silent issues neither shown nor refuted."""
         names = (name for found in self.open_issues for name in found)
         return tuple(dict.fromkeys((*self._judged.unverified, *names)))
 
     @property
     def fulfilled(self) -> bool:
-        """Whether all that was asked for passed, and no silent issue is left open."""
+        """Tell whether all that was asked for passed, and no silent issue is left open."""
         return expectation.fulfilled(self.verdict, self.phases, self.unverified)
 
     @property
     def untold(self) -> bool:
-        """Whether the verdict says nothing about the packages."""
+        """Tell whether the verdict says nothing about the packages."""
         return self.verdict in UNTOLD
 
     # --- its cases and its suite -------------------------------------------------------------------------------
@@ -107,7 +107,7 @@ class Assessed:
 
     @property
     def suite(self) -> PhaseRecord | None:
-        """How the subject's own suite ended; None where the cell has none to run."""
+        """Return the phase of the subject's own suite; None where the cell has none to run."""
         return suite_phase(self.record)
 
     # --- known failures ----------------------------------------------------------------------------------------
@@ -141,7 +141,7 @@ class Assessed:
 
     @cached_property
     def failures(self) -> tuple[Evidence, ...]:
-        """What was written of each phase that failed, in every case."""
+        """Return the texts of each phase that failed, in every case."""
         return tuple(failure_texts.failures(self.record, self._counted[: len(self.record.cases)], self.known.logs))
 
     @cached_property
@@ -161,7 +161,7 @@ class Assessed:
 
     @property
     def failure(self) -> Failure | None:
-        """What it failed of; None where it works, or nothing was told of its packages."""
+        """Return the identity of its failure; None where it works, or nothing was told of its packages."""
         counted = known_failures.counted(self.diagnoses, self._lines())
         return identity.failure(self, (str(one.signature.id) for one in counted))
 
@@ -175,7 +175,7 @@ class Assessed:
 
     @property
     def as_expected(self) -> bool | None:
-        """Whether the cell is as expected; None where nothing can be said."""
+        """Tell whether the cell is as expected; None where nothing can be said."""
         return self._expected[0]
 
     @property
@@ -208,7 +208,7 @@ class Assessed:
 
     @property
     def attempts(self) -> int:
-        """How often the phase was tried that was tried most."""
+        """Return the largest number of attempts at a phase."""
         phases = [phase for case in self.record.cases for phase in case.phases]
         phases += [self.record.suite] if self.record.suite else []
         return max((phase.attempts for phase in phases), default=1)

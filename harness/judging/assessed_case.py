@@ -52,7 +52,7 @@ class AssessedCase:
 
     @property
     def drawn(self) -> Mapping[str, str]:
-        """What drew its pictures: the OpenGL context, as the first check that drew noted it."""
+        """Return the OpenGL context of its pictures, as the first check that drew noted it."""
         return next((said for check in self.checks if (said := _drawn_by(check))), {})
 
     @property

@@ -21,7 +21,7 @@ TAKEN_AWAY = "the environment was taken away, or changed, while it was used"
 """Why a failure says nothing of packages: the environment no longer stands as it was installed."""
 
 UNMEASURED = "unmeasured."
-"""What the codes begin with by which a misleading check says that it shows nothing, and refutes nothing either."""
+"""The beginning of codes by which a misleading check says that it shows nothing, and refutes nothing either."""
 
 NEEDS = {Phase.SINGLE: Phase.IMPORT} | dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.INTEROP), Phase.SINGLE)
 """The phase without which another says nothing new."""

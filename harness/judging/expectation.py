@@ -1,4 +1,4 @@
-"""What is asked and expected of a cell, held against what came of it; and the exit code of the whole."""
+"""Hold the expectation of a cell against its verdict; give the exit code of the whole."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Judged(Protocol):
 
     @property
     def observed(self) -> Observed | None:
-        """What the cell said of that line, where it is ours and that is known."""
+        """Return the observation behind that line, where it is ours and known."""
 
 
 def expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool | None, str | None]:

@@ -1,4 +1,4 @@
-"""What was written of the failures of a cell: the lines that say why, and beside them logs and what a cell replied."""
+"""Gather the texts of the failures of a cell: the lines that say why, and beside them logs and replies."""
 
 from __future__ import annotations
 

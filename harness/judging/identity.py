@@ -1,4 +1,4 @@
-"""What a red cell failed of, so that two cells can be asked whether they failed of the same."""
+"""Identify the failure of a red cell, so that two cells can be asked whether they failed of the same."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from harness.vocabulary import CHANGING
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Failure:
-    """Where a cell failed first, the known failures that count there, deepest first, and the line that says why."""
+    """Hold the phase that failed first, the known failures that count there, deepest first, and the decisive line."""
 
     phase: Phase | None
     causes: tuple[str, ...]

@@ -18,7 +18,7 @@ from harness.standalone.counting import Fit
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Knowledge:
-    """What failures are compared with, read where there are any.
+    """Hold all that failures are compared with, read where there are any.
 
     `silent` are the signatures of silent issues, for results that failed in nothing; all are looked through where it is
     None. `logs` gives the texts, none of them long, that are kept at a path as records hold it, by their names;
@@ -36,7 +36,7 @@ NOTHING_KNOWN = Knowledge()
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Packages:
-    """What a cell was asked for and has; `installed` is None where nothing was installed, `lock` a path, if any."""
+    """Hold the packages of a cell; `installed` is None where nothing was installed, `lock` a path, if any."""
 
     installed: Mapping[str, str] | None
     requirements: tuple[str, ...]

@@ -23,7 +23,7 @@ Outcomes = Mapping[Phase, Outcome]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Judgement:
-    """What the evidence means. `phase` is the first that decided it, `decisive` the line that says why.
+    """Hold the meaning of evidence. `phase` is the first that decided it, `decisive` the line that says why.
 
     `observed` is what the cell said of that line, where it is ours. `unverified` names the phases that a working cell
     could not show in every case.
@@ -64,7 +64,7 @@ def judge(evidence: CellRecord, cases: Cases) -> Judgement:
 
 
 def _tried_alone(phases: Outcomes) -> str:
-    """What was tried of a cell in which no environment went through `single`, without which nothing works."""
+    """Name the phases tried in a cell where no environment went through `single`, without which nothing works."""
     others = [phase for phase in (Phase.VECTOR, Phase.RENDER, Phase.INTEROP) if phases.get(phase) is Outcome.PASSED]
     left_out = phases[Phase.SINGLE] is Outcome.SKIPPED
     return f"{' and '.join(others)} passed, but {Phase.SINGLE} was not tried" if others and left_out else ONLY_IMPORT

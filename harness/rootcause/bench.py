@@ -44,7 +44,7 @@ class Trial:
 
     @property
     def record(self) -> CellRecord:
-        """What was measured."""
+        """Return the record of the cell."""
         return self.assessed.record
 
     @property

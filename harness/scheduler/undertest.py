@@ -182,7 +182,7 @@ class Suite:
         return None if self._todo(known) else judging.phase(known, reused=True)
 
     def _known(self) -> judging.Folded:
-        """What the runs that are kept show, and those of this process whatever came of them."""
+        """Fold the runs that are kept, and those of this process whatever came of them."""
         assert self.key
         settings, vault = self.owner.settings, Vault(self.owner.store.folder)
         mine = self.owner.measured.get(self.key, ())

@@ -19,11 +19,11 @@ CARRIED = "adapters.json"
 FOLDER = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "incell")
 PREFIX = "api_"
 CODE = re.compile(r"^(?:class |def |@)", re.MULTILINE)
-"""Where the top of a file ends."""
+"""The end of the top of a file."""
 
 
 class Adapter(NamedTuple):
-    """What an adapter declares, each under the name in capitals; what it leaves out is empty.
+    """Hold the declarations of an adapter, each under the name in capitals; those left out are empty.
 
     `packages` maps a distribution to the module that it is imported as, first the one that brings the API. `ids` is a
     pattern of environment ids that mean this API where its package is asked for, `example` a small environment that is

@@ -38,7 +38,7 @@ BESIDE = {
     "h5py": "h5py",
     "robomimic": "robomimic",
 }
-"""What no adapter declares: the module that a distribution is imported as."""
+"""Modules of distributions that no adapter declares."""
 
 ORDER = (
     "numpy scipy gym gymnasium mujoco dm-control robosuite pybullet gymnasium-robotics metaworld pettingzoo shimmy"

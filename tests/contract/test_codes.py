@@ -16,7 +16,7 @@ PLACES = {"violate": 0, "skip": 0, "contradiction": 0, "observation": 0, "remark
 """Functions that are given a code, and the number of the argument that it is."""
 
 APART = {"level", "at"}
-"""What they are given besides the fields of a sentence."""
+"""Keywords besides the fields of a sentence."""
 
 HANDING_ON = {
     "cell_errors.py": {"violate", "skip"},

@@ -37,7 +37,7 @@ def digests(version: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("version", HOSTS)
 def test_digests_are_those_of_every_host(version: str) -> None:
-    """What was measured from one Python is known from another."""
+    """A measurement from one Python is known from another."""
     found = digests(version)
     assert found.pop("strings") == "91e21e57695110c29611aded216be859"
     assert found == {name: file.digest for name, file in program.own().files.items()}

@@ -134,7 +134,7 @@ def unknown(texts: list[str], release: dict[str, Any]) -> list[str]:
 
 
 def told_of(code: str, data: dict[str, Any]) -> str:
-    """What an adapter observed, in words."""
+    """Return an observation of an adapter in words."""
     named = {name: value for name, value in data.items() if name not in {"got", "promised", "at", "level"}}
     plain = {"code": code, "got": data.get("got"), "promised": data.get("promised"), "data": named}
     return words.in_words(plain) or code

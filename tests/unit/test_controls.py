@@ -67,7 +67,7 @@ def means(found: Assessed) -> tuple[Any, ...]:
 
 
 class TestJudging:
-    """What `assess` makes of a cell whose adapter's control is known."""
+    """Assess a cell whose adapter's control is known."""
 
     @pytest.mark.parametrize(("tried", "control"), list(itertools.product(REACHABLE, CONTROLS)))
     def test_every_failure_beside_every_control(self, tried: str, control: str) -> None:

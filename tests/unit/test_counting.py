@@ -1,4 +1,4 @@
-"""Which of the known failures that fit a failure count in it, and which an expectation may name."""
+"""Count the known failures that fit a failure, and those that an expectation may name."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_line_says_why_where_it_has_what_was_seen() -> None:
 
 @pytest.mark.parametrize("named", ["deep", "broad", "mask"])
 def test_a_cell_and_its_entry_count_alike(named: str) -> None:
-    """What was measured and what a document holds of it have the same causes and meet the same expectations."""
+    """A record and its document have the same causes and meet the same expectations."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature=named)
     vector = phase(Phase.VECTOR, Outcome.FAILED, "no such field", masked_by="a worker is gone")
     known = knowing(

@@ -1,4 +1,4 @@
-"""What adapters declare, read from their files and never imported."""
+"""Declarations of adapters are read from their files, which are never imported."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_file_that_runs_alone_carries_them() -> None:
 
 
 def test_packages_are_known_where_names_count() -> None:
-    """What brings an API is a simulator, imported by `doctor` unless its adapter says why not."""
+    """A package that brings an API is a simulator, imported by `doctor` unless its adapter says why not."""
     names = {name for one in DECLARED.values() for name in one.packages}
     kept = {name for one in DECLARED.values() for name in one.not_imported}
     assert names <= keys.SIMULATORS

@@ -117,7 +117,7 @@ def test_all_of_a_report_comes_back_to_the_byte(folder: Path) -> None:
 def test_a_crash_is_judged_anew_by_a_later_reading(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is altered is said, cell by cell; written, the report bears the instant at which it was judged."""
+    """Each alteration is said, cell by cell; written, the report bears the instant at which it was judged."""
     monkeypatch.setattr(normalise, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
 
     assert main(["report", "--judge-again", str(folder)]) == 1
@@ -137,7 +137,7 @@ def test_a_crash_is_judged_anew_by_a_later_reading(
 def test_a_report_without_evidence_cannot_be_judged_again(
     folder: Path, gone: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """That is said with its cells, and nothing is made up."""
+    """The command says so with its cells, and makes nothing up."""
     (folder / gone).unlink()
 
     assert main(["report", "--judge-again", str(folder)]) == 3

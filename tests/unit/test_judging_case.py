@@ -204,7 +204,7 @@ def test_a_failure_is_confirmed(ended: tuple[str, ...], outcome: Outcome, decisi
 
 
 def test_runs_that_confirmed_are_no_less_without_that() -> None:
-    """What `--verify` has measured is not measured again without it; the other way round it is."""
+    """Runs of `--verify` are not made again without it; the other way round they are."""
     made, _ = verified(FAILED, FAILED, FAILED)
     plain = asked(replace(CASE, checks=ALL[:2]))
 
@@ -350,7 +350,7 @@ def test_what_a_run_wrote_and_left_is_found() -> None:
 
 
 def test_findings_go_with_the_run_that_counts() -> None:
-    """What an attempt said that was repeated is not told."""
+    """Findings of an attempt that was repeated are not told."""
     slow = Check(name="single.loop", outcome=DIED, findings=("slow",))
     first_try = reading(WHOLE, [*passed(*ALL[:1]), slow], end=OVERRAN)
     request = todo(asked(), fold(asked(), [first_try]))

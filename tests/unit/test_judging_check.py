@@ -81,7 +81,7 @@ def seen(code: str, check: str = "single.contact", **data: str) -> Observed:
 
 
 def violation(observed: Observed) -> Raised:
-    """What the cell observed as the exception that it stands for."""
+    """Return an observation as the exception that it stands for."""
     return Raised(type="ContractViolation", message=sentence(observed), traceback="", blame="library")
 
 

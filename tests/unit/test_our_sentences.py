@@ -78,7 +78,7 @@ def ours(pattern: str) -> list[str]:
 
 
 def test_no_pattern_finds_our_own_sentence() -> None:
-    """Which `code` is for: a sentence may change, and what a library prints may not be taken for it."""
+    """A `code` is for that: a sentence may change, and words of a library may not be taken for it."""
     every = list(patterns())
     assert len(every) > len(known())
     assert [(place, found[0]) for place, pattern in every if (found := ours(pattern))] == []
@@ -118,7 +118,7 @@ def observed(one: Signature) -> Iterator[Observed]:
 
 @pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)
 def test_code_and_sentence_tell_the_same(one: Signature) -> None:
-    """Where a cell reported the code, and where somebody pasted its sentence."""
+    """It fits the code that a cell reported, and the sentence that somebody pasted."""
     assert one.wording
     found = [(one.observes(seen), bool(re.search(one.wording, words.sentence(seen)))) for seen in observed(one)]
     assert (True, True) in found

@@ -74,7 +74,7 @@ def test_words_change_nothing(name: str, before: str, after: str, changed) -> No
 def test_a_changed_check_measures_that_check_alone(
     name: str, before: str, after: str, checks: tuple[str, ...], changed
 ) -> None:
-    """What several checks use changes all of those, under every adapter; what the runner uses changes all checks."""
+    """A file that several checks use changes those, under every adapter; one of the runner changes all checks."""
     assert changed(name, before, after) == pairs(*checks)
 
 

@@ -1,4 +1,4 @@
-"""What a cell records for later judging: pictures in numbers, values of a trajectory; and what the host believes."""
+"""A cell records pictures in numbers and values of a trajectory for later judging; the host believes sound ones."""
 
 from __future__ import annotations
 

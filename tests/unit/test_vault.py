@@ -1,4 +1,4 @@
-"""What a probe showed is kept for ever, by its content; nothing that was kept is altered."""
+"""A probe run is kept for ever, by its content; nothing that was kept is altered."""
 
 from __future__ import annotations
 

@@ -448,7 +448,7 @@ BLACK = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
 def test_an_expected_code(
     code: str, data: dict[str, str], line: str | None, seen: Observed | None, expected: bool
 ) -> None:
-    """What the cell observed is compared; where a document has the line alone, that."""
+    """The observation is compared; where a document has the line alone, that."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", code=code, data=data)
     assert says(expect, line, seen) is expected
 

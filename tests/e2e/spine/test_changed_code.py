@@ -1,4 +1,4 @@
-"""What is measured anew after our own code has changed: the checks that changed, and nothing else."""
+"""After our own code has changed, only the checks that changed are measured anew."""
 
 from __future__ import annotations
 

@@ -184,7 +184,7 @@ def test_fresh_measures_each_case_once(kept: Desk) -> None:
 
 
 def runs(desk: Desk) -> int:
-    """How many probe runs are kept."""
+    """Count the probe runs that are kept."""
     return sum(len(claim.read_text().splitlines()) for claim in desk.state.glob("vault/ac/*/*"))
 
 
