@@ -75,7 +75,7 @@ def test_what_is_known_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     jsonschema.validate(document, json_schema(KnownDocument))
     packages = {one["name"]: one for one in document["packages"]}
     assert {"gymnasium", "mujoco", "robosuite", "numpy"} <= packages.keys()
-    assert not {"pettingzoo", "rsl-rl-lib", "flax"} & packages.keys()
+    assert not {"pettingzoo", "rsl-rl-lib"} & packages.keys()
     assert "1.4.0" in packages["gymnasium"]["works"]
     assert packages["metaworld"]["works"] == []
     assert len(document["issues"]) > 200

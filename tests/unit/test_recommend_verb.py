@@ -109,7 +109,7 @@ def test_lines_fit_the_terminal(
     assert all(len(line) <= width for line in said if line not in pasted)
 
 
-@pytest.mark.parametrize("name", ["pettingzoo", "rsl-rl-lib", "pandas", "flax"])
+@pytest.mark.parametrize("name", ["pettingzoo", "rsl-rl-lib", "pandas"])
 def test_what_was_never_run_is_never_good(capsys: pytest.CaptureFixture[str], name: str) -> None:
     """Packages that only lay in locks of the shipped results."""
     assert main(["recommend", name]) == 1
