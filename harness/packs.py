@@ -203,7 +203,7 @@ def _unpacked(path: Path, sha: str, state: Path) -> Packed:
 
 def _laid(content: bytes, state: Path) -> Packed:
     vault, told = Vault(state), None
-    for name, member in _read(content):
+    for name, member in members(content):
         if name == CELLS:
             told = guarded_files.decoder(Packed).decode(member)
         elif name.startswith(CONTENTS):
@@ -218,7 +218,7 @@ def _laid(content: bytes, state: Path) -> Packed:
     return told
 
 
-def _read(content: bytes) -> Iterable[tuple[str, bytes]]:
+def members(content: bytes) -> Iterable[tuple[str, bytes]]:
     """Yield the members of an archive, no more and no larger ones than a pack may have."""
     plain = lzma.LZMADecompressor(memlimit=1 << 30).decompress(content, MOST_UNPACKED)
     with tarfile.open(fileobj=io.BytesIO(plain), mode="r:") as archive:

@@ -71,6 +71,15 @@ def test_report_is_judged_from_its_evidence(folder: Path, tmp_path: Path) -> Non
     assert {path.relative_to(copy): path.read_bytes() for path in copy.glob("evidence/*/*")} == evidence
 
 
+@pytest.mark.parametrize("folder", PACKED, ids=lambda folder: folder.name)
+def test_evidence_names_no_machine_and_no_index(folder: Path) -> None:
+    """Nor does any text inside a pack."""
+    for pack in folder.glob("*.tar.xz"):
+        texts = [content.decode("utf-8", "replace") for _, content in packs.members(pack.read_bytes())]
+        assert texts
+        assert not [found[0] for found in map(FOREIGN.search, texts) if found]
+
+
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 class TestCommittedReport:
     """One committed report."""
