@@ -168,10 +168,12 @@ def _altered(again: Again) -> Iterator[str]:
     if again.unchanged or not path.is_file():
         return
     before = {(cell.id, cell.machine): cell for cell in document.read(given_files.read_content(path), str(path)).cells}
+    lines = []
     for cell in again.document.cells:
         old = before.get((cell.id, cell.machine))
         said = ["not in the report"] if old is None else list(_differences(old, cell))
-        yield from (f"{cell.id}: {text}" for text in said)
+        lines += [f"{cell.id}: {text}" for text in said]
+    yield from lines or [f"{os.path.relpath(again.folder)}: titles, tables or words, and no cell"]
 
 
 def _differences(old: CellEntry, new: CellEntry) -> Iterator[str]:

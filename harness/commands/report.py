@@ -6,27 +6,21 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from functools import reduce
 from pathlib import Path
 
 from harness import (
-    catalog,
     document,
     given_files,
-    knowledge,
     notices,
     packs,
-    pages,
     present,
-    rediagnosing,
     shipped_reports,
     store,
     tables,
     terminal,
 )
-from harness.commands import blocks, judging_again, reporting, standing
-from harness.errors import BadInput, HarnessError
-from harness.model import Plan
+from harness.commands import blocks, judging_again, reporting
+from harness.errors import BadInput
 from harness.reporttypes import Document
 from harness.schema import suggestion
 from harness.standalone.output import print_json
@@ -48,9 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the small table, down and across")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
     parser.add_argument("--into", type=Path, metavar="FILE", help="make the tables again that a Markdown file holds")
-    parser.add_argument("--diagnose", action="store_true",
-                        help="match stored results again with the known issues of today, and take titles, roles and "
-                             "pages from the matrix")  # fmt: skip
     parser.add_argument("--judge-again", action="store_true",
                         help="judge reports again from the evidence that lies beside them, and say what is altered:"
                              " nothing is measured")  # fmt: skip
@@ -73,8 +64,7 @@ def main(args: argparse.Namespace) -> int:
     sources = [found(name) for name in args.sources] or _all()
     if args.out:
         store.writable(args.out)
-    whole = _read(sources, args.out, diagnose=args.diagnose)
-    plans = _plans(whole) if args.diagnose else []
+    whole = _read(sources, args.out)
     report = tables.report(whole, tuple(args.pivot) if args.pivot else None)
     for form in ["json"] if args.json else args.format or (["md", "json"] if args.out else ["terminal"]):
         if args.out and form in {"md", "json"}:
@@ -83,20 +73,7 @@ def main(args: argparse.Namespace) -> int:
             sys.stdout.write(notices.github(whole, args.fail_on))
         else:
             _print(form, whole, report, None if args.out else sources)
-    if args.out and len(plans) == 1 and plans[0].page:
-        store.write_atomic(args.out / standing.WORDS, pages.render(plans[0].page, whole, report).encode())
     return document.exit_code(whole, args.fail_on)
-
-
-def _plans(whole: Document) -> list[Plan]:
-    """Return the plans of the document's matrices, as far as their files are at hand."""
-    plans = []
-    for name in whole.matrices:
-        try:
-            plans.append(catalog.load(name, lambda _: None, offline=True))
-        except HarnessError:
-            continue
-    return plans
 
 
 def _formats(text: str) -> tuple[str, ...]:
@@ -148,13 +125,9 @@ def found(name: str) -> Path:
     raise BadInput(message)
 
 
-def _read(sources: Sequence[Path], out: Path | None, *, diagnose: bool = False) -> Document:
+def _read(sources: Sequence[Path], out: Path | None) -> Document:
     """The documents as one. A single one keeps its paths, so that its page comes out the same to the byte."""
     documents = [document.read(given_files.read_content(source), str(source)) for source in sources]
-    if diagnose:
-        beside = [knowledge.beside(source.parent) for source in sources]
-        placed = [reduce(rediagnosing.placed, _plans(made), made) for made in documents]
-        documents = [rediagnosing.diagnosed(made, known) for made, known in zip(placed, beside, strict=True)]
     if len(sources) == 1:
         return document.moved(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
     moved = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]

@@ -1,7 +1,4 @@
-"""The known failures that fit a cell, and those of them that count: in a red one its causes, in any one silent issues.
-
-Cells come here as they were measured (`assess`) or as a document holds them (`rediagnosing`).
-"""
+"""Find the known failures that fit a cell, and those that count: causes of a red one, silent issues of any."""
 
 from __future__ import annotations
 

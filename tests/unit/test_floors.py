@@ -21,7 +21,7 @@ FLOORS = {
         "misleading", "moves", "nativesays",
         "normalise", "notices", "pages", "pasting", "pipelines", "plan", "platforms", "present",
         "probes.evidence", "probes.facts", "probes.syntax",
-        "proving", "recommended", "recommended_text", "recommending", "redacting", "rediagnosing",
+        "proving", "recommended", "recommended_text", "recommending", "redacting",
         "remedies", "rendering", "repairs", "reporttypes", "reproducing", "schema", "search", "shards", "signatures",
         "requirement_texts", "squares", "strategy", "suite_tables", "tables", "tabletypes", "terminal", "traps",
         "upstream", "uvsays", "vocabulary", "wire", "workflows", "yaml_texts",
@@ -154,8 +154,8 @@ FACE = {
     "verdict": set(),
 }
 """Modules of judging that a verdict is put together of, with what others may take from each."""
-SECOND_DOORS = {"entry_failures", "rediagnosing"}
-"""They judge documents, which have no evidence with them."""
+SECOND_DOORS = {"entry_failures"}
+"""It reads off a document which of its diagnoses count, by the one definition of counting."""
 
 
 def composed(path: Path) -> set[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 from readings import CASE, DIED, FAILED, GOOD, HERE, Check, asked, lines, passed
 from specimens import GENERATED, MACHINES, cell, record
 
-from harness import document, normalise, packs
+from harness import catalog, document, normalise, packs
 from harness.__main__ import main
 from harness.commands import reporting
 from harness.judging import case as judging
@@ -27,6 +28,7 @@ from harness.store import Store
 CRASH = End(signal=11, seconds=2.0)
 RED = Expectation(verdict=Verdict.PARTIAL, reason="known", match="no camera")
 PICTURE = b"\x89PNG not really"
+ROOT = Path(__file__).parents[2]
 
 
 def measured(opened: Store, label: str, *failing: Check, expect: Expectation | None = None) -> CellRecord:
@@ -131,6 +133,25 @@ def test_a_crash_is_judged_anew_by_a_later_reading(
     assert index
     assert index.judged == again.generated
     assert main(["report", "--judge-again", str(folder)]) == 0
+
+
+def test_titles_come_from_the_matrix(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report is brought to what its matrix says today, and it is said that no cell is altered."""
+    report, matrices = tmp_path / "quickstart", tmp_path / "matrices"
+    shutil.copytree(ROOT / "reports/quickstart", report)
+    shutil.copytree(ROOT / "matrices", matrices)
+    file = matrices / "quickstart.toml"
+    file.write_text('title = "As of today"\n' + file.read_text())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(catalog, "PACKAGE", tmp_path)
+
+    assert main(["report", "--judge-again", "--write", "quickstart"]) == 0
+    assert capsys.readouterr().out == "quickstart: titles, tables or words, and no cell\n"
+    again = document.read((report / "report.json").read_bytes(), "report.json")
+    assert again.matrices["quickstart"].title == "As of today"
+    assert "As of today" in (report / "report.md").read_text()
 
 
 @pytest.mark.parametrize("gone", ["index.json", "evidence.tar.xz"])

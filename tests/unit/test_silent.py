@@ -8,11 +8,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
-from builders import case, cell, document_of, drawn, entry, knowing, record
+from builders import case, drawn, entry, knowing, record
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from harness import changes, document, knowledge, rediagnosing, signatures
+from harness import changes, document, knowledge, signatures
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
@@ -125,16 +125,6 @@ def test_other_releases_are_not_spoken_of() -> None:
     said, _ = judged(replace(record(seen_by(None)), installed={"gymnasium": "1.3.0"}))
 
     assert said.unverified == ()
-
-
-@pytest.mark.parametrize("camera", [None, Outcome.PASSED, Outcome.FAILED])
-def test_a_stored_report_says_the_same(camera: Outcome | None) -> None:
-    """`report --diagnose` looks silent issues up from what the document holds, in green cells, too."""
-    seen = record(seen_by(camera), of=cell(cases=["ant"]))
-    plain, now = document_of(seen), document_of(seen, known=known())
-
-    assert rediagnosing.diagnosed(plain, known()) == now
-    assert rediagnosing.diagnosed(now, known()) == now
 
 
 # --- what is committed -----------------------------------------------------------------------------------------

@@ -9,8 +9,8 @@ import msgspec
 import pytest
 from builders import GENERATED, case, cell, document_of, record
 
-from harness import matrixfile, plan, present, rediagnosing, squares, tables
-from harness.model import Cell, CellRecord, Change, Outcome, Phase, Plan, Role, Step, Tried, Verdict
+from harness import matrixfile, plan, present, squares, tables
+from harness.model import Cell, CellRecord, Change, Outcome, Phase, Role, Step, Tried, Verdict
 from harness.reporttypes import Document
 from harness.tabletypes import Pivot, Square
 
@@ -122,20 +122,6 @@ class TestRoles:
         found = made(*(ran(one, "pppp") for one in cells), variants=frozenset({side.id}))
 
         assert [one.role for one in found.cells] == [Role.MAIN, Role.VARIANT, Role.WHAT_IF, Role.REPAIR]
-
-    def test_roles_of_a_stored_report_are_those_of_its_matrix(self) -> None:
-        """A report of another time gets the roles, the table's axes and the title that the matrix has now."""
-        main, side = at("3.11", "3.3.7"), at("3.11", "2.3.7")
-        stored = made(ran(main, "pppp"), ran(side, "pppp"))
-        planned = Plan(
-            matrix="quick", cells=(main, side), axes=AXES, variants=frozenset({side.id}), title="a title",
-            pivot=("mujoco", "python"),
-        )  # fmt: skip
-        found = rediagnosing.placed(stored, planned)
-
-        assert [one.role for one in found.cells] == [Role.MAIN, Role.VARIANT]
-        assert (found.matrices["quick"].title, found.matrices["quick"].pivot) == ("a title", ("mujoco", "python"))
-        assert rediagnosing.placed(stored, replace(planned, axes=("python", "numpy"))) == stored
 
     def test_side_conditions_of_a_matrix(self) -> None:
         """Cells that a `variant` names are known by their ids; one that names none is out of date."""
