@@ -101,31 +101,19 @@ def _square(pivot: Pivot, square: Sequence[Square]) -> str:
 def mark(pivot: Pivot, one: Square) -> str:
     """Return the sign of a verdict, what else is to know of it, and the tasks that passed of those tried."""
     signs = SYMBOLS[one.verdict] + "→✔" * one.fixed + "?" * one.doubted + "†" * one.patched + "*" * one.varies
-    machines = _machines(pivot)
+    machines = pivot.machines
     place = f"{machines.index(one.machine) + 1}: " if len(machines) > 1 else ""
     return f"{place}{signs}" + (f" {one.passed}/{one.tried}" if one.tried else "")
 
 
 def small(pivot: Pivot, one: Square) -> str:
     """Return the small print of a square: Pythons where they differ, and what tells its verdicts apart."""
-    known = len(_pythons(pivot)) < 2 or "python" in {pivot.down, pivot.across}
+    known = len(pivot.pythons) < 2 or "python" in {pivot.down, pivot.across}
     return "; ".join(
         filter(
             None, ("" if known else ", ".join(one.pythons), *one.where, f"fails in {one.phase}" if one.phase else "")
         )
     )
-
-
-def _parts(pivot: Pivot) -> list[Square]:
-    return [one for squares in pivot.squares for square in squares for one in square]
-
-
-def _machines(pivot: Pivot) -> list[str]:
-    return sorted({one.machine for one in _parts(pivot)})
-
-
-def _pythons(pivot: Pivot) -> list[str]:
-    return list(dict.fromkeys(python for one in _parts(pivot) for python in one.pythons))
 
 
 def legend(pivot: Pivot) -> str:
@@ -134,7 +122,7 @@ def legend(pivot: Pivot) -> str:
 
 
 def _legend(pivot: Pivot) -> Iterator[str]:
-    parts, machines, pythons = _parts(pivot), _machines(pivot), _pythons(pivot)
+    parts, machines, pythons = pivot.parts, pivot.machines, pivot.pythons
     shown = {one.verdict for one in parts}
     yield ", ".join(f"{sign} {word(verdict)}" for verdict, sign in SYMBOLS.items() if verdict in shown) + "."
     if any(one.tried for one in parts):

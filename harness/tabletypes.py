@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 from harness.model import Role, Verdict
 
@@ -69,7 +70,7 @@ class Square:
     doubted: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class Pivot:
     """The main cells of a matrix over two of its axes.
 
@@ -82,6 +83,21 @@ class Pivot:
     rows: tuple[str, ...]
     columns: tuple[str, ...]
     squares: tuple[tuple[tuple[Square, ...], ...], ...]
+
+    @cached_property
+    def parts(self) -> tuple[Square, ...]:
+        """The entries of all squares."""
+        return tuple(one for squares in self.squares for square in squares for one in square)
+
+    @cached_property
+    def machines(self) -> list[str]:
+        """The machines that any square is of, sorted."""
+        return sorted({one.machine for one in self.parts})
+
+    @cached_property
+    def pythons(self) -> tuple[str, ...]:
+        """The Pythons that any square is of, as they come."""
+        return tuple(dict.fromkeys(python for one in self.parts for python in one.pythons))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -136,10 +136,12 @@ def _tasks(sheet: Sheet) -> Iterable[RenderableType]:
 def _small_tables(pivot: Pivot, target: Console) -> Iterable[RenderableType]:
     """The table as it fits: as it is, else turned, else in blocks of columns, whichever way takes fewer."""
     room = target.width - INDENT
-    ways = [(one, _blocks(one, target, room)) for one in (pivot, _turned(pivot))]
-    shown, blocks = min(ways, key=lambda way: len(way[1]))
-    for block in blocks:
-        yield _padded(block)
+    ways = (pivot, _turned(pivot))
+    shown = next((one for one in ways if _fits(one, 0, len(one.columns), target, room)), None)
+    if shown is None:
+        shown = min(ways, key=lambda one: len(_blocks(one, target, room)))
+    for first, last in _blocks(shown, target, room):
+        yield _padded(_table(shown, first, last))
     if hidden := len(shown.rows) - len(_shown(shown)):
         yield _padded(_styled((f"{number(hidden, 'more row')} in which all works", GREY)))
 
@@ -155,23 +157,26 @@ def _turned(pivot: Pivot) -> Pivot:
     )
 
 
-def _blocks(pivot: Pivot, target: Console, room: int) -> list[RenderableType]:
-    """The table cut into blocks that are no wider than the room, each with as many columns as fit."""
-    from rich.measure import Measurement  # noqa: PLC0415 - start-up
-
-    endless = target.options.update(max_width=10_000)
-
-    def fits(first: int, last: int) -> bool:
-        return Measurement.get(target, endless, _table(pivot, first, last)).maximum <= room
-
+def _blocks(pivot: Pivot, target: Console, room: int) -> list[tuple[int, int]]:
+    """Cut the columns into blocks that are no wider than the room, each of as many columns as fit."""
     blocks, first = [], 0
     while first < len(pivot.columns):
-        last = len(pivot.columns)
-        while last > first + 1 and not fits(first, last):
-            last -= 1
-        blocks.append(_table(pivot, first, last))
+        last = first + 1
+        while last < len(pivot.columns) and _fits(pivot, first, last + 1, target, room):
+            last += 1
+        blocks.append((first, last))
         first = last
     return blocks
+
+
+def _fits(pivot: Pivot, first: int, last: int, target: Console, room: int) -> bool:
+    """Return whether these columns, beside the names of the rows, are no wider than the room."""
+    from rich.measure import Measurement  # noqa: PLC0415 - start-up
+
+    if last - first > room:  # a column is a character wide at least
+        return False
+    endless = target.options.update(max_width=10_000)
+    return Measurement.get(target, endless, _table(pivot, first, last)).maximum <= room
 
 
 def _table(pivot: Pivot, first: int, last: int) -> RenderableType:

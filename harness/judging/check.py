@@ -47,8 +47,8 @@ FULL = frozenset({"No space left on device", "Disk quota exceeded"})
 ROOMY_MB = 1024
 """Room that no write takes up between two looks at a disk: one that never had less was not full."""
 
-SHOT = "killed by SIGKILL from outside: a service or a person ended it, perhaps for want of memory"
-"""No package sends it to itself, and the harness says when it does; who did cannot be told."""
+SHOT = "killed by SIGKILL, by whom cannot be told: perhaps the system for want of memory, a service or a person"
+"""The harness says when it sends it. A package hardly ever does, so nothing is said of one."""
 
 SIGKILLED = re.compile(r"^(worker )?killed by SIGKILL")
 SHARED_MEMORY = re.compile(r"/dev/shm|_posixshmem|\bSemLock\b|\bshm_open\b|/multiprocessing/(?:heap|synchronize)\.py")
@@ -206,7 +206,7 @@ def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
 
 
 def shot(record: CheckRecord) -> bool:
-    """Tell whether somebody outside ended the process of a check, or a worker of it."""
+    """Tell whether nobody knows who killed the process of a check, or a worker of it."""
     return record.outcome is Outcome.INFRA and SHOT in (record.decisive or "")
 
 

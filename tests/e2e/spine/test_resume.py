@@ -110,7 +110,7 @@ def test_an_environment_that_goes_while_it_is_used_blames_nothing(desk: Desk) ->
     assert (cell["verdict"], cell["reused"]) == ("works", False)
 
 
-KILLED = "killed by SIGKILL from outside: a service or a person ended it, perhaps for want of memory"
+KILLED = "killed by SIGKILL, by whom cannot be told: perhaps the system for want of memory, a service or a person"
 
 
 def probe_of(desk: Desk) -> int:
