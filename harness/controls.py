@@ -109,12 +109,11 @@ def _text(path: Path) -> str:
 
 def wanted(record: CellRecord) -> dict[str, Cell | str]:
     """The control, as a cell, of each adapter with which something failed after the install; or why there is none."""
-    place = folder()
-    if place is None or record.installed is None or record.cell.matrix == MATRIX or unregistered(record):
-        return {}
-    plain = replace(record, controls={}) if record.controls else record
     if not any(case.api and (case.required or _fails(case.phases)) for case in record.cases):
         return {}
+    if record.installed is None or record.cell.matrix == MATRIX or unregistered(record) or folder() is None:
+        return {}
+    plain = replace(record, controls={}) if record.controls else record
     failing = (case.record.api for case in assess(plain).cases if case.record.api and _fails(case.phases))
     return {api: covering(api, record.installed) for api in dict.fromkeys(failing)}
 
