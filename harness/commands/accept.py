@@ -9,7 +9,8 @@ from typing import Any
 
 from harness import accepting, catalog, document, given_files, knowledge, machine, matrixfile, store
 from harness.commands import report, reporting
-from harness.commands.run import choose, tell
+from harness.commands.console import tell
+from harness.commands.select_cells import choose
 from harness.errors import BadInput, HarnessError
 from harness.model import Cell, Plan
 from harness.reporttypes import UNTOLD, CellEntry, number

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from harness import catalog, cellid, interpreters, knowledge, locks, measured, moves, plan, scheduler, store
-from harness.commands import cells, progress, reporting
+from harness.commands import find_cell, progress, reporting
 from harness.errors import BadInput, CouldNotTell
 from harness.judging.assess import assess
 from harness.model import Cell, Change, Interpreter
@@ -90,7 +90,7 @@ def main(args: argparse.Namespace) -> int:
     _check(args)
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
-    cell = cells.named("bisect", args.cell, opened, offline=args.offline)[1]
+    cell = find_cell.named("bisect", args.cell, opened, offline=args.offline)[1]
     interpreter = interpreters.obtain(cell.python, offline=args.offline)
     if interpreter is None:
         raise CouldNotTell(interpreters.hint(cell.python))

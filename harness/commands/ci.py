@@ -12,8 +12,9 @@ from importlib.metadata import distribution, version
 from pathlib import Path
 
 from harness import catalog, given_files, notices, pipelines
-from harness.commands import choosing, reporting
-from harness.commands.run import selected, tell
+from harness.commands import reporting, select_cells
+from harness.commands.console import tell
+from harness.commands.select_cells import selected
 from harness.errors import BadInput
 from harness.model import Plan
 from harness.pipelines import Pipeline, Provider
@@ -102,8 +103,8 @@ def _shards(args: argparse.Namespace, plan: Plan) -> int:
         raise BadInput(message)
     if args.shards:
         return int(args.shards)
-    committed = choosing.committed_report(catalog.locate(args.matrix), plan.matrix)
-    seconds = choosing.durations([*([committed] if committed else []), *args.durations])
+    committed = select_cells.committed_report(catalog.locate(args.matrix), plan.matrix)
+    seconds = select_cells.durations([*([committed] if committed else []), *args.durations])
     return pipelines.shard_count([cell.id for cell in plan.cells], seconds, args.minutes, most)
 
 

@@ -13,8 +13,8 @@ import msgspec
 
 from harness import catalog, controls, fetched, fetching, scheduler, store
 from harness.commands import progress
-from harness.commands.choosing import JOBS, committed_report, durations, jobs
-from harness.commands.run import selected, tell
+from harness.commands.console import tell
+from harness.commands.select_cells import JOBS, committed_report, durations, jobs, selected
 from harness.errors import BadInput
 from harness.fetched import FetchedCell, FetchedMatrix, Manifest
 from harness.filelocks import exclusive

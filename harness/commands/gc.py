@@ -15,7 +15,7 @@ import msgspec
 from rich.filesize import decimal
 
 from harness import garbage, store, uvcli
-from harness.commands.run import tell
+from harness.commands.console import tell
 from harness.garbage import DAY, Disk, Item, Kind
 from harness.reporttypes import number
 from harness.standalone.output import print_json

@@ -12,7 +12,7 @@ import msgspec
 
 from harness import catalog, drafts, given_files, present, store, typos, workflows
 from harness.commands import ci, firstdraft
-from harness.commands.run import tell
+from harness.commands.console import tell
 from harness.drafts import Draft, Project
 from harness.errors import BadInput, CouldNotTell
 from harness.inputfiles import project

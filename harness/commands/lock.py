@@ -10,8 +10,8 @@ import msgspec
 
 from harness import catalog, given_files, resolving, scheduler, store, typos
 from harness.commands import progress, reporting
-from harness.commands.choosing import JOBS, jobs
-from harness.commands.run import selected, tell
+from harness.commands.console import tell
+from harness.commands.select_cells import JOBS, jobs, selected
 from harness.judging.assess import assess
 from harness.model import CellRecord, Phase, Verdict
 from harness.reporttypes import UNTOLD

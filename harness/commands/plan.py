@@ -7,7 +7,8 @@ import argparse
 import msgspec
 
 from harness import catalog, typos
-from harness.commands.run import choose, tell
+from harness.commands.console import tell
+from harness.commands.select_cells import choose
 from harness.model import Cell, Plan
 from harness.reporttypes import number
 from harness.standalone.output import print_json

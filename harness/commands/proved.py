@@ -10,7 +10,7 @@ import msgspec
 
 from harness import interpreters, plan, store
 from harness.commands import progress, reporting
-from harness.commands.combination import REUSED_FOR_HOURS
+from harness.commands.ad_hoc_cell import REUSED_FOR_HOURS
 from harness.errors import CouldNotTell
 from harness.model import Cell, Verdict
 from harness.reporttypes import UNTOLD, word

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from harness import catalog, cellid, scheduler, store
-from harness.commands import cells, combination, progress, reporting
+from harness.commands import ad_hoc_cell, find_cell, progress, reporting
 from harness.errors import BadInput
 from harness.model import Cell, CellRecord
 from harness.rootcause import every as repairs
@@ -37,7 +37,7 @@ RUNS, MINUTES = 40, 15.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `repair`."""
-    combination.add_arguments(parser)
+    ad_hoc_cell.add_arguments(parser)
     add_bounds(parser)
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
     parser.add_argument("--out", type=Path, metavar="DIR", help="where lock and proof go [.harness/repairs/CELL]")
@@ -64,7 +64,7 @@ def main(args: argparse.Namespace) -> int:
         message = "repair: name a cell, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'"
         raise BadInput(message)
     named = _names_cell(args)
-    given = None if named else combination.read(args)
+    given = None if named else ad_hoc_cell.read(args)
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
@@ -72,10 +72,10 @@ def main(args: argparse.Namespace) -> int:
     bounds = Bounds(runs=args.runs, minutes=args.minutes)
     with progress.Progress(0, 1, reporting.headline) as board:
         if given is None:
-            base = cells.named("repair", args.requirements[0], opened, offline=args.offline)[1]
+            base = find_cell.named("repair", args.requirements[0], opened, offline=args.offline)[1]
         else:
             runner = scheduler.Runner(opened, settings, board)
-            (base,) = combination.planned(args, given, opened, runner).cells
+            (base,) = ad_hoc_cell.planned(args, given, opened, runner).cells
         made, repaired = repair(base, opened, settings, bounds, board, command=_typed(base))
     made = write(made, repaired, opened, args.out or _folder(opened, base))
     if args.json:

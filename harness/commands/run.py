@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import catalog, cellid, knowledge, proving, scheduler, store, tables, typos
-from harness.commands import choosing, progress, reporting
+from harness import catalog, knowledge, proving, scheduler, store, tables, typos
+from harness.commands import progress, reporting, select_cells
+from harness.commands.console import tell
+from harness.commands.select_cells import VERIFYING
 from harness.errors import BadInput
 from harness.judging.assess import assess
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
@@ -22,17 +23,14 @@ if TYPE_CHECKING:
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 
 
-VERIFYING = "one process per check, failures confirmed, environments checked file by file"
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `run`."""
     parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
-    parser.add_argument("-j", "--jobs", type=choosing.jobs, default=scheduler.default_jobs(), metavar="N",
-                        help=choosing.JOBS)  # fmt: skip
+    parser.add_argument("-j", "--jobs", type=select_cells.jobs, default=scheduler.default_jobs(), metavar="N",
+                        help=select_cells.JOBS)  # fmt: skip
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco-3*'")
     parser.add_argument(
-        "--shard", type=choosing.shard, metavar="I/N", help="only this one of N parts of about equal time"
+        "--shard", type=select_cells.shard, metavar="I/N", help="only this one of N parts of about equal time"
     )
     parser.add_argument("--durations", type=Path, metavar="FILE", action="append", default=[],
                         help="a report.json whose seconds balance the shards [the committed report's]")  # fmt: skip
@@ -65,7 +63,7 @@ UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHAS
 
 def main(args: argparse.Namespace) -> int:
     """Run the matrices; the exit code is that of the contract."""
-    layer = choosing.fetched_folder(args.fetched) if args.fetched else None
+    layer = select_cells.fetched_folder(args.fetched) if args.fetched else None
     settings = scheduler.Settings(
         jobs=args.jobs,
         until=Phase(args.until),
@@ -80,8 +78,8 @@ def main(args: argparse.Namespace) -> int:
         message = f"{option}: what a remedy installs is not in a folder of `fetch`; run it with the network"
         raise BadInput(message)
     planned = [catalog.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
-    check_distinct(planned)
-    cells = selected([cell for plan in planned for cell in plan.cells], args.k)
+    select_cells.check_distinct(planned)
+    cells = select_cells.selected([cell for plan in planned for cell in plan.cells], args.k)
     if layer is None:
         typos.check_cells(cells, tell, offline=settings.offline)
     tables.check_pivot(args.pivot, [plan.axes for plan in planned])
@@ -137,14 +135,14 @@ def _chosen(
     args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: Fetched | None
 ) -> tuple[Cell, ...]:
     """The cells to be worked on; a shard may be empty, and nothing may have failed."""
-    cells = selected([cell for plan in plans for cell in plan.cells], args.k)
+    cells = select_cells.selected([cell for plan in plans for cell in plan.cells], args.k)
     if args.shard:
         seconds = layer.seconds() if layer else _committed(args.matrices, plans)
-        seconds |= choosing.durations(args.durations)
-        whole, cells = len(cells), choosing.of_shard(cells, args.shard, seconds)
+        seconds |= select_cells.durations(args.durations)
+        whole, cells = len(cells), select_cells.of_shard(cells, args.shard, seconds)
         tell(f"shard {args.shard}: {len(cells)} of {number(whole, 'cell')}")
     if args.only_failed:
-        cells = choosing.failed(cells, opened)
+        cells = select_cells.failed(cells, opened)
         if not cells:
             tell("nothing failed: no cell was inconclusive or unexpected when it was last run")
     return cells
@@ -153,40 +151,7 @@ def _chosen(
 def _committed(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:
     """Seconds of cells in the reports that are committed for these matrices."""
     files = (
-        choosing.committed_report(catalog.locate(name), plan.matrix) for name, plan in zip(names, plans, strict=True)
+        select_cells.committed_report(catalog.locate(name), plan.matrix)
+        for name, plan in zip(names, plans, strict=True)
     )
-    return choosing.durations(file for file in files if file)
-
-
-def tell(text: str) -> None:
-    """Something for the user to know, never on stdout."""
-    print(text, file=sys.stderr)
-
-
-def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
-    """The cells whose id, or label, a glob matches; an empty selection is bad input."""
-    if pattern is None:
-        return tuple(cells)
-    found = tuple(cell for cell in cells if cellid.fits(pattern, cell))
-    if not found:
-        example = f"; one of them is {cells[0].id}" if cells else ""
-        message = f"-k {pattern}: none of the {len(cells)} cells matches{example}"
-        raise BadInput(message)
-    return found
-
-
-def selected(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
-    """The cells chosen to be worked on, one at least."""
-    if not cells:
-        message = "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
-        raise BadInput(message)
-    return choose(cells, pattern)
-
-
-def check_distinct(plans: Sequence[Plan]) -> None:
-    """Refuse two matrices of one name: their cells and reports could not be told apart."""
-    names = [plan.matrix for plan in plans]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice:
-        message = f"two of the matrices are called {twice}, and so are their cells; name one of them, or rename one"
-        raise BadInput(message)
+    return select_cells.durations(file for file in files if file)

@@ -6,8 +6,8 @@ import argparse
 
 from harness import document, knowledge, machine, scheduler, store
 from harness.answering import answer
-from harness.commands import combination, progress, reporting
-from harness.commands.run import VERIFYING
+from harness.commands import ad_hoc_cell, progress, reporting
+from harness.commands.select_cells import VERIFYING
 from harness.errors import BadInput
 from harness.exercised import unregistered
 from harness.judging.assess import assess
@@ -19,7 +19,7 @@ HELP = "Try one combination of requirements: lock, install, and run environments
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `try`."""
-    combination.add_arguments(parser)
+    ad_hoc_cell.add_arguments(parser)
     parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
     parser.add_argument("--verify", action="store_true", help=VERIFYING)
@@ -28,11 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Try it; 0 only for `works`, 1 where it does not, 3 where it cannot be told here."""
-    given = combination.read(args)
+    given = ad_hoc_cell.read(args)
     opened = store.open_store()
     settings = scheduler.Settings(fresh=args.fresh, offline=args.offline, verify=args.verify)
     with progress.Progress(1, 1, reporting.headline) as board:
-        planned = combination.planned(args, given, opened, scheduler.Runner(opened, settings, board))
+        planned = ad_hoc_cell.planned(args, given, opened, scheduler.Runner(opened, settings, board))
         (record,) = scheduler.run(planned.cells, opened, settings, board)
     wrong = unregistered(record)
     if wrong:

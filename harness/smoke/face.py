@@ -18,7 +18,7 @@ from harness.errors import HarnessError
 from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Phase
 from harness.scheduler import Runner
-from harness.smoke import frozen, junit, plugin
+from harness.smoke import PLUGIN, SUITE, frozen, junit
 from harness.smoke import items as tree
 from harness.smoke.measuring import Measuring, Quiet
 
@@ -70,7 +70,7 @@ class Face:
         chosen = {given: known[name] + sign + rest for given, (name, sign, rest) in named.items() if name in known}
         self.chosen = tuple(chosen.values())
         if self.chosen:
-            files = [given for given in self.config.args if given not in {*chosen, plugin.SUITE}]
+            files = [given for given in self.config.args if given not in {*chosen, SUITE}]
             self.config.args[:] = [*files, str(FOLDER)]
 
     @pytest.hookimpl(optionalhook=True)
@@ -204,4 +204,4 @@ def _within(nodeid: str, chosen: tuple[str, ...]) -> bool:
 def _ours(metafunc: pytest.Metafunc, name: str) -> bool:
     """Whether a fixture that a function asks for is ours, and not one of the user's by the same name."""
     found = metafunc._arg2fixturedefs.get(name, ())  # pytest has no other way to ask
-    return bool(found) and found[-1].func.__module__ == plugin.__name__
+    return bool(found) and found[-1].func.__module__ == PLUGIN

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from harness import catalog
-from harness.commands import run
+from harness.commands import select_cells
 from harness.model import CASE_PHASES, Cell, Phase, Plan
 from harness.scheduler import Settings
 from harness.store import Store, open_store
@@ -54,8 +54,8 @@ def freeze(
     What is only `listed` is planned from files alone.
     """
     planned = [catalog.load(name, say, offline=offline or listed) for name in matrices]
-    run.check_distinct(planned)
-    run.selected([cell for plan in planned for cell in plan.cells], None)
+    select_cells.check_distinct(planned)
+    select_cells.selected([cell for plan in planned for cell in plan.cells], None)
     store = open_store()
     plans = tuple(plan if listed else catalog.dated(plan, store, offline=offline) for plan in planned)
     return Frozen(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-SUITE = "harness.smoke"
+from harness.smoke import SUITE
+
 NEEDED = "needs a matrix: pytest --matrix NAME (a matrix file, or the name of a built-in one)"
 
 

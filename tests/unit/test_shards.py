@@ -10,7 +10,7 @@ import pytest
 from builders import asking
 
 from harness import document, shards
-from harness.commands import choosing
+from harness.commands import select_cells
 from harness.errors import BadInput
 from harness.model import Cell
 
@@ -132,7 +132,7 @@ def test_the_committed_report_lies_beside_the_matrices(tmp_path: Path) -> None:
         (tmp_path / folder / "report.json").touch()
 
     def found(matrix: str, name: str) -> str | None:
-        report = choosing.committed_report(tmp_path / matrix, name)
+        report = select_cells.committed_report(tmp_path / matrix, name)
         return report.relative_to(tmp_path).as_posix() if report else None
 
     assert found("matrices/one.toml", "one") == "reports/one/report.json"
@@ -144,5 +144,5 @@ def test_the_committed_report_lies_beside_the_matrices(tmp_path: Path) -> None:
 def test_a_report_that_is_not_there(tmp_path: Path) -> None:
     """`--durations` names a file that has to exist."""
     with pytest.raises(BadInput) as error:
-        choosing.durations([tmp_path / "nothing.json"])
+        select_cells.durations([tmp_path / "nothing.json"])
     assert str(error.value) == f"--durations {tmp_path}/nothing.json: cannot be read: No such file or directory"

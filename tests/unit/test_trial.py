@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from harness import plan
-from harness.commands.combination import models
+from harness.commands.ad_hoc_cell import models
 from harness.errors import BadInput
 from harness.model import Case, Question
 from harness.plan.speaking import declared

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from harness import catalog, cellid, machine, plan, typos
-from harness.commands.run import tell
+from harness.commands.console import tell
 from harness.errors import BadInput
 from harness.model import Cell, Plan
 from harness.schema import suggestion

@@ -1,4 +1,4 @@
-"""Which cells a run is about: of a shard, or those that failed the last time."""
+"""Select the cells that a command works on: by a glob, of a shard, or those that failed the last time."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document, given_files, knowledge, machine, store
+from harness import cellid, document, given_files, knowledge, machine, store
 from harness.commands import reporting
+from harness.errors import BadInput
 from harness.judging.assess import assess
-from harness.model import Cell, Verdict
+from harness.model import Cell, Plan, Verdict
 from harness.scheduler import AUTO
 from harness.store import Store
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from harness import shards
     from harness.fetched import Fetched
 
+VERIFYING = "one process per check, failures confirmed, environments checked file by file"
 JOBS = "cells at a time, or auto: as many as there are cores and memory for [cores]"
 
 
@@ -65,6 +67,35 @@ def durations(files: Iterable[Path]) -> dict[str, float]:
         content = given_files.read_content(file, f"--durations {file}")
         seconds |= shards.recorded(document.read(content, str(file)))
     return seconds
+
+
+def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
+    """The cells whose id, or label, a glob matches; an empty selection is bad input."""
+    if pattern is None:
+        return tuple(cells)
+    found = tuple(cell for cell in cells if cellid.fits(pattern, cell))
+    if not found:
+        example = f"; one of them is {cells[0].id}" if cells else ""
+        message = f"-k {pattern}: none of the {len(cells)} cells matches{example}"
+        raise BadInput(message)
+    return found
+
+
+def selected(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
+    """The cells chosen to be worked on, one at least."""
+    if not cells:
+        message = "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
+        raise BadInput(message)
+    return choose(cells, pattern)
+
+
+def check_distinct(plans: Sequence[Plan]) -> None:
+    """Refuse two matrices of one name: their cells and reports could not be told apart."""
+    names = [plan.matrix for plan in plans]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        message = f"two of the matrices are called {twice}, and so are their cells; name one of them, or rename one"
+        raise BadInput(message)
 
 
 def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, float]) -> tuple[Cell, ...]:

@@ -12,7 +12,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness import catalog, checkouts, given_files, inputs, interpreters, plan, repairs, scheduler, subjects, typos
-from harness.commands.run import tell
+from harness.commands.console import tell
 from harness.errors import BadInput
 from harness.exercised import OWN
 from harness.inputfiles import Inputs
