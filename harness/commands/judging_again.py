@@ -14,6 +14,7 @@ from pathlib import Path
 
 from harness import catalog, document, given_files, knowledge, packs, store
 from harness.commands import reporting
+from harness.commands.console import tell
 from harness.errors import BadInput, CouldNotTell, HarnessError
 from harness.hostile_data import Unreadable
 from harness.judging import case as judging
@@ -122,8 +123,13 @@ def _plans(packed: Iterable[Packed]) -> tuple[Plan, ...]:
 
 def _today(kept: Plan) -> Plan:
     try:
+        catalog.locate(kept.matrix)
+    except HarnessError:  # the matrix is not here
+        return kept
+    try:
         today = catalog.load(kept.matrix, lambda _: None, offline=True)
-    except HarnessError:
+    except HarnessError as error:
+        tell(f"{kept.matrix} is judged as it was planned, not as its matrix is today: {error}")
         return kept
     if today.axes != kept.axes:  # another matrix of this name
         return kept

@@ -12,8 +12,8 @@ from typing import Self
 from harness import interpreters, knowledge, machine, process
 from harness.judging.assess import Assessed, assess
 from harness.judging.identity import Failure
-from harness.model import CASE_PHASES, Cell, CellRecord, Outcome, Phase, Verdict
-from harness.scheduler import Beside, Observer, Runner, Settings
+from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
+from harness.scheduler import Beside, Controlled, Observer, Runner, Settings
 from harness.scheduler.pool import Pool, Unknown
 from harness.store import Store, cache_folder
 
@@ -101,6 +101,7 @@ class Bench:
         self.began = monotonic()
         self._runner = self._made(self.settings)
         self._ahead = ThreadPoolExecutor(1)
+        self._controls: dict[str, ControlRecord] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -115,7 +116,7 @@ class Bench:
     def at_hand(self, cell: Cell) -> Trial | None:
         """What a cell came to where nothing has to be run for it, whatever the bounds; it is not counted."""
         began = monotonic()
-        record = self._runner.known(cell)
+        record = self._controlled(self._runner).known(cell)
         return self._trial(record, began, at_hand=True) if record else None
 
     def measure(self, cell: Cell, *, again: bool = False, keep: bool = False, whole: bool = False) -> Trial:
@@ -126,12 +127,12 @@ class Bench:
         began = monotonic()
         settings = replace(self.settings, until=Phase.SUITE) if whole else self.settings
         runner = self._runner if settings == self.settings else self._made(settings)
-        known = None if again else runner.known(cell)
+        known = None if again else self._controlled(runner).known(cell)
         if known is None:
             self._within()
             runner = self._made(replace(settings, fresh=True)) if again else runner
             self.observer.started(cell)
-            record = runner.measure(cell)
+            record = self._controlled(runner).measure(cell)
             self._note_built(runner)
         else:
             record = known
@@ -148,7 +149,7 @@ class Bench:
             self._ahead.submit(self._prepare, cell)
 
     def _prepare(self, cell: Cell) -> None:
-        if not process.stopped() and self._runner.known(cell) is None:
+        if not process.stopped() and self._controlled(self._runner).known(cell) is None:
             replace(self._runner, observer=Beside(self.observer)).prepare(cell)
 
     def stop_after(self, phase: Phase) -> None:
@@ -188,6 +189,9 @@ class Bench:
 
     def _made(self, settings: Settings) -> Runner:
         return Runner(self.store, settings, Beside(self.observer))
+
+    def _controlled(self, runner: Runner) -> Controlled:
+        return Controlled(runner, self._controls)
 
     def _note_built(self, runner: Runner) -> None:
         made = {one.key for one in runner.environments.values() if not one.reused}

@@ -1,8 +1,19 @@
 """Many cells: each question resolved once, each environment made once, results reused, several cells at a time."""
 
-from harness.scheduler.control import Beside
+from harness.scheduler.control import Beside, Controlled
 from harness.scheduler.flow import run
 from harness.scheduler.runner import Prepared, Runner
 from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 
-__all__ = ["AUTO", "WAITING", "Beside", "Observer", "Prepared", "Runner", "Settings", "default_jobs", "run"]
+__all__ = [
+    "AUTO",
+    "WAITING",
+    "Beside",
+    "Controlled",
+    "Observer",
+    "Prepared",
+    "Runner",
+    "Settings",
+    "default_jobs",
+    "run",
+]

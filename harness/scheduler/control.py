@@ -1,71 +1,90 @@
-"""The controls of adapters in a run: each is run once, when something failed with its adapter."""
+"""Run the control of an adapter once, when something failed with that adapter."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
 
 from harness import controls
+from harness.errors import BadInput
 from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.scheduler import cell_faults
 from harness.scheduler.pool import Unknown
-
-if TYPE_CHECKING:
-    from harness.scheduler.runner import Runner
-    from harness.scheduler.settings import Observer
+from harness.scheduler.runner import Runner
+from harness.scheduler.settings import Observer
 
 
-def due(runner: Runner, record: CellRecord) -> Iterator[Cell]:
-    """The controls that a record turns on and that this run has not asked for yet."""
-    for found in controls.wanted(record).values():
-        if isinstance(found, Cell) and found.id not in runner.controls:
-            yield found
+@dataclass(frozen=True, slots=True)
+class Controlled:
+    """Measure cells with a runner, each record with the controls that it turns on.
 
+    `results` has what came of every control that was asked for, by its id; runners of other settings may share it.
+    """
 
-def controlled(runner: Runner, record: CellRecord, *, quick: bool = False) -> CellRecord:
-    """The record with the controls that it turns on; `quick` raises Unknown where one would have to be run."""
-    wanted = controls.wanted(record)
-    found = {api: _found(runner, control, quick=quick) for api, control in wanted.items()}
-    if found == record.controls:
-        return record
-    runner.unchanged.discard(record.cell.id)
-    return replace(record, controls=found)
+    runner: Runner
+    results: dict[str, ControlRecord] = field(default_factory=dict)
 
+    def measure(self, cell: Cell) -> CellRecord:
+        """Take one cell through its phases; its results are kept, its record is not."""
+        return self.complete(self.runner.measure(cell))  # it may wait for others, and so holds nothing of theirs
 
-def _found(runner: Runner, control: Cell | str, *, quick: bool) -> ControlRecord:
-    if isinstance(control, str):
-        return ControlRecord(control="none", untold=control)
-    return ran(runner, control, quick=quick)
+    def known(self, cell: Cell) -> CellRecord | None:
+        """Return the record of a cell of which everything is known; None where something has to be done."""
+        record = self.runner.known(cell)
+        try:
+            return self.complete(record, quick=True) if record else None
+        except BadInput:
+            raise
+        except Exception:  # Unknown; anything else is met again, and said, where something is done about the cell
+            return None
 
+    def due(self, record: CellRecord) -> Iterator[Cell]:
+        """Yield the controls that a record turns on and that nobody has asked for yet."""
+        for found in controls.wanted(record).values():
+            if isinstance(found, Cell) and found.id not in self.results:
+                yield found
 
-def ran(runner: Runner, control: Cell, *, quick: bool = False) -> ControlRecord:
-    """What a control came to: in this run, as it is stored, or run now."""
-    with runner.once.turn(("control", control.id)):
-        if control.id not in runner.controls:
-            try:
-                runner.controls[control.id] = _ran(runner, control, quick=quick)
-            except Unknown:
-                raise
-            except Exception as error:
-                step = cell_faults.fault(runner, control, Phase.RESOLVE, error)
-                untold = f"the {_name(control)} could not be run: {step.decisive}"
-                runner.controls[control.id] = ControlRecord(control=_name(control), untold=untold)
-    return runner.controls[control.id]
+    def complete(self, record: CellRecord, *, quick: bool = False) -> CellRecord:
+        """Return a record with the controls that it turns on; `quick` raises Unknown where one had to be run."""
+        wanted = controls.wanted(record)
+        found = {api: self._result(control, quick=quick) for api, control in wanted.items()}
+        if found == record.controls:
+            return record
+        self.runner.unchanged.discard(record.cell.id)
+        return replace(record, controls=found)
 
+    def _result(self, control: Cell | str, *, quick: bool) -> ControlRecord:
+        if isinstance(control, str):
+            return ControlRecord(control="none", untold=control)
+        return self.run(control, quick=quick)
 
-def _ran(runner: Runner, control: Cell, *, quick: bool) -> ControlRecord:
-    beside = replace(runner, settings=replace(runner.settings, until=Phase.SUITE), observer=Beside(runner.observer))
-    record = beside.known(control)
-    if record is None:
-        if quick:
-            raise Unknown
-        case = control.cases[0]
-        runner.observer.say(f"a {case.api} task failed; to rule out this machine, the {_name(control)} is run, too")
-        record = beside.measure(control)
-    beside.keep(record)
-    text = (runner.store.folder / record.lock).read_text(encoding="utf-8") if record.lock else None
-    return controls.said(record, text)
+    def run(self, control: Cell, *, quick: bool = False) -> ControlRecord:
+        """Return what a control came to: in this run, as it is stored, or run now."""
+        with self.runner.once.turn(("control", control.id)):
+            if control.id not in self.results:
+                try:
+                    self.results[control.id] = self._run(control, quick=quick)
+                except Unknown:
+                    raise
+                except Exception as error:
+                    step = cell_faults.fault(self.runner, control, Phase.RESOLVE, error)
+                    untold = f"the {_name(control)} could not be run: {step.decisive}"
+                    self.results[control.id] = ControlRecord(control=_name(control), untold=untold)
+        return self.results[control.id]
+
+    def _run(self, control: Cell, *, quick: bool) -> ControlRecord:
+        runner = self.runner
+        beside = replace(runner, settings=replace(runner.settings, until=Phase.SUITE), observer=Beside(runner.observer))
+        record = beside.known(control)
+        if record is None:
+            if quick:
+                raise Unknown
+            case = control.cases[0]
+            runner.observer.say(f"a {case.api} task failed; to rule out this machine, the {_name(control)} is run, too")
+            record = beside.measure(control)
+        beside.keep(record)
+        text = (runner.store.folder / record.lock).read_text(encoding="utf-8") if record.lock else None
+        return controls.said(record, text)
 
 
 def _name(control: Cell) -> str:

@@ -26,7 +26,8 @@ from harness import controls, machine, process
 from harness.filelocks import Claim, claim
 from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.probes.vault import Vault
-from harness.scheduler import cell_faults, control
+from harness.scheduler import cell_faults
+from harness.scheduler.control import Controlled
 from harness.scheduler.past import Past
 from harness.scheduler.records import stopped
 from harness.scheduler.room import Room
@@ -84,7 +85,7 @@ class Flow:
     """The cells on their way, seen and changed by one thread only."""
 
     def __init__(self, runner: Runner) -> None:
-        self.runner = runner
+        self.runner, self.controlled = runner, Controlled(runner)
         self.records: dict[str, CellRecord] = {}
         settings = runner.settings
         memory = settings.reading if settings.jobs == AUTO else None
@@ -103,7 +104,7 @@ class Flow:
 
     def told(self, cell: Cell) -> bool:
         """Keep the record of a cell, if all of it is known."""
-        record = self.runner.known(cell)
+        record = self.controlled.known(cell)
         if record:
             self._keep(record)
         return record is not None
@@ -192,18 +193,18 @@ class Flow:
     def _finish(self, record: CellRecord) -> None:
         """Keep a record, once the controls that it turns on were run."""
         try:
-            due = next(control.due(self.runner, record), None)
-            controlled = control.controlled(self.runner, record) if due is None else record
+            due = next(self.controlled.due(record), None)
+            complete = self.controlled.complete(record) if due is None else record
         except Exception as error:
             self._fault(record, error)
             return
         if due is None:
-            self._keep(controlled)
+            self._keep(complete)
         elif due.id in self.held:
             self.held[due.id].append(record)
         else:
             self.held[due.id] = [record]
-            self.controlling[self.third.submit(control.ran, self.runner, due)] = due.id
+            self.controlling[self.third.submit(self.controlled.run, due)] = due.id
 
     def _fault(self, record: CellRecord, error: Exception) -> None:
         """Keep the record of a cell that met an exception which nobody foresaw."""

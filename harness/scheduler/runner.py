@@ -16,7 +16,6 @@ from harness.model import (
     CaseRecord,
     Cell,
     CellRecord,
-    ControlRecord,
     Finding,
     Interpreter,
     Lock,
@@ -29,7 +28,7 @@ from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
-from harness.scheduler import cell_faults, control, ways
+from harness.scheduler import cell_faults, ways
 from harness.scheduler.brought import Luggage, missing
 from harness.scheduler.lasting import lasts
 from harness.scheduler.once import Once
@@ -68,8 +67,7 @@ class Prepared:
 class Runner:
     """Takes cells through their phases; what several of them need is done once.
 
-    Any thread may call it. `measured` has the probe runs of this process by their keys, `controls` what came of every
-    control asked for.
+    Any thread may call it. `measured` has the probe runs of this process by their keys. Controls are no matter of it.
     """
 
     store: Store
@@ -85,7 +83,6 @@ class Runner:
     places: Mapping[str, str] = field(default_factory=uvcli.places)
     pythons: dict[str, Interpreter] = field(default_factory=dict)
     unchanged: set[str] = field(default_factory=set)
-    controls: dict[str, ControlRecord] = field(default_factory=dict)
     luggage: Luggage = field(init=False)
 
     def __post_init__(self) -> None:
@@ -96,11 +93,10 @@ class Runner:
         ready = self.prepare(cell)
         held = claim([self.store.claim_file(key) for key in ready.claims], wait=True)
         try:
-            record = self.probe(ready)
+            return self.probe(ready)
         finally:
             if held:
                 held.release()
-        return control.controlled(self, record)  # it may wait for others, and so holds nothing that they wait for
 
     def keep(self, record: CellRecord) -> None:
         """Store the record of a cell, unless it tells less of the same than the one that is there."""
@@ -112,7 +108,7 @@ class Runner:
         """The record of a cell of which everything is known; None where something has to be done."""
         try:
             ready = self._prepared(cell, quick=True)
-            return control.controlled(self, ready.record if ready.told else finished(ready.record), quick=True)
+            return ready.record if ready.told else finished(ready.record)
         except BadInput:
             raise
         except Exception:  # Unknown; anything else is met again, and said, where something is done about the cell

@@ -8,9 +8,9 @@ from itertools import chain
 
 from harness import interpreters
 from harness.judging.check import phase_of
-from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase
+from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
 from harness.probes import launch
-from harness.scheduler import Runner, ways
+from harness.scheduler import Controlled, Runner, ways
 from harness.smoke import judging
 from harness.smoke.frozen import Frozen
 from harness.store import Store, question_key
@@ -75,6 +75,7 @@ class Measuring:
         self._runner = Runner(self.store, frozen.settings(), Quiet())
         self._takes_locks = worker and frozen.fresh
         self._records: dict[tuple[str, str], CellRecord] = {}
+        self._controls: dict[str, ControlRecord] = {}
 
     def steps(self, cell: Cell) -> CellRecord:
         """Resolve and, unless nothing but that is wanted, install."""
@@ -103,7 +104,7 @@ class Measuring:
         if not any(ways.due(part) or part.supplied != record.supplied for part in cases):
             return record
         # One set of settings has to draw all cases of a cell: what each drew with alone is stored, and looked up here.
-        drawn = self._bound(cell, Phase.SUITE if suite else CASE_PHASES[-1]).measure(cell)
+        drawn = self._controlled(cell, Phase.SUITE if suite else CASE_PHASES[-1]).measure(cell)
         return replace(record, cases=drawn.cases, supplied=drawn.supplied, findings=drawn.findings)
 
     def shown(self, cell: Cell, case: Case) -> frozenset[Phase]:
@@ -122,7 +123,7 @@ class Measuring:
 
     def _measured(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
         if (cell.id, name) not in self._records:
-            record = self._bound(cell, until).measure(part)
+            record = self._controlled(cell, until).measure(part)
             self._records[cell.id, name] = record
             self.credit += self._shown_seconds(cell, name, record)
         return self._records[cell.id, name]
@@ -133,6 +134,9 @@ class Measuring:
         own = {ITSELF: STEPS, SUITE: {Phase.SUITE}}.get(name, frozenset(CASE_PHASES))
         shown = own & self.selection.phases(cell, ITSELF if name == SUITE else name)
         return sum(told[at].seconds for at in shown if at in told)
+
+    def _controlled(self, cell: Cell, until: Phase) -> Controlled:
+        return Controlled(self._bound(cell, until), self._controls)
 
     def _bound(self, cell: Cell, until: Phase) -> Runner:
         """The runner that goes as far as this; they know what the others did."""

@@ -21,7 +21,7 @@ from harness import catalog, interpreters, resolving, store
 from harness.judging import words
 from harness.model import Cell, CellRecord, Level, Outcome, Phase
 from harness.probes import launch
-from harness.scheduler import Runner, Settings
+from harness.scheduler import Controlled, Runner, Settings
 from harness.smoke.tried import CellUnderTest
 from harness.vocabulary import APIS, MISLEADING
 
@@ -37,13 +37,13 @@ def name(release: dict[str, Any]) -> str:
 
 
 @pytest.fixture(scope="module")
-def runner(tmp_path_factory: pytest.TempPathFactory) -> Runner:
+def runner(tmp_path_factory: pytest.TempPathFactory) -> Controlled:
     """Takes cells through their phases, in a state and a cache of these tests alone."""
     folder = tmp_path_factory.mktemp("adapters")
     patch = pytest.MonkeyPatch()
     patch.setenv("HARNESS_STATE", str(folder / "state"))
     patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
-    yield Runner(store.open_store(), Settings(), resolving.Unobserved())
+    yield Controlled(Runner(store.open_store(), Settings(), resolving.Unobserved()))
     patch.undo()
 
 
@@ -88,7 +88,7 @@ def toml(value: Any) -> str:
 
 
 @pytest.mark.parametrize("release", RELEASES, ids=name)
-def test_a_release_is_driven_as_a_user_drives_it(release: dict[str, Any], runner: Runner, tmp_path: Path) -> None:
+def test_a_release_is_driven_as_a_user_drives_it(release: dict[str, Any], runner: Controlled, tmp_path: Path) -> None:
     """Every check passes without a finding but those that are known, and each value is that of a loop by hand."""
     asked = cell(release, tmp_path)
     record = runner.measure(asked)
@@ -140,9 +140,9 @@ def told_of(code: str, data: dict[str, Any]) -> str:
     return words.in_words(plain) or code
 
 
-def witnessed(runner: Runner, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
+def witnessed(runner: Controlled, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
     """What the adapter and the loop by hand give, told from inside the cell."""
-    installing = replace(runner, settings=Settings(until=Phase.INSTALL))
+    installing = replace(runner.runner, settings=Settings(until=Phase.INSTALL))
     ready = installing.prepare(replace(asked, cases=()))
     assert ready.site
     inside = CellUnderTest(

@@ -13,7 +13,7 @@ from test_adapters import RELEASES, cell, name, runner  # noqa: F401 - a fixture
 
 from harness.model import Phase
 from harness.probes import launch
-from harness.scheduler import Runner, Settings
+from harness.scheduler import Controlled, Settings
 from harness.smoke.tried import CellUnderTest
 
 HEIGHT, FALLEN = 1.0, 9.81 * 0.002**2 * 50 * 51 / 2
@@ -39,11 +39,11 @@ print("HEIGHT", float(seen[ASKED["key"]].reshape(-1)[ASKED["place"]]))
 
 
 @pytest.mark.parametrize("release", [one for one in RELEASES if one["api"] in PLACES], ids=name)
-def test_a_sphere_falls_as_it_must(release: dict[str, Any], runner: Runner, tmp_path: Path) -> None:  # noqa: F811
+def test_a_sphere_falls_as_it_must(release: dict[str, Any], runner: Controlled, tmp_path: Path) -> None:  # noqa: F811
     """After 50 steps of 2 ms it is at 0.949969 m."""
     api = release["api"]
     asked = cell({**release, "env": f"{api}:sphere"}, tmp_path)
-    ready = replace(runner, settings=Settings(until=Phase.INSTALL)).prepare(replace(asked, cases=()))
+    ready = replace(runner.runner, settings=Settings(until=Phase.INSTALL)).prepare(replace(asked, cases=()))
     assert ready.site
     inside = CellUnderTest(
         id=asked.id, axes={}, version="", installed=ready.record.installed or {}, expect=None, site=ready.site

@@ -20,6 +20,9 @@ MATRICES = REPORTS.parent / "matrices"
 UNAVAILABLE = {"interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2}
 """How many cells of a report this project's machines lack something for: a CPU torch, an archive, a GPU."""
 
+INCONCLUSIVE = {"masks": 21}
+"""How many cells say nothing of packages, as they are meant to: workers that somebody kills by SIGKILL."""
+
 PENDING = {
     "breakages", "gymnasium-mujoco", "kitchen",
     "robosuite", "robosuite-egl", "torchrl",
@@ -92,10 +95,11 @@ class TestCommittedReport:
         """No red cell without an expectation, no expectation out of date."""
         whole = read(folder)
 
-        told = [cell for cell in whole.cells if cell.verdict is not Verdict.UNAVAILABLE]
+        told = [cell for cell in whole.cells if cell.verdict not in {Verdict.UNAVAILABLE, Verdict.INCONCLUSIVE}]
         proofs = {cell.id for cell in told if cell.base and cell.as_expected is None and cell.verdict is Verdict.WORKS}
         assert [cell.id for cell in told if cell.as_expected is not True and cell.id not in proofs] == []
-        assert len(told) >= len(whole.cells) - UNAVAILABLE.get(folder.name, 0)
+        untold = UNAVAILABLE.get(folder.name, 0) + INCONCLUSIVE.get(folder.name, 0)
+        assert len(told) >= len(whole.cells) - untold
         assert whole.stale == ()
 
     def test_page_in_words_is_made_from_the_document(self, folder: Path) -> None:

@@ -135,17 +135,28 @@ def test_a_crash_is_judged_anew_by_a_later_reading(
     assert main(["report", "--judge-again", str(folder)]) == 0
 
 
-def test_titles_come_from_the_matrix(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A report is brought to what its matrix says today, and it is said that no cell is altered."""
-    report, matrices = tmp_path / "quickstart", tmp_path / "matrices"
-    shutil.copytree(ROOT / "reports/quickstart", report)
-    shutil.copytree(ROOT / "matrices", matrices)
-    file = matrices / "quickstart.toml"
-    file.write_text('title = "As of today"\n' + file.read_text())
+@pytest.fixture
+def quickstart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the matrix `quickstart`, beside copies of its report and of all other matrices."""
+    shutil.copytree(ROOT / "reports/quickstart", tmp_path / "quickstart")
+    shutil.copytree(ROOT / "matrices", tmp_path / "matrices")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(catalog, "PACKAGE", tmp_path)
+    return tmp_path / "matrices/quickstart.toml"
+
+
+def test_a_matrix_that_cannot_be_read_is_named(quickstart: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Then the report is judged by what was planned when it was measured."""
+    quickstart.write_text("nonsense = 1\n" + quickstart.read_text())
+
+    assert main(["report", "--judge-again", "quickstart"]) == 0
+    assert "quickstart is judged as it was planned, not as its matrix is today: " in capsys.readouterr().err
+
+
+def test_titles_come_from_the_matrix(quickstart: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A report is brought to what its matrix says today, and it is said that no cell is altered."""
+    quickstart.write_text('title = "As of today"\n' + quickstart.read_text())
+    report = Path("quickstart")
 
     assert main(["report", "--judge-again", "--write", "quickstart"]) == 0
     assert capsys.readouterr().out == "quickstart: titles, tables or words, and no cell\n"
