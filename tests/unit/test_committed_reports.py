@@ -21,7 +21,7 @@ UNAVAILABLE = {"interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2}
 """How many cells of a report this project's machines lack something for: a CPU torch, an archive, a GPU."""
 
 PENDING = {
-    "breakages", "gymnasium-mujoco", "kitchen",
+    "breakages", "kitchen",
     "robosuite", "robosuite-egl", "torchrl",
 }  # fmt: skip
 """Reports that were measured before evidence was kept, and have no pack yet: each goes when it is measured again."""
