@@ -24,7 +24,7 @@ INCONCLUSIVE = {"masks": 21}
 """How many cells say nothing of packages, as they are meant to: workers that somebody kills by SIGKILL."""
 
 PENDING = {
-    "breakages", "gymnasium-mujoco", "kitchen",
+    "breakages", "kitchen",
     "robosuite", "robosuite-egl", "torchrl",
 }  # fmt: skip
 """Reports that were measured before evidence was kept, and have no pack yet: each goes when it is measured again."""
