@@ -16,12 +16,12 @@ from harness import cellrun, interpreters, machine, wire
 from harness.judging.fold import Folded, after
 from harness.judging.todo import todo
 from harness.model import Artifact, Cell, CellRecord, Interpreter, Lock, Pin, Question
+from harness.model.vocabulary import APIS
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun, Request
 from harness.probes.vault import kept
 from harness.scheduler import Observer, Runner, Settings
 from harness.scheduler.pool import Pool
 from harness.store import Installed, Store, digest, question_key
-from harness.vocabulary import APIS
 
 PER_LOCK = 5
 """Cells that share a question: they differ in a variable."""

@@ -25,8 +25,8 @@ from uv import find_uv_bin
 
 from harness import wire
 from harness.model import Case
+from harness.model.vocabulary import CHECKS, STANDARD
 from harness.probes import launch
-from harness.vocabulary import CHECKS, STANDARD
 
 HERE = Path(__file__).parent
 ASKED = tuple(check for check in CHECKS if check in STANDARD)

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import harness
-from harness.errors import BadInput, CouldNotTell, HarnessError, in_the_way
+from harness.model.errors import BadInput, CouldNotTell, HarnessError, in_the_way
 from harness.standalone import output
 
 GROUPS = {

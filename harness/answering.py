@@ -10,10 +10,10 @@ from harness.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, la
 from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
-from harness.reporttypes import word
+from harness.model.report_types import word
+from harness.model.vocabulary import FAMILY, SELF, required_name
 from harness.signatures import Signature
 from harness.standalone.silent import PREFIX
-from harness.vocabulary import FAMILY, SELF, required_name
 
 MOST_NAMES = 8
 MOST_IDS = 3

@@ -9,7 +9,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
 
 from harness import process
-from harness.errors import CouldNotTell
+from harness.model.errors import CouldNotTell
 
 if TYPE_CHECKING:
     import requests

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness import checkouts
-from harness.errors import BadInput
 from harness.filelocks import exclusive, use
 from harness.model import Bring, Brought
+from harness.model.errors import BadInput
 from harness.store import cache_folder, digest
 
 WHOLE = "copied"

@@ -21,11 +21,11 @@ from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel
 from packaging.version import Version
 
 from harness import guarded_files, index, locks, machine, normalise, process, sdists, uv, uvcli
-from harness.errors import BadInput, CouldNotTell
 from harness.filelocks import exclusive, use
-from harness.hostile_data import Unreadable, understanding
 from harness.judging.check import SHOT, machine_trouble
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
+from harness.model.errors import BadInput, CouldNotTell
+from harness.model.hostile_data import Unreadable, understanding
 from harness.scratch_folders import removed
 from harness.store import cache_folder, digest, open_store, own_folders, write_atomic
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from harness import process
 from harness.guarded_files import read
-from harness.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.scratch_folders import removed, scratch_folder
 from harness.store import own_folders, write_atomic
 

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 from harness.judging.words import wording
 from harness.model import Outcome
-from harness.reporttypes import CaseEntry, CellEntry
+from harness.model.report_types import CaseEntry, CellEntry
 
 CASE = re.compile(r"c(\d+)g(\d+)-(tensor|cpu)")
 CHECK = "render.rgb_array"

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from harness import expansion, given_files, knowledge, matrixfile, plan, remedies, repairs
-from harness.errors import BadInput, CouldNotTell
 from harness.matrix import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
-from harness.schema import suggestion
+from harness.model.errors import BadInput, CouldNotTell
+from harness.model.schema import suggestion
 from harness.store import Store, now, write_atomic
 
 if TYPE_CHECKING:

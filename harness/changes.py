@@ -8,13 +8,13 @@ from typing import Any
 
 import msgspec
 
-from harness import cellid, entry_failures, repairs
+from harness import entry_failures, repairs
 from harness.judging.expectation import fulfilled
-from harness.model import FAILING, Cell, Change, Phase, Question, Repair
-from harness.reporttypes import UNTOLD, CellEntry, DiagnosisEntry
+from harness.model import FAILING, Cell, Change, Phase, Question, Repair, cellid
+from harness.model.report_types import UNTOLD, CellEntry, DiagnosisEntry
+from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone import remedies
 from harness.tabletypes import Effect
-from harness.vocabulary import parsed_requirement, required_name
 
 NEVER = "python_version < '0'"
 """The marker of an override that takes a package out, whoever asks for it."""

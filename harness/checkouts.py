@@ -15,8 +15,8 @@ from pathlib import Path
 from urllib.parse import parse_qs, urldefrag, urlsplit
 
 from harness import process, uvcli
-from harness.errors import BadInput, CouldNotTell
 from harness.filelocks import exclusive, use
+from harness.model.errors import BadInput, CouldNotTell
 from harness.store import cache_folder, digest
 
 REPOSITORY = "git+"

@@ -17,8 +17,7 @@ from typing import Annotated, Any
 from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
-from harness import given_files, locks, schema
-from harness.errors import BadInput
+from harness import given_files, locks
 from harness.exercised import unregistered
 from harness.judging.assess import assess
 from harness.matrix import Table
@@ -33,8 +32,19 @@ from harness.model import (
     PhaseRecord,
     Question,
     Verdict,
+    schema,
 )
-from harness.vocabulary import Api, CheckName, Instant, Label, Requirement, checks_of, parsed_requirement, required_name
+from harness.model.errors import BadInput
+from harness.model.vocabulary import (
+    Api,
+    CheckName,
+    Instant,
+    Label,
+    Requirement,
+    checks_of,
+    parsed_requirement,
+    required_name,
+)
 
 MATRIX = "controls"
 """What stands for a matrix in the ids of their cells."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from harness import guarded_files
-from harness.hostile_data import Unreadable
+from harness.model.hostile_data import Unreadable
 from harness.store import cache_folder, write_atomic
 
 VARIABLES = (

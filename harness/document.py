@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from harness import cellid, changes, schema
-from harness.errors import BadInput
+from harness import changes
 from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
-from harness.model import Cell, CellRecord, IndexSettings, Outcome, Phase, Plan, Repair, Role, Verdict
-from harness.reporttypes import (
+from harness.model import Cell, CellRecord, IndexSettings, Outcome, Phase, Plan, Repair, Role, Verdict, cellid, schema
+from harness.model.errors import BadInput
+from harness.model.report_types import (
     REPAIR,
     BroughtEntry,
     CaseEntry,

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from harness import guarded_files
-from harness.hostile_data import Unreadable
 from harness.machine import PROBE
+from harness.model.hostile_data import Unreadable
 from harness.process import Command, Limits, Profile, run
 from harness.rendering import Device
 from harness.scratch_folders import scratch_folder

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from harness.judging import identity
 from harness.judging.identity import Failure
-from harness.reporttypes import CellEntry, DiagnosisEntry
+from harness.model.report_types import CellEntry, DiagnosisEntry
 from harness.standalone import counting
 from harness.standalone.counting import Fit
 

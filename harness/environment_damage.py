@@ -18,7 +18,7 @@ from pathlib import Path
 from packaging.utils import canonicalize_name
 
 from harness.guarded_files import head, text
-from harness.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, understanding
 
 CONFIG, PYTHON = "pyvenv.cfg", "bin/python"
 MOST_RECORD, MOST_CONFIG = 64 << 20, 1 << 16

@@ -19,8 +19,8 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from harness import builds, downloads, guarded_files, locks, process, sdists, sitepackages, uvcli, uvsays, warming
 from harness.environment_damage import CONFIG, PYTHON, damaged, foundation, replacing
 from harness.filelocks import alone, exclusive, use
-from harness.hostile_data import Unreadable
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
+from harness.model.hostile_data import Unreadable
 from harness.probes.launch import LEADS_ON
 from harness.scratch_folders import removed
 from harness.store import cache_folder, digest, open_store, write_atomic

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from harness.model import FAILING, CaseRecord, CellRecord, CheckRecord, Phase
-from harness.vocabulary import FAMILY, IMPORT_CHECK
+from harness.model.vocabulary import FAMILY, IMPORT_CHECK
 
 MOST_NAMED = 3
 ARGUMENTS = "single.arguments"

@@ -10,8 +10,8 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from harness.matrix import Expansion, Matrix, RangeTable
-from harness.schema import load_json, load_toml, located
-from harness.vocabulary import Instant, PackageName, Rule, version_text
+from harness.model.schema import load_json, load_toml, located
+from harness.model.vocabulary import Instant, PackageName, Rule, version_text
 
 Breaks = Mapping[str, tuple[Version, ...]]
 NO_BREAKS: Breaks = {}

@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness import cellid, changes
+from harness import changes
 from harness.entry_failures import counted
-from harness.model import Verdict
-from harness.reporttypes import CellEntry, word
+from harness.model import Verdict, cellid
+from harness.model.report_types import CellEntry, word
 from harness.standalone.silent import PREFIX, plainly_good
 from harness.tabletypes import Attempt, Cause, Effect, Explanation
 

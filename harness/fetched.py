@@ -20,10 +20,10 @@ from typing import Literal
 
 import msgspec
 
-from harness import builds, cellid, controls, given_files, guarded_files, interpreters, locks, schema
-from harness.errors import BadInput
+from harness import builds, controls, given_files, guarded_files, interpreters, locks
 from harness.filelocks import exclusive
-from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step
+from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step, cellid, schema
+from harness.model.errors import BadInput
 from harness.store import digest, open_store, write_atomic
 
 MANIFEST = "manifest.json"

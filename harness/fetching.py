@@ -18,10 +18,10 @@ from threading import Thread
 import msgspec
 
 from harness import controls, downloads, environments, fetched, index, interpreters, overlays
-from harness.errors import CouldNotTell
 from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
-from harness.reporttypes import number
+from harness.model.errors import CouldNotTell
+from harness.model.report_types import number
 from harness.store import Store, digest, question_key, write_atomic
 
 AT_ONCE = 4

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness import process
-from harness.errors import CouldNotTell
+from harness.model.errors import CouldNotTell
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock

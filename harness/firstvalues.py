@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from harness import interpreters
 from harness.model import Cell, Interpreter, Outcome, Phase
+from harness.model.vocabulary import required_name
 from harness.scheduler import Observer, Runner, Settings
 from harness.store import Store
-from harness.vocabulary import required_name
 
 PYTHON = "python"
 

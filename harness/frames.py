@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 
-from harness.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, understanding
 
 WIDTH = 192
 LARGEST = 64 << 20

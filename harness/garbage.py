@@ -21,7 +21,7 @@ from stat import S_ISDIR
 from time import time
 
 from harness import filelocks, guarded_files, uvcli
-from harness.hostile_data import Unreadable
+from harness.model.hostile_data import Unreadable
 from harness.probes.evidence import folder_of
 from harness.scratch_folders import removed
 from harness.store import MOST_RECORD

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from harness.errors import SHORTAGES, BadInput
+from harness.model.errors import SHORTAGES, BadInput
 from harness.standalone.opening import opened
 from harness.store import write_atomic
 

@@ -10,11 +10,12 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness import cellid, changes, explaining
+from harness import changes, explaining
 from harness.entry_failures import counted
-from harness.reporttypes import REPAIR, SEVERITY, CellEntry, number
+from harness.model import cellid
+from harness.model.report_types import REPAIR, SEVERITY, CellEntry, number
+from harness.model.vocabulary import CHANGING, parsed_requirement
 from harness.tabletypes import Cause, Explanation, Trouble
-from harness.vocabulary import CHANGING, parsed_requirement
 
 NAMED = 2
 """Cells that are named; more are told by the values of their axes."""

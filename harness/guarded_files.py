@@ -16,7 +16,7 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 
-from harness.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, understanding
 
 T = TypeVar("T")
 

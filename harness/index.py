@@ -30,9 +30,9 @@ from packaging.utils import (
 from packaging.version import Version
 
 from harness.answers import MOST_PAGE, Overdue, Watch, in_time
-from harness.errors import BadInput, CouldNotTell
 from harness.indexsettings import NOTHING, UserIndex, combined
 from harness.model import Artifact, IndexSettings
+from harness.model.errors import BadInput, CouldNotTell
 
 if TYPE_CHECKING:
     import requests

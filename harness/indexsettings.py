@@ -15,8 +15,8 @@ from typing import Any
 from urllib.parse import quote, urlsplit
 
 from harness import given_files
-from harness.errors import BadInput
 from harness.model import IndexSettings
+from harness.model.errors import BadInput
 
 ETC = Path("/etc")
 """Where the machine's own settings lie."""

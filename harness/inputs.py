@@ -17,10 +17,11 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import given_files, schema
-from harness.errors import BadInput
+from harness import given_files
 from harness.inputfiles import pip, project, pylock
 from harness.inputfiles.asked import Include, Inputs, Parsed, Source
+from harness.model import schema
+from harness.model.errors import BadInput
 
 FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "uv.lock", "conda-lock.yml"}
 """Formats that people have and that are not read."""

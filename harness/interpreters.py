@@ -20,8 +20,8 @@ import msgspec
 from packaging.version import InvalidVersion, Version
 
 from harness import discovery, guarded_files
-from harness.hostile_data import Unreadable
 from harness.model import Interpreter
+from harness.model.hostile_data import Unreadable
 from harness.process import Command, Limits, Profile, run
 from harness.store import cache_folder, write_atomic
 

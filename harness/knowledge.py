@@ -10,9 +10,9 @@ from functools import cache
 from pathlib import Path
 
 from harness import guarded_files, locks, signatures
-from harness.errors import BadInput
-from harness.hostile_data import Unreadable
 from harness.judging.known_failures import Knowledge
+from harness.model.errors import BadInput
+from harness.model.hostile_data import Unreadable
 from harness.signature_files import VARIABLE, folder
 from harness.signatures import Signature
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from harness.errors import BadInput
-from harness.reporttypes import number
+from harness.model.errors import BadInput
+from harness.model.report_types import number
 from harness.standalone.remedies import in_words
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness import catalog, given_files, locks, overlays, repairs, store
-from harness.errors import CouldNotTell
 from harness.indexsettings import NOTHING
 from harness.model import Repair, Step
+from harness.model.errors import CouldNotTell
 
 WHEELS = "-wheels"
 

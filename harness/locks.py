@@ -16,8 +16,8 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.tags import Tag, compatible_tags, cpython_tags, platform_tags
 from packaging.utils import canonicalize_name, parse_wheel_filename
 
-from harness.errors import BadInput, CouldNotTell
 from harness.model import Artifact, Interpreter, Lock, Pin
+from harness.model.errors import BadInput, CouldNotTell
 
 PLACE = "https://wheels.invalid/{sha256}"
 """The index that a wheel is said to come from, so that what uv keeps of it goes by its content."""

@@ -19,12 +19,12 @@ from typing import Any
 import msgspec
 
 from harness import display, guarded_files, process
-from harness.hostile_data import Unreadable
+from harness.model.hostile_data import Unreadable
+from harness.model.vocabulary import readers
 from harness.normalise import normalise
 from harness.process import Command, Completed, Limits, Profile, run
 from harness.scratch_folders import scratch_folder
 from harness.store import cache_folder, digest, write_atomic
-from harness.vocabulary import readers
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 PROBE = Path(__file__).parent / "glprobe.py"

@@ -11,10 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
-from harness import cellid
-from harness.model import Phase, Verdict
-from harness.strategy import FULL, Strategy
-from harness.vocabulary import (
+from harness.model import Phase, Verdict, cellid
+from harness.model.vocabulary import (
     Api,
     Capability,
     CheckName,
@@ -39,6 +37,7 @@ from harness.vocabulary import (
     Variables,
     When,
 )
+from harness.strategy import FULL, Strategy
 
 
 class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -15,8 +15,6 @@ import msgspec
 from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
-from harness import requirement_texts
-from harness.errors import BadInput
 from harness.judging.words import refusal
 from harness.matrix import (
     Axis,
@@ -31,10 +29,10 @@ from harness.matrix import (
     SourceTable,
     Value,
 )
-from harness.model import CELL_PHASES, Phase, Verdict
-from harness.schema import key_path, load_toml, located, suggestion
-from harness.strategy import Strategy
-from harness.vocabulary import (
+from harness.model import CELL_PHASES, Phase, Verdict, requirement_texts
+from harness.model.errors import BadInput
+from harness.model.schema import key_path, load_toml, located, suggestion
+from harness.model.vocabulary import (
     ABSENT,
     APIS,
     CHECKS,
@@ -57,6 +55,7 @@ from harness.vocabulary import (
     parsed_requirement,
     version_text,
 )
+from harness.strategy import Strategy
 
 EXPECTABLE = frozenset(Verdict) - {Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE}
 """Verdicts about packages; the others are about this machine, and no cell can be expected to be them."""

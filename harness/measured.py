@@ -17,10 +17,10 @@ from typing import Any
 
 import msgspec
 
-from harness import cellid, distilling, given_files, store
+from harness import distilling, given_files, store
 from harness.distilling import Layer
-from harness.errors import BadInput
-from harness.model import Plan
+from harness.model import Plan, cellid
+from harness.model.errors import BadInput
 from harness.standalone import counting
 
 VARIABLE = "HARNESS_RESULTS"

@@ -16,9 +16,9 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness.model import Phase
+from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone.keys import MODULES, SIMULATORS
 from harness.standalone.silent import PREFIX, plainly_good
-from harness.vocabulary import parsed_requirement, required_name
 
 Plain = Mapping[str, Any]
 

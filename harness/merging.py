@@ -17,10 +17,10 @@ from typing import Any
 import msgspec
 
 from harness import changes, document
-from harness.errors import BadInput
 from harness.judging.expectation import outdated
 from harness.model import Verdict
-from harness.reporttypes import UNTOLD, CellEntry, Document, DroppedEntry, word
+from harness.model.errors import BadInput
+from harness.model.report_types import UNTOLD, CellEntry, Document, DroppedEntry, word
 
 MARK = re.compile(r"~[0-9a-f]{8}(?=(?:\.[^./]*)?$)")
 """What tells files of one name and several contents apart."""

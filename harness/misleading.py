@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from harness.model import CheckRecord, Outcome
-from harness.vocabulary import MISLEADING
+from harness.model.vocabulary import MISLEADING
 
 SHOWING = frozenset({Outcome.FAILED, Outcome.FLAKY})
 """Outcomes of such a check by which the case misleads."""

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from harness.model import Verdict
-from harness.reporttypes import SEVERITY, CellEntry, Document, number, word
+from harness.model.report_types import SEVERITY, CellEntry, Document, number, word
 from harness.standalone.control_characters import visible
 
 SHOWN = 10

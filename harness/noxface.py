@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import nox
 
-from harness import catalog, cellid, document
+from harness import catalog, document
 from harness.commands import reporting
-from harness.errors import BadInput, HarnessError
-from harness.model import Cell, Plan, Verdict
-from harness.reporttypes import CellEntry, number, word
+from harness.model import Cell, Plan, Verdict, cellid
+from harness.model.errors import BadInput, HarnessError
+from harness.model.report_types import CellEntry, number, word
 
 VARIABLE = "HARNESS_MATRICES"
 MOST = 100

@@ -13,9 +13,9 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness import builds, environments, index, interpreters, locks, mending, repairs, uv, uvcli
-from harness.errors import CouldNotTell
 from harness.filelocks import exclusive
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
+from harness.model.errors import CouldNotTell
 from harness.store import cache_folder, digest, write_atomic
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import advising, cameras, cellid, changes, grouping, present, rendering
-from harness.errors import BadInput
-from harness.reporttypes import CaseEntry, CellEntry, Document
+from harness import advising, cameras, changes, grouping, present, rendering
+from harness.model import cellid
+from harness.model.errors import BadInput
+from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.tabletypes import Report
 
 

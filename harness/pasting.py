@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from harness.model import Cell, Change
-from harness.vocabulary import required_name
+from harness.model.vocabulary import required_name
 
 DISPLAY, VIRTUAL = "DISPLAY", "virtual"
 

@@ -15,11 +15,10 @@ from statistics import median
 
 import msgspec
 
-from harness import schema
-from harness.errors import BadInput
 from harness.grouping import in_order
-from harness.model import Plan
-from harness.reporttypes import number
+from harness.model import Plan, schema
+from harness.model.errors import BadInput
+from harness.model.report_types import number
 
 ACTIONS = "actions.toml"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from harness.reporttypes import Document
+from harness.model.report_types import Document
 
 PLATFORMS = {"linux": "Linux", "darwin": "macOS", "win32": "Windows"}
 ARCHITECTURES = {"x86_64": "x86-64", "AMD64": "x86-64", "aarch64": "arm64", "arm64": "arm64"}

@@ -9,7 +9,7 @@ from typing import Any
 
 from harness.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
 from harness.model import Role, Verdict
-from harness.reporttypes import SYMBOLS, UNTOLD, number, word
+from harness.model.report_types import SYMBOLS, UNTOLD, number, word
 from harness.standalone.control_characters import visible
 from harness.tabletypes import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
 

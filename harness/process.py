@@ -24,8 +24,8 @@ from time import monotonic
 from types import NoneType
 from typing import Any, Self, overload
 
-from harness.errors import BadInput, CouldNotTell
-from harness.hostile_data import Unreadable, understanding
+from harness.model.errors import BadInput, CouldNotTell
+from harness.model.hostile_data import Unreadable, understanding
 from harness.scratch_folders import scratch_folder
 from harness.supervisor import SIZE, tree
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from harness.apart import Apart, Half
 from harness.model import CASE_PHASES
+from harness.model.report_types import number, word
 from harness.recommended import Partly, Recommended
 from harness.recommending import Combination
-from harness.reporttypes import number, word
 from harness.traps import Red
 
 VIRTUAL = ("DISPLAY", "virtual")
@@ -148,7 +148,7 @@ def _half(half: Half) -> str:
 
 
 def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
-    from harness.schema import suggestion  # noqa: PLC0415 - start-up
+    from harness.model.schema import suggestion  # noqa: PLC0415 - start-up
 
     for name in answer.unknown:
         yield f"{name}: nothing was measured with it{suggestion(name, names).partition('; valid')[0]}"

@@ -18,7 +18,7 @@ from packaging.version import Version
 from harness import distilling
 from harness.measured_cells import PASSED, Known, Query, good
 from harness.model import CASE_PHASES
-from harness.vocabulary import settings
+from harness.model.vocabulary import settings
 
 Plain = Mapping[str, Any]
 

@@ -9,7 +9,7 @@ import msgspec
 
 from harness import matrixfile
 from harness.matrix import ChangeTable, Constraint, Matrix
-from harness.schema import located, suggestion
+from harness.model.schema import located, suggestion
 from harness.signatures import Signature
 
 

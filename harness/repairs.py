@@ -15,8 +15,8 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from harness.model import Edit, Question, Repair
-from harness.schema import load_toml, located, suggestion
-from harness.vocabulary import Instant, PackageName, Requirement, parsed_requirement, required_name
+from harness.model.schema import load_toml, located, suggestion
+from harness.model.vocabulary import Instant, PackageName, Requirement, parsed_requirement, required_name
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$")]
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from harness import process, scheduler
-from harness.errors import CouldNotTell
 from harness.model import Cell, CellRecord, Outcome
+from harness.model.errors import CouldNotTell
 from harness.plan import Ask
 from harness.store import Store
 

@@ -10,8 +10,8 @@ from email.parser import HeaderParser
 from pathlib import Path
 
 from harness import guarded_files
-from harness.errors import in_the_way
-from harness.hostile_data import Absent, Unreadable, understanding
+from harness.model.errors import in_the_way
+from harness.model.hostile_data import Absent, Unreadable, understanding
 
 LEGACY_REQUIRES = ("setuptools>=40.8.0",)
 LEGACY_BACKEND = "setuptools.build_meta:__legacy__"

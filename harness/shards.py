@@ -16,7 +16,7 @@ from typing import Self
 import msgspec
 
 from harness.model import Cell
-from harness.reporttypes import Document
+from harness.model.report_types import Document
 
 ALONE = 1.0
 """Seconds of a cell where none was ever recorded: then only their number counts."""

@@ -13,7 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from harness import document, given_files, measured, store
-from harness.reporttypes import Document
+from harness.model.report_types import Document
 
 PACKED = measured.PACKAGE / "reports.zip"
 """Made when a wheel is built, by `hatch_build.py`; its members are `NAME.json`."""

@@ -15,13 +15,12 @@ from msgspec import Meta, field
 from msgspec.structs import asdict
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
-from harness.errors import BadInput
 from harness.judging.words import met, refusal, sentence_pattern
 from harness.matrix import Table
 from harness.model import Change, Observed, Phase
-from harness.schema import load_toml, located
-from harness.standalone import matching
-from harness.vocabulary import (
+from harness.model.errors import BadInput
+from harness.model.schema import load_toml, located
+from harness.model.vocabulary import (
     Api,
     Instant,
     Label,
@@ -32,6 +31,7 @@ from harness.vocabulary import (
     Variables,
     Word,
 )
+from harness.standalone import matching
 
 ESCAPED = r"\\[\s\S]"
 CLASS = r"\[[^\]]+\]"

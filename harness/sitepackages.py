@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness import guarded_files
-from harness.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, understanding
 
 MOST_METADATA = 64 << 20
 """Bytes of a file of metadata: the longest RECORD is some megabytes."""

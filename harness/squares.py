@@ -7,7 +7,7 @@ from itertools import combinations
 
 from harness import changes, explaining, grouping
 from harness.model import CASE_PHASES, FAILING, Outcome, Phase, Role, Verdict
-from harness.reporttypes import SEVERITY, UNTOLD, CaseEntry, CellEntry
+from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry
 from harness.tabletypes import Pivot, Square
 
 NOTHING = "-"

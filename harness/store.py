@@ -19,11 +19,11 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from harness import cellid, guarded_files
-from harness.errors import BadInput
+from harness import guarded_files
 from harness.filelocks import exclusive
-from harness.hostile_data import Absent, Unreadable, understanding
-from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step
+from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step, cellid
+from harness.model.errors import BadInput
+from harness.model.hostile_data import Absent, Unreadable, understanding
 
 T = TypeVar("T")
 

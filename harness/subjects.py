@@ -20,12 +20,24 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name, parse_wheel_filename
 
-from harness import builds, checkouts, environments, locks, requirement_texts, schema
-from harness.errors import BadInput, CouldNotTell
+from harness import builds, checkouts, environments, locks
 from harness.filelocks import exclusive
-from harness.hostile_data import Unreadable, understanding
 from harness.inputfiles import project
-from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Question, Step, Subject, Tested
+from harness.model import (
+    Artifact,
+    Interpreter,
+    Lock,
+    Outcome,
+    Phase,
+    Question,
+    Step,
+    Subject,
+    Tested,
+    requirement_texts,
+    schema,
+)
+from harness.model.errors import BadInput, CouldNotTell
+from harness.model.hostile_data import Unreadable, understanding
 from harness.store import cache_folder, digest, write_atomic
 
 WHEEL = ".whl"

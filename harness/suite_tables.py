@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from harness import cellid, grouping
-from harness.model import Outcome
-from harness.reporttypes import CellEntry, SuiteEntry, word
+from harness import grouping
+from harness.model import Outcome, cellid
+from harness.model.report_types import CellEntry, SuiteEntry, word
 from harness.squares import NOTHING
 from harness.tabletypes import SuiteChange
 

@@ -16,9 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from harness import bytecode, display, normalise, process, subjects
-from harness.errors import CouldNotTell
 from harness.guarded_files import Folder
-from harness.hostile_data import Unreadable
 from harness.judging.suite import CHECK, SOURCE
 from harness.model import (
     CheckRecord,
@@ -32,6 +30,9 @@ from harness.model import (
     Subject,
     Suite,
 )
+from harness.model.errors import CouldNotTell
+from harness.model.hostile_data import Unreadable
+from harness.model.vocabulary import required_name
 from harness.probes import launch
 from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
 from harness.probes.measure import end_of
@@ -39,7 +40,6 @@ from harness.probes.vault import Vault, kept
 from harness.scratch_folders import scratch_folder
 from harness.store import now, own_folders
 from harness.subjects import TESTS, Ready
-from harness.vocabulary import required_name
 
 DOOR = launch.INCELL / "bootstrap_suite.py"
 PYTEST = "pytest"

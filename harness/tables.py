@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from harness import cellid, explaining, grouping, platforms, squares, suite_tables
-from harness.errors import BadInput
-from harness.model import Outcome, Phase, Role, Verdict
-from harness.reporttypes import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry
+from harness import explaining, grouping, platforms, squares, suite_tables
+from harness.model import Outcome, Phase, Role, Verdict, cellid
+from harness.model.errors import BadInput
+from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry
+from harness.model.vocabulary import settings as settings  # noqa: PLC0414 - others take it from here
 from harness.squares import NOTHING
 from harness.tabletypes import Remark, Report, Row, Sheet, Task
-from harness.vocabulary import settings as settings  # noqa: PLC0414 - others take it from here
 
 TITLE = "what works together"
 """The heading of a matrix that names none."""

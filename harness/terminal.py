@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from harness import present
 from harness.model import Role, Verdict
-from harness.reporttypes import SYMBOLS, UNTOLD, number, word
+from harness.model.report_types import SYMBOLS, UNTOLD, number, word
 from harness.standalone.control_characters import visible
 from harness.standalone.output import styled
 from harness.tabletypes import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble

@@ -13,8 +13,8 @@ import msgspec
 from packaging.version import Version
 
 from harness.measured_cells import Known, Query, fitting, good, some_work, works
+from harness.model.vocabulary import CHANGING
 from harness.recommending import newness
-from harness.vocabulary import CHANGING
 
 WORKS = "works"
 

@@ -20,11 +20,11 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from harness import guarded_files, measured, process, store
-from harness.errors import BadInput
-from harness.hostile_data import Unreadable
 from harness.indexsettings import NOTHING, combined
 from harness.model import Cell, IndexSettings, Verdict
-from harness.vocabulary import parsed_requirement
+from harness.model.errors import BadInput
+from harness.model.hostile_data import Unreadable
+from harness.model.vocabulary import parsed_requirement
 
 Say = Callable[[str], None]
 AT_A_TIME = 8

@@ -18,10 +18,10 @@ from harness.entry_failures import counted
 from harness.judging.words import VIOLATION, in_words
 from harness.markdown_texts import address, block, code, prose, table_cell
 from harness.model import FAILING, Case, Cell, Outcome, Phase
-from harness.reporttypes import CellEntry, DiagnosisEntry, word
+from harness.model.report_types import CellEntry, DiagnosisEntry, word
+from harness.model.vocabulary import required_name
 from harness.standalone.control_characters import visible
 from harness.tables import settings
-from harness.vocabulary import required_name
 from harness.wire import plain_records
 
 LONGEST = 60

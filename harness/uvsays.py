@@ -10,9 +10,9 @@ import re
 from dataclasses import dataclass
 
 from harness import normalise
-from harness.errors import UnusableRequirement
 from harness.judging.check import MACHINE_TROUBLE
 from harness.model import Outcome, Phase, Step
+from harness.model.errors import UnusableRequirement
 
 TROUBLE = re.compile(
     r"Failed to fetch|Request failed after|error sending request|dns error|operation timed out"

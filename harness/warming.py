@@ -16,9 +16,9 @@ from harness import machine, normalise, process, systempackages, uvcli
 from harness.guarded_files import log_text
 from harness.judging.check import SHOT, machine_trouble
 from harness.model import Finding, Level, Outcome, Phase, Question, Step
-from harness.schema import load_toml
+from harness.model.schema import load_toml
+from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
 from harness.store import digest, open_store, own_folders, write_atomic
-from harness.vocabulary import ModuleName, PackageName, SystemPackage
 
 FILE = Path(__file__).with_suffix(".toml")
 LIMITS = process.Limits(seconds=1800.0)

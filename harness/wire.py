@@ -37,7 +37,6 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from harness.hostile_data import Unreadable, json_object, shallow, understanding
 from harness.judging.words import VIOLATION, sentence
 from harness.model import (
     Case,
@@ -51,6 +50,7 @@ from harness.model import (
     Raised,
     WorkerRecord,
 )
+from harness.model.hostile_data import Unreadable, json_object, shallow, understanding
 from harness.probes.facts import believed
 
 LONGEST_LINE = 1 << 20

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 import yaml
 
-from harness.errors import BadInput
-from harness.schema import readable
+from harness.model.errors import BadInput
+from harness.model.schema import readable
 
 LONGEST = 300_000
 """Characters: its reader, which is pure Python, needs some seconds for them."""

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from harness import index, interpreters, uv
-from harness.errors import CouldNotTell
 from harness.model import Lock, Question
+from harness.model.errors import CouldNotTell
 
 REAL, AS_OF = ("gymnasium==1.2.3", "pytest==9.0.2"), "2026-01-01T00:00:00Z"
 """Packages of the real index, with all that they need themselves."""

@@ -11,10 +11,10 @@ from harness import accepting, catalog, document, given_files, knowledge, machin
 from harness.commands import report, reporting
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
-from harness.errors import BadInput, HarnessError
 from harness.model import Cell, Plan
-from harness.reporttypes import UNTOLD, CellEntry, number
-from harness.vocabulary import Instant
+from harness.model.errors import BadInput, HarnessError
+from harness.model.report_types import UNTOLD, CellEntry, number
+from harness.model.vocabulary import Instant
 
 HELP = "Write expectations for cells that are red now, each with its reason, into the matrix file."
 

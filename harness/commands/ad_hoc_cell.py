@@ -13,13 +13,13 @@ from packaging.version import Version
 
 from harness import catalog, checkouts, given_files, inputs, interpreters, plan, repairs, scheduler, subjects, typos
 from harness.commands.console import tell
-from harness.errors import BadInput
 from harness.exercised import OWN
 from harness.inputfiles import Inputs
 from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
-from harness.schema import located
+from harness.model.errors import BadInput
+from harness.model.schema import located
+from harness.model.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
 from harness.store import Store
-from harness.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
 
 REUSED_FOR_HOURS = 24.0
 

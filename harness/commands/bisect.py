@@ -11,21 +11,21 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, cellid, interpreters, knowledge, locks, measured, moves, plan, scheduler, store
+from harness import catalog, interpreters, knowledge, locks, measured, moves, plan, scheduler, store
 from harness.commands import find_cell, progress, reporting
-from harness.errors import BadInput, CouldNotTell
 from harness.judging.assess import assess
-from harness.model import Cell, Change, Interpreter
+from harness.model import Cell, Change, Interpreter, cellid
+from harness.model.errors import BadInput, CouldNotTell
+from harness.model.schema import located
+from harness.model.vocabulary import PackageName
 from harness.rootcause import candidates, certificates, guesses, proofs
 from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
 from harness.rootcause.candidates import Candidate, Candidates, Kept
 from harness.rootcause.certificates import BisectDocument
-from harness.schema import located
 from harness.standalone.output import print_json
 from harness.standalone.silent import plainly_good
 from harness.store import Store
-from harness.vocabulary import PackageName
 
 HELP = (
     "Find where a cell stops working: along the releases of a package, the days of the index, or the Pythons of this"

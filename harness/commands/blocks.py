@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from harness import given_files, store
-from harness.errors import BadInput
+from harness.model.errors import BadInput
 
 BLOCK = re.compile(
     r"^(?P<first><!-- simmatrix report (?P<source>\S+)(?: --pivot (?P<down>\S+) (?P<across>\S+))? -->)\n"

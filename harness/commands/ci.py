@@ -15,10 +15,10 @@ from harness import catalog, given_files, notices, pipelines
 from harness.commands import reporting, select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import selected
-from harness.errors import BadInput
 from harness.model import Plan
+from harness.model.errors import BadInput
+from harness.model.report_types import number
 from harness.pipelines import Pipeline, Provider
-from harness.reporttypes import number
 
 HELP = (
     "Print a workflow that runs a matrix on GitHub, on GitLab, or on a Slurm cluster: plan, balanced shards, a merge"

@@ -16,8 +16,8 @@ from harness.commands import drawn, inplace, proved
 from harness.commands.drawn import Rendering
 from harness.commands.inplace import Tried
 from harness.commands.proved import Proof
-from harness.errors import BadInput
-from harness.reporttypes import DiagnosisEntry, FindingEntry
+from harness.model.errors import BadInput
+from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.standalone import matching, wrapping
 from harness.standalone.doctor import doctor
 from harness.standalone.doctor.choosing import NoEnvironment

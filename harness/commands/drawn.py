@@ -12,8 +12,8 @@ from harness import advising, document, drawing, knowledge, signatures
 from harness.advising import LIBRARIES, Advice, Drawn, Here
 from harness.drawing import Answer, Ways
 from harness.model import Level
+from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.rendering import OLD_EGL_ID
-from harness.reporttypes import DiagnosisEntry, FindingEntry
 
 
 class Selected(msgspec.Struct, frozen=True, kw_only=True):

@@ -13,9 +13,9 @@ from pathlib import Path
 import msgspec
 
 from harness import issue_texts, knowledge, known_issues, measured, store
-from harness.errors import BadInput, HarnessError
+from harness.model.errors import BadInput, HarnessError
+from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.recommended_text import wrapped
-from harness.reporttypes import DiagnosisEntry, FindingEntry
 from harness.standalone import matching
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split

@@ -15,12 +15,12 @@ from harness import catalog, controls, fetched, fetching, scheduler, store
 from harness.commands import progress
 from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, committed_report, durations, jobs, selected
-from harness.errors import BadInput
 from harness.fetched import FetchedCell, FetchedMatrix, Manifest
 from harness.filelocks import exclusive
 from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Phase, Plan
-from harness.reporttypes import number
+from harness.model.errors import BadInput
+from harness.model.report_types import number
 from harness.standalone.output import print_json
 
 HELP = (

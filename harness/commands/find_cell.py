@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from harness import catalog, cellid, machine, plan, typos
+from harness import catalog, machine, plan, typos
 from harness.commands.console import tell
-from harness.errors import BadInput
-from harness.model import Cell, Plan
-from harness.schema import suggestion
+from harness.model import Cell, Plan, cellid
+from harness.model.errors import BadInput
+from harness.model.schema import suggestion
 from harness.store import Store
 
 LISTED = 10

@@ -10,9 +10,9 @@ from harness import catalog, drafts, firstcases, firstvalues, index, interpreter
 from harness.commands import progress, reporting
 from harness.drafts import Case, Draft, Project, Range
 from harness.drafts.values import Offer, narrowed
-from harness.errors import BadInput, HarnessError
 from harness.firstcases import FirstCases, Scout
-from harness.vocabulary import GYM, GYMNASIUM, HOST
+from harness.model.errors import BadInput, HarnessError
+from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 
 NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
 LARGEST = 2_000_000

@@ -17,7 +17,7 @@ from rich.filesize import decimal
 from harness import garbage, store, uvcli
 from harness.commands.console import tell
 from harness.garbage import DAY, Disk, Item, Kind
-from harness.reporttypes import number
+from harness.model.report_types import number
 from harness.standalone.output import print_json
 
 HELP = (

@@ -14,11 +14,11 @@ from harness import catalog, drafts, given_files, present, store, typos, workflo
 from harness.commands import ci, firstdraft
 from harness.commands.console import tell
 from harness.drafts import Draft, Project
-from harness.errors import BadInput, CouldNotTell
 from harness.inputfiles import project
-from harness.reporttypes import number
+from harness.model.errors import BadInput, CouldNotTell
+from harness.model.report_types import number
+from harness.model.vocabulary import Label
 from harness.standalone.output import print_json
-from harness.vocabulary import Label
 from harness.workflows import Fate, Job, Leg
 
 HELP = (

@@ -11,9 +11,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from harness import knowledge, redacting, upstream
-from harness.errors import BadInput
 from harness.model import CellRecord, Phase, Verdict
-from harness.reporttypes import UNTOLD, CellEntry, word
+from harness.model.errors import BadInput
+from harness.model.report_types import UNTOLD, CellEntry, word
 from harness.store import Store
 
 NOBODY = frozenset({"root", "user", "admin", "ubuntu", "debian", "runner", "nobody", "localhost", "home", "test"})

@@ -15,14 +15,14 @@ from pathlib import Path
 from harness import catalog, document, given_files, knowledge, packs, store
 from harness.commands import reporting
 from harness.commands.console import tell
-from harness.errors import BadInput, CouldNotTell, HarnessError
-from harness.hostile_data import Unreadable
 from harness.judging import case as judging
 from harness.judging import suite
 from harness.model import CaseRecord, Cell, CellRecord, Plan
+from harness.model.errors import BadInput, CouldNotTell, HarnessError
+from harness.model.hostile_data import Unreadable
+from harness.model.report_types import CellEntry, Document, number
 from harness.packs import Index, Packed
 from harness.probes.vault import Vault
-from harness.reporttypes import CellEntry, Document, number
 from harness.scratch_folders import scratch_folder
 from harness.standalone.output import print_json
 from harness.store import Store

@@ -13,13 +13,13 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from harness import issue_texts, known_issues, measured, measured_cells
-from harness.errors import BadInput
 from harness.known_issues import Issue
 from harness.measured_cells import Known
+from harness.model.errors import BadInput
+from harness.model.report_types import number
+from harness.model.vocabulary import required_name
 from harness.recommended_text import wrapped
-from harness.reporttypes import number
 from harness.standalone.output import print_json
-from harness.vocabulary import required_name
 
 HELP = "List the packages that were measured and the issues that are known, or open one of them."
 

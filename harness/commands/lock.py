@@ -14,7 +14,7 @@ from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, jobs, selected
 from harness.judging.assess import assess
 from harness.model import CellRecord, Phase, Verdict
-from harness.reporttypes import UNTOLD
+from harness.model.report_types import UNTOLD
 from harness.standalone.output import print_json
 
 HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."

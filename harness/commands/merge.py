@@ -12,9 +12,9 @@ from pathlib import Path, PurePosixPath
 
 from harness import document, given_files, merging, store, tables, terminal
 from harness.commands import reporting
-from harness.errors import BadInput
 from harness.model import Verdict
-from harness.reporttypes import Document, number
+from harness.model.errors import BadInput
+from harness.model.report_types import Document, number
 from harness.standalone.output import print_json
 
 HELP = (

@@ -10,7 +10,7 @@ from harness import catalog, typos
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
 from harness.model import Cell, Plan
-from harness.reporttypes import number
+from harness.model.report_types import number
 from harness.standalone.output import print_json
 
 HELP = "List the cells of a matrix, and the combinations left out, each with its reason."

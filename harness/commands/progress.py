@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from harness.model import Cell, CellRecord
-from harness.reporttypes import number
+from harness.model.report_types import number
 from harness.scheduler import WAITING
 from harness.standalone.control_characters import visible
 from harness.standalone.output import styled

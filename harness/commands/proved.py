@@ -11,9 +11,9 @@ import msgspec
 from harness import interpreters, plan, store
 from harness.commands import progress, reporting
 from harness.commands.ad_hoc_cell import REUSED_FOR_HOURS
-from harness.errors import CouldNotTell
 from harness.model import Cell, Verdict
-from harness.reporttypes import UNTOLD, word
+from harness.model.errors import CouldNotTell
+from harness.model.report_types import UNTOLD, word
 from harness.rootcause.bench import Bench, Trial
 from harness.scheduler import Settings
 from harness.standalone.keys import SIMULATORS, weight

@@ -13,9 +13,9 @@ import msgspec
 from packaging.version import InvalidVersion, Version
 
 from harness import measured, measured_cells, recommended_text, typos
-from harness.errors import BadInput
 from harness.measured_cells import Known, Query, Wanted
 from harness.model import Phase
+from harness.model.errors import BadInput
 from harness.recommended import recommended
 from harness.recommending import Combination
 from harness.standalone.output import print_json

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, cellid, scheduler, store
+from harness import catalog, scheduler, store
 from harness.commands import ad_hoc_cell, find_cell, progress, reporting
-from harness.errors import BadInput
-from harness.model import Cell, CellRecord
+from harness.model import Cell, CellRecord, cellid
+from harness.model.errors import BadInput
 from harness.rootcause import every as repairs
 from harness.rootcause import proofs, telling
 from harness.rootcause.bench import Bounds

@@ -20,9 +20,9 @@ from harness import (
     terminal,
 )
 from harness.commands import blocks, judging_again, reporting
-from harness.errors import BadInput
-from harness.reporttypes import Document
-from harness.schema import suggestion
+from harness.model.errors import BadInput
+from harness.model.report_types import Document
+from harness.model.schema import suggestion
 from harness.standalone.output import print_json
 from harness.tabletypes import Pivot, Report
 

@@ -29,14 +29,14 @@ from harness import (
     terminal,
 )
 from harness.commands import standing
-from harness.errors import CouldNotTell, HarnessError, in_the_way
 from harness.exercised import unregistered
 from harness.filelocks import exclusive
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
 from harness.model import Cell, CellRecord, Plan, Verdict
+from harness.model.errors import CouldNotTell, HarnessError, in_the_way
+from harness.model.report_types import Document, number
 from harness.probes import launch
-from harness.reporttypes import Document, number
 from harness.standalone.output import print_json
 from harness.store import Store
 from harness.tabletypes import Report

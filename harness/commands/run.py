@@ -12,10 +12,10 @@ from harness import catalog, knowledge, proving, scheduler, store, tables, typos
 from harness.commands import progress, reporting, select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import VERIFYING
-from harness.errors import BadInput
 from harness.judging.assess import assess
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
-from harness.reporttypes import number
+from harness.model.errors import BadInput
+from harness.model.report_types import number
 
 if TYPE_CHECKING:
     from harness.fetched import Fetched

@@ -7,8 +7,9 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import given_files, schema
-from harness.errors import BadInput
+from harness import given_files
+from harness.model import schema
+from harness.model.errors import BadInput
 
 HELP = "Print the JSON Schema of matrix files or of a document that the harness writes; without a name, list them."
 
@@ -32,7 +33,7 @@ def _controls() -> type:
 
 
 def _report() -> type:
-    from harness.reporttypes import Document  # noqa: PLC0415
+    from harness.model.report_types import Document  # noqa: PLC0415
 
     return Document
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import cellid, document, given_files, knowledge, machine, store
+from harness import document, given_files, knowledge, machine, store
 from harness.commands import reporting
-from harness.errors import BadInput
 from harness.judging.assess import assess
-from harness.model import Cell, Plan, Verdict
+from harness.model import Cell, Plan, Verdict, cellid
+from harness.model.errors import BadInput
 from harness.scheduler import AUTO
 from harness.store import Store
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import cellid, document, measured, shipped_reports
+from harness import document, measured, shipped_reports
 from harness.commands import reporting
-from harness.errors import BadInput
-from harness.reporttypes import Document
+from harness.model import cellid
+from harness.model.errors import BadInput
+from harness.model.report_types import Document
 
 if TYPE_CHECKING:
     from harness import lock_files

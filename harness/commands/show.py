@@ -9,11 +9,20 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from harness import catalog, cellid, changes, document, entry_failures, knowledge, plan, store, tables
+from harness import catalog, changes, document, entry_failures, knowledge, plan, store, tables
 from harness.commands import issuing, reporting, shipped_cell
-from harness.errors import BadInput
-from harness.model import Cell, CellRecord, Outcome, Plan, Verdict
-from harness.reporttypes import SYMBOLS, CaseEntry, CellEntry, DiagnosisEntry, Document, SubjectEntry, SuiteEntry, word
+from harness.model import Cell, CellRecord, Outcome, Plan, Verdict, cellid
+from harness.model.errors import BadInput
+from harness.model.report_types import (
+    SYMBOLS,
+    CaseEntry,
+    CellEntry,
+    DiagnosisEntry,
+    Document,
+    SubjectEntry,
+    SuiteEntry,
+    word,
+)
 from harness.standalone.output import print_json
 from harness.store import Store
 

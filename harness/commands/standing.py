@@ -9,11 +9,11 @@ from pathlib import Path
 import msgspec
 
 from harness import document, given_files, guarded_files, present, signature_files, sources, store
-from harness.errors import HarnessError
-from harness.hostile_data import Unreadable
 from harness.machine import Machine
 from harness.model import CellRecord, Plan
-from harness.reporttypes import Document
+from harness.model.errors import HarnessError
+from harness.model.hostile_data import Unreadable
+from harness.model.report_types import Document
 
 FILES = ("report.json", "report.md")
 WORDS = "README.md"

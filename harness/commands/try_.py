@@ -8,10 +8,10 @@ from harness import document, knowledge, machine, scheduler, store
 from harness.answering import answer
 from harness.commands import ad_hoc_cell, progress, reporting
 from harness.commands.select_cells import VERIFYING
-from harness.errors import BadInput
 from harness.exercised import unregistered
 from harness.judging.assess import assess
 from harness.model import Verdict
+from harness.model.errors import BadInput
 from harness.standalone.output import print_json
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."

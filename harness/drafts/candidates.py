@@ -9,7 +9,7 @@ from typing import Any
 
 from packaging.utils import canonicalize_name
 
-from harness.vocabulary import APIS
+from harness.model.vocabulary import APIS
 
 MOST, LONGEST = 5000, 300
 VERSION = re.compile(r"^(.*?)[-_]v(\d+)$")

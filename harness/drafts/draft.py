@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name
 
-from harness import requirement_texts, schema
 from harness.drafts.project import Case, Project
 from harness.drafts.suite import SuiteDraft
-from harness.vocabulary import HOST, Rule
+from harness.model import requirement_texts, schema
+from harness.model.vocabulary import HOST, Rule
 
 MEASURED = (
     *("gymnasium", "gym", "mujoco", "dm-control", "pybullet", "ale-py", "pettingzoo", "robosuite"),

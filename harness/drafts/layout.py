@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from harness import schema
+from harness.model import schema
 
 FOLDER, HIDDEN = "matrices", ".simmatrix"
 _NAMED = re.compile(r"\b(?:packages|py_modules)\s*=")

@@ -12,8 +12,8 @@ import msgspec
 from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
-from harness import requirement_texts, schema
 from harness.drafts import poetry
+from harness.model import requirement_texts, schema
 
 PYTHONS = tuple(f"3.{minor}" for minor in range(7, 15))
 """Those that cells can have."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from packaging.requirements import InvalidRequirement
 from packaging.utils import canonicalize_name
 
-from harness import requirement_texts
+from harness.model import requirement_texts
 
 PYTEST = "pytest"
 NAMES = ("test", "tests", "testing", "pytest")

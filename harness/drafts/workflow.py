@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness.drafts.draft import MEASURED, Bundle, Draft
-from harness.vocabulary import HOST
+from harness.model.vocabulary import HOST
 from harness.workflows import Claim, Fate, Leg
 
 WELL_KNOWN = frozenset({*MEASURED, "numpy", "scipy", "torch", "jax", "tensorflow"})

@@ -12,9 +12,8 @@ from packaging.requirements import InvalidRequirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import parse_sdist_filename, parse_wheel_filename
 
-from harness import requirement_texts
-from harness.errors import BadInput
-from harness.model import IndexSettings
+from harness.model import IndexSettings, requirement_texts
+from harness.model.errors import BadInput
 
 ARCHIVES = (".whl", ".tar.gz", ".zip")
 MOST = 2_000

@@ -9,10 +9,10 @@ from dataclasses import replace
 import yaml
 from packaging.specifiers import InvalidSpecifier
 
-from harness import requirement_texts
-from harness.errors import BadInput
 from harness.inputfiles.asked import Inputs, Parsed, Source, check_number
 from harness.inputfiles.pip import read_lines
+from harness.model import requirement_texts
+from harness.model.errors import BadInput
 from harness.yaml_texts import readable_yaml
 
 

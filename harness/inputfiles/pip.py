@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
-from harness.errors import BadInput
 from harness.inputfiles.asked import Include, Inputs, Parsed, Source, check_number, requirement, shortened
 from harness.model import IndexSettings
+from harness.model.errors import BadInput
 
 COMMENT = re.compile(r"(?:^|(?<=\s))#")
 UNQUOTED = re.compile(r"""(?:[^\s"'\\]|\\.|'[^']*'|"(?:[^"\\]|\\.)*")+""")

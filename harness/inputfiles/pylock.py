@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from packaging.pylock import Package, Pylock, PylockValidationError
 
-from harness import schema
-from harness.errors import BadInput
 from harness.inputfiles.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
+from harness.model import schema
+from harness.model.errors import BadInput
 
 
 def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[str]) -> Parsed:

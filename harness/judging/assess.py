@@ -17,7 +17,7 @@ from harness.judging.identity import Failure
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge, Packages
 from harness.judging.verdict import Judgement, Outcomes, judge
 from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
-from harness.reporttypes import UNTOLD
+from harness.model.report_types import UNTOLD
 from harness.signatures import Diagnosis, Evidence, Signature
 from harness.standalone import silent
 

@@ -37,8 +37,8 @@ from harness.model import (
     PhaseRecord,
     worst,
 )
+from harness.model.vocabulary import MISLEADING
 from harness.probes.evidence import Reading
-from harness.vocabulary import MISLEADING
 
 BULKY = frozenset({"trajectory", "values", "pictures"})
 """Facts of a check that stay with its evidence."""

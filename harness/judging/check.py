@@ -9,10 +9,10 @@ from functools import cache
 
 from harness import normalise, wire
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
+from harness.model.vocabulary import MISLEADING
 from harness.probes.evidence import STACKS, STARTUP_SECONDS, Reading
 from harness.probes.facts import plain
 from harness.standalone.adapters import adapters
-from harness.vocabulary import MISLEADING
 
 MOST_STACKS = 200_000
 """Characters of faulthandler's stacks that are looked at."""

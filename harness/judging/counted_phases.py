@@ -21,7 +21,7 @@ from harness.model import (
     PhaseRecord,
     Step,
 )
-from harness.vocabulary import MISLEADING
+from harness.model.vocabulary import MISLEADING
 
 Cases = tuple[tuple[PhaseRecord, ...], ...]
 """The phases of each case as they count, all of `CASE_PHASES`."""

@@ -12,7 +12,7 @@ from dataclasses import replace
 from harness import misleading
 from harness.judging.check import NEEDS, phase_of
 from harness.model import FAILING, CheckRecord, ControlRecord, Outcome, Phase, PhaseRecord
-from harness.vocabulary import MISLEADING
+from harness.model.vocabulary import MISLEADING
 
 
 def trusted(record: PhaseRecord, control: ControlRecord | None) -> PhaseRecord:

@@ -9,7 +9,7 @@ from typing import Protocol
 from harness.judging.words import met as observes
 from harness.judging.words import sentence_pattern
 from harness.model import Cell, Expectation, Observed, Outcome, Phase, Verdict
-from harness.reporttypes import SEVERITY, UNTOLD, ExpectationEntry
+from harness.model.report_types import SEVERITY, UNTOLD, ExpectationEntry
 from harness.standalone.silent import plainly_good
 
 Names = Callable[[], Collection[str]]

@@ -34,8 +34,8 @@ from harness.model import (
     Outcome,
     Phase,
 )
+from harness.model.vocabulary import MISLEADING
 from harness.probes.evidence import Reading, Request
-from harness.vocabulary import MISLEADING
 
 DEFAULT_SECONDS = 120.0
 RUNS_TO_CONFIRM = 3

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from harness.judging.expectation import Judged
 from harness.judging.known_failures import has_causes
 from harness.model import Phase
-from harness.vocabulary import CHANGING
+from harness.model.vocabulary import CHANGING
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

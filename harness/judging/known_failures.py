@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from harness import signatures
 from harness.model import Phase, Verdict
-from harness.reporttypes import UNTOLD
+from harness.model.report_types import UNTOLD
 from harness.signatures import Around, Diagnosis, Evidence, Signature, diagnose
 from harness.standalone import counting, silent
 from harness.standalone.counting import Fit

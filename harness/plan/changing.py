@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from harness import cellid, changes
+from harness import changes
 from harness.matrix import ChangedTable, ChangeTable, Matrix
-from harness.model import Cell, Expectation, Tried
+from harness.model import Cell, Expectation, Tried, cellid
+from harness.model.schema import located
+from harness.model.vocabulary import Kind
 from harness.plan.choices import Choice, Combination, condition
 from harness.plan.contents import Contents
-from harness.schema import located
-from harness.vocabulary import Kind
 
 BESIDES = ("needs", "system", "files", "empty", "python_path", "bring", "extras", "groups")
 UNCHANGED = "the change leaves the cell as it is"

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from harness import cellid
 from harness.matrix import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
-from harness.schema import located
-from harness.vocabulary import HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
+from harness.model import cellid
+from harness.model.schema import located
+from harness.model.vocabulary import HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

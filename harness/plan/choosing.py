@@ -7,14 +7,13 @@ from dataclasses import replace
 
 from packaging.version import Version
 
-from harness import cellid
 from harness.matrix import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
-from harness.model import Cell
+from harness.model import Cell, cellid
+from harness.model.schema import located
+from harness.model.vocabulary import ABSENT, Kind
 from harness.plan.choices import Choice, Combination
 from harness.plan.covering import Row, covering
 from harness.plan.strategies import Candidates, weight
-from harness.schema import located
-from harness.vocabulary import ABSENT, Kind
 
 Ask = Callable[[Sequence[Cell]], list[str | None]]
 """Resolves what each cell asks; the answers are the lines that say why not, None where there is a lock."""

@@ -11,7 +11,6 @@ from typing import NamedTuple, TypeVar
 import msgspec
 
 from harness import repairs
-from harness.errors import BadInput
 from harness.matrix import (
     NO_CHANGES,
     BringTable,
@@ -25,10 +24,9 @@ from harness.matrix import (
     SuiteTable,
 )
 from harness.model import Bring, Case, Change, IndexSettings, Phase, Question, Repair, Subject, Suite
-from harness.plan.choices import Choice, Combination, Condition, condition
-from harness.plan.speaking import spoken
-from harness.schema import key_path, located, suggestion
-from harness.vocabulary import (
+from harness.model.errors import BadInput
+from harness.model.schema import key_path, located, suggestion
+from harness.model.vocabulary import (
     ABSENT,
     APIS,
     IMPORT_CHECK,
@@ -40,6 +38,8 @@ from harness.vocabulary import (
     checks_of,
     required_name,
 )
+from harness.plan.choices import Choice, Combination, Condition, condition
+from harness.plan.speaking import spoken
 
 T = TypeVar("T")
 

@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterable
 from functools import cache
 from typing import NamedTuple
 
+from harness.model.vocabulary import FAMILY, required_name
 from harness.standalone.adapters import adapters, package
-from harness.vocabulary import FAMILY, required_name
 
 
 class Speaker(NamedTuple):

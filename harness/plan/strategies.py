@@ -15,15 +15,14 @@ from typing import Any
 import msgspec
 from packaging.version import Version
 
-from harness import cellid
 from harness.expansion import Breaks, boundaries
 from harness.matrix import NO_CHANGES, Chosen, Expansion, Matrix, MatrixTable
-from harness.model import Dropped
+from harness.model import Dropped, cellid
+from harness.model.schema import located, suggestion
+from harness.model.vocabulary import ABSENT, Kind
 from harness.plan.choices import Choice, Combination
 from harness.plan.contents import Contents
 from harness.plan.covering import Part, Row, uncovered
-from harness.schema import located, suggestion
-from harness.vocabulary import ABSENT, Kind
 
 Axes = Mapping[str, tuple[Choice, ...]]
 WITHOUT_WEIGHT = {

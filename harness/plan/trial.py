@@ -10,14 +10,12 @@ from pathlib import PurePath
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import cellid, repairs
-from harness.cellid import Detail
-from harness.errors import BadInput
-from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject
-from harness.plan.contents import IMPORTED
-from harness.plan.speaking import meant, speakers, spoken
-from harness.schema import located, suggestion
-from harness.vocabulary import (
+from harness import repairs
+from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject, cellid
+from harness.model.cellid import Detail
+from harness.model.errors import BadInput
+from harness.model.schema import located, suggestion
+from harness.model.vocabulary import (
     APIS,
     FAMILY,
     GYM,
@@ -36,6 +34,8 @@ from harness.vocabulary import (
     parsed_requirement,
     required_name,
 )
+from harness.plan.contents import IMPORTED
+from harness.plan.speaking import meant, speakers, spoken
 
 NAME = "try"
 SIMPLE = "CartPole-v1"

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from harness.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, understanding
 
 MOST_NUMBERS = 1_000
 """floats of a trajectory: as many entries as hold them; `cell_trace.py` keeps to it."""

@@ -18,8 +18,8 @@ import msgspec
 
 from harness import bytecode, display, process, wire
 from harness.guarded_files import Folder
-from harness.hostile_data import Absent, Unreadable, understanding
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
+from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.probes import program
 from harness.probes.evidence import LOG, REPLY, STACKS, STARTUP_SECONDS
 from harness.scratch_folders import scratch_folder

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from harness import bytecode, frames, normalise, process
-from harness.hostile_data import Unreadable
 from harness.model import Outcome
+from harness.model.hostile_data import Unreadable
 from harness.probes import bare_start, launch, program
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, kept

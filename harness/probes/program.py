@@ -17,9 +17,9 @@ from pathlib import Path
 import msgspec
 
 from harness import store
+from harness.model.vocabulary import INCELL
 from harness.probes import syntax
 from harness.standalone import adapters
-from harness.vocabulary import INCELL
 
 TRANSPORT = ("bootstrap.py", "cell_kept.py", "cell_lines.py", "cell_run.py")
 """The files that carry requests and records and measure nothing. A probe enters by the first, which runs the last."""

@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 
 from harness import guarded_files
-from harness.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, understanding
 from harness.probes.evidence import PICTURE, ProbeRun, Reading, folder_of
 from harness.store import write_atomic, write_changed
 

@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from harness import cellid, changes
-from harness.model import Cell, Change, Phase, Question, Repair, Tried
+from harness import changes
+from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid
+from harness.model.vocabulary import required_name
 from harness.rootcause.bench import Bench, Spent, Trial
 from harness.rootcause.candidates import Candidate
 from harness.rootcause.good_end import GoodEndSearch, Look
 from harness.rootcause.predicate import Predicate, Said, alike, failing, plain, working
 from harness.search import Answer, Boundary, Refused, Rules, Search
-from harness.vocabulary import required_name
 
 AHEAD = 2
 """Candidates that are prepared while one is tested."""

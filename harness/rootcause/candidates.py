@@ -11,11 +11,11 @@ from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
 from harness import index, interpreters, locks, moves
-from harness.errors import BadInput
 from harness.index import Release
 from harness.model import Cell, Change, Interpreter
-from harness.schema import suggestion
-from harness.vocabulary import Instant, required_name
+from harness.model.errors import BadInput
+from harness.model.schema import suggestion
+from harness.model.vocabulary import Instant, required_name
 
 DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 

@@ -11,7 +11,7 @@ import msgspec
 
 from harness import locks, machine, present, search
 from harness.model import Cell, Phase, Verdict
-from harness.reporttypes import number
+from harness.model.report_types import number
 from harness.rootcause.bench import Bench, Trial
 from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, Step
 from harness.rootcause.candidates import Candidate, differing

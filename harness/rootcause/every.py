@@ -9,10 +9,10 @@ from harness import changes, knowledge
 from harness.judging.assess import assess
 from harness.judging.identity import Failure
 from harness.model import Cell, CellRecord, Change
+from harness.model.vocabulary import required_name
 from harness.rootcause.lab import Lab
 from harness.rootcause.repairing import Repaired, Search, Status
 from harness.store import Store
-from harness.vocabulary import required_name
 
 REPAIR = "repair"
 

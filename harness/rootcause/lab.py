@@ -11,15 +11,15 @@ from typing import Self
 
 from packaging.version import Version
 
-from harness import cellid, changes, clues, locks, moves
+from harness import changes, clues, locks, moves
 from harness.judging.identity import Failure
-from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict
+from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
+from harness.model.vocabulary import MISLEADING
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.scheduler import Observer, Settings
 from harness.signatures import Evidence
 from harness.standalone.silent import PREFIX
 from harness.store import Store
-from harness.vocabulary import MISLEADING
 
 ORDER = list(Phase)
 

@@ -14,15 +14,15 @@ from itertools import count
 
 from harness import interpreters, moves, search
 from harness.model import Change, Phase, Verdict
+from harness.model.report_types import number
+from harness.model.vocabulary import required_name
 from harness.moves import Move, Way, together
-from harness.reporttypes import number
 from harness.rootcause import narrowing, stages, widening
 from harness.rootcause.bench import Spent, Trial
 from harness.rootcause.lab import Lab, ended, further, unrefused, versions, weaker
 from harness.rootcause.narrowing import Narrowing
 from harness.rootcause.stages import STAGES, Place
 from harness.search import Answer
-from harness.vocabulary import required_name
 
 DEEPEST = 4
 """Changes on top of each other, each for a failure that showed behind the one before."""

@@ -10,6 +10,7 @@ from packaging.version import Version
 
 from harness import clues, interpreters, knowledge, machine, measured, moves, sitepackages
 from harness.model import Cell, Change, Interpreter, Phase
+from harness.model.vocabulary import parsed_requirement, required_name
 from harness.moves import Move, Way
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
@@ -18,7 +19,6 @@ from harness.rootcause.narrowing import Suspect
 from harness.signatures import Diagnosis
 from harness.standalone.silent import PREFIX, plainly_good
 from harness.store import cache_folder
-from harness.vocabulary import parsed_requirement, required_name
 
 TOOLS = ("setuptools", "wheel", "cython", "numpy", "packaging", "setuptools-scm", "pybind11", "cmake",
          "scikit-build", "scikit-build-core", "meson-python", "poetry-core", "hatchling", "flit-core")  # fmt: skip

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from harness import pasting, present
+from harness.model.report_types import number
 from harness.moves import Way
-from harness.reporttypes import number
 from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repairing import Status
 from harness.standalone.silent import PREFIX

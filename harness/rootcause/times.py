@@ -11,9 +11,9 @@ from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
 from harness import index, locks, moves
-from harness.errors import HarnessError
 from harness.index import Release
 from harness.model import Cell, IndexSettings, Interpreter
+from harness.model.errors import HarnessError
 
 AFTER_DAYS = (0, 7, 30)
 """A release often needs another that was uploaded some days later."""

@@ -10,11 +10,11 @@ from packaging.version import Version
 
 from harness import interpreters, moves, search
 from harness.model import Change
+from harness.model.vocabulary import parsed_requirement, required_name
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, versions, weaker
 from harness.search import Answer
-from harness.vocabulary import parsed_requirement, required_name
 
 KINDS = ("requirements", "constraints")
 UPPER, LOWER = frozenset({"<", "<="}), frozenset({">", ">="})

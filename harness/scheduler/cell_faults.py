@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import harness
 from harness import normalise, process
-from harness.errors import BadInput, CouldNotTell, UnusableRequirement, in_the_way
 from harness.model import Cell, Outcome, Phase, Step
+from harness.model.errors import BadInput, CouldNotTell, UnusableRequirement, in_the_way
 from harness.store import Store, digest, write_atomic
 
 if TYPE_CHECKING:

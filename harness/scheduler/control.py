@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from harness import controls
-from harness.errors import BadInput
 from harness.model import Cell, CellRecord, ControlRecord, Phase
+from harness.model.errors import BadInput
 from harness.scheduler import cell_faults
 from harness.scheduler.pool import Unknown
 from harness.scheduler.runner import Runner

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from harness import machine, warming
-from harness.hostile_data import Unreadable
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
+from harness.model.hostile_data import Unreadable
+from harness.model.vocabulary import FAMILY
 from harness.scheduler.once import Once
 from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, cache_folder, digest
-from harness.vocabulary import FAMILY
 
 if TYPE_CHECKING:
     from harness.environments import Environment

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from harness import cellrun
 from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, PhaseRecord, Step
+from harness.model.vocabulary import FAMILY
 from harness.store import Installed, now
-from harness.vocabulary import FAMILY
 
 
 def finished(record: CellRecord) -> CellRecord:

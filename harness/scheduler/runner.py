@@ -8,7 +8,6 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from harness import cellrun, interpreters, machine, process, repairs, uvcli, uvsays
-from harness.errors import BadInput, CouldNotTell
 from harness.exercised import unregistered
 from harness.filelocks import claim, exclusive
 from harness.model import (
@@ -24,6 +23,7 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.model.errors import BadInput, CouldNotTell
 from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory

@@ -22,6 +22,7 @@ from harness.model import (
     Question,
     Step,
 )
+from harness.model.vocabulary import SELF, parsed_requirement, required_name
 from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
@@ -30,7 +31,6 @@ from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, ou
 from harness.scheduler.settings import Observer, Settings
 from harness.store import Installed, Store, digest
 from harness.subjects import Ready
-from harness.vocabulary import SELF, parsed_requirement, required_name
 
 
 class Owner(Protocol):

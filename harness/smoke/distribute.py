@@ -15,8 +15,8 @@ import pytest
 from xdist.scheduler import LoadGroupScheduling  # type: ignore[import-untyped]
 
 from harness import scheduler
-from harness.errors import HarnessError
 from harness.model import Cell
+from harness.model.errors import HarnessError
 from harness.scheduler import Runner
 from harness.store import digest
 

@@ -12,11 +12,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness import cellid, machine
+from harness import machine
 from harness.commands import reporting
-from harness.errors import HarnessError
 from harness.judging.assess import assess
-from harness.model import Cell, CellRecord, Phase
+from harness.model import Cell, CellRecord, Phase, cellid
+from harness.model.errors import HarnessError
 from harness.scheduler import Runner
 from harness.smoke import PLUGIN, SUITE, frozen, junit
 from harness.smoke import items as tree

@@ -10,11 +10,11 @@ from typing import Any, Protocol
 
 import pytest
 
-from harness import cellid, knowledge, store
-from harness.errors import CouldNotTell, HarnessError, in_the_way
+from harness import knowledge, store
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
-from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan
+from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan, cellid
+from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.smoke import judging, junit
 from harness.smoke.frozen import Frozen
 from harness.smoke.judging import Ended, Kind

@@ -17,7 +17,7 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 
-from harness import requirement_texts
+from harness.model import requirement_texts
 from harness.workflows import expressions, shell
 from harness.workflows.combinations import Combination
 from harness.workflows.expressions import UNKNOWN, text_of

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from harness.errors import BadInput
+from harness.model.errors import BadInput
 from harness.workflows.combinations import Combination, Unreadable, combinations, unmatched
 from harness.workflows.legs import Leg, leg
 from harness.yaml_texts import readable_yaml

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from harness.judging import words
-from harness.vocabulary import INCELL
+from harness.model.vocabulary import INCELL
 
 PLACES = {"violate": 0, "skip": 0, "contradiction": 0, "observation": 0, "remark": 1, "finding": 1, "tell": 1}
 """Functions that are given a code, and the number of the argument that it is."""

@@ -12,8 +12,8 @@ import pytest
 import harness
 from harness import interpreters
 from harness.model import Case, Outcome
+from harness.model.vocabulary import APIS
 from harness.probes import program
-from harness.vocabulary import APIS
 
 INCELL = Path(harness.__file__).parent / "incell"
 STANDALONE = Path(harness.__file__).parent / "standalone"

@@ -8,9 +8,9 @@ import subprocess
 import pytest
 
 from harness import interpreters
+from harness.model.vocabulary import INCELL
 from harness.probes import program, syntax
 from harness.standalone import adapters
-from harness.vocabulary import INCELL
 
 HOSTS = ("3.11", "3.12", "3.13", "3.14")
 

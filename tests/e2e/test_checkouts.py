@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from harness import checkouts, subjects
-from harness.errors import BadInput, CouldNotTell
 from harness.model import Subject
+from harness.model.errors import BadInput, CouldNotTell
 
 pytestmark = pytest.mark.usefixtures("workplace")
 

@@ -16,10 +16,9 @@ import jsonschema
 import pytest
 import wheelhouse
 
-from harness import schema
 from harness.commands import inplace
 from harness.commands.doctor import Doctored
-from harness.model import Interpreter
+from harness.model import Interpreter, schema
 from harness.standalone import matching, running
 from harness.standalone.doctor import doctor, probing
 

@@ -10,8 +10,8 @@ import wheelhouse as fakes
 from asking import failed, locked, question, send
 
 from harness import uv
-from harness.errors import BadInput
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.model.errors import BadInput
 
 pytestmark = pytest.mark.usefixtures("workplace")
 

@@ -16,7 +16,7 @@ import pytest
 from supervised import CHECKOUT, DAEMON, Build, ending, eventually, found, gone, missing, readable_python
 
 from harness import process
-from harness.errors import BadInput
+from harness.model.errors import BadInput
 from harness.process import Profile
 
 

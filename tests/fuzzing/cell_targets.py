@@ -17,10 +17,10 @@ from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
 from harness import environment_damage, frames, normalise, sitepackages, upstream, wire
-from harness.hostile_data import Unreadable
 from harness.judging import failure_texts
 from harness.judging.check import Ending, check_record, found_beside
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
+from harness.model.hostile_data import Unreadable
 from harness.store import Installed, Store
 
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")

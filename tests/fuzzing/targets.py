@@ -23,7 +23,7 @@ from fuzzing.mutating import ATOMS, content, mutated, mutated_json
 
 from harness import inputs
 from harness.__main__ import VERBS, main
-from harness.errors import HarnessError
+from harness.model.errors import HarnessError
 
 ROOT = Path(__file__).parents[2]
 LARGEST_SEED = 12_000

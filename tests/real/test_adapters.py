@@ -20,10 +20,10 @@ import pytest
 from harness import catalog, interpreters, resolving, store
 from harness.judging import words
 from harness.model import Cell, CellRecord, Level, Outcome, Phase
+from harness.model.vocabulary import APIS, MISLEADING
 from harness.probes import launch
 from harness.scheduler import Controlled, Runner, Settings
 from harness.smoke.tried import CellUnderTest
-from harness.vocabulary import APIS, MISLEADING
 
 HERE = Path(__file__).parent
 DATA = tomllib.loads((HERE / "adapters.toml").read_text(encoding="utf-8"))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness import document, schema
+from harness import document
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.model import (
     Artifact,
@@ -27,8 +27,9 @@ from harness.model import (
     Plan,
     Question,
     Step,
+    schema,
 )
-from harness.reporttypes import CellEntry, DiagnosisEntry, Document
+from harness.model.report_types import CellEntry, DiagnosisEntry, Document
 from harness.signatures import Signature
 from harness.standalone import matching
 

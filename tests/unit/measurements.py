@@ -16,9 +16,9 @@ from packaging.utils import canonicalize_name
 from harness import document, entry_failures, knowledge, locks
 from harness.judging.known_failures import counted
 from harness.model import Outcome, Phase, Verdict
-from harness.reporttypes import CaseEntry, CellEntry
+from harness.model.report_types import CaseEntry, CellEntry
+from harness.model.vocabulary import parsed_requirement, required_name
 from harness.signatures import Around, Evidence, diagnose
-from harness.vocabulary import parsed_requirement, required_name
 
 ROOT = Path(__file__).parents[2]
 WELL = frozenset({Outcome.PASSED, Outcome.SKIPPED})

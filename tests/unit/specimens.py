@@ -20,7 +20,7 @@ from harness.model import (
     Repair,
     Verdict,
 )
-from harness.reporttypes import Document
+from harness.model.report_types import Document
 
 GPU = {"models": "NVIDIA H200", "driver": "570.86.15"}
 """Facts of a machine that has a GPU, under the names that `harness.machine` writes."""

@@ -9,10 +9,10 @@ import pytest
 from builders import case, entry, phase, record
 
 from harness import accepting, matrixfile, plan
-from harness.errors import BadInput
 from harness.matrix import Matrix
 from harness.model import Cell, Outcome, Phase, Plan
-from harness.reporttypes import CellEntry
+from harness.model.errors import BadInput
+from harness.model.report_types import CellEntry
 
 TODAY = "2026-11-21T12:00:00Z"
 HEAD = """\

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.commands import blocks
-from harness.errors import BadInput
+from harness.model.errors import BadInput
 
 TEXT = """# A page
 

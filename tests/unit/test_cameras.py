@@ -19,7 +19,7 @@ import pytest
 from harness import cameras, nativesays
 from harness.cameras import Pair, Seen, Way
 from harness.model import Outcome
-from harness.reporttypes import CaseEntry
+from harness.model.report_types import CaseEntry
 
 ROOT = Path(__file__).parents[2]
 STANDIN = ROOT / "tests" / "standins" / "isaacgym" / "python"

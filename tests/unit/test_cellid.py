@@ -14,10 +14,10 @@ import pytest
 from builders import asking
 from packaging.requirements import Requirement
 
-from harness import cellid, document, measured, plan
-from harness.model import CellRecord, IndexSettings, Subject
+from harness import document, measured, plan
+from harness.model import CellRecord, IndexSettings, Subject, cellid
+from harness.model.vocabulary import Instant
 from harness.store import Store
-from harness.vocabulary import Instant
 
 REPORTS = Path(__file__).parents[2] / "reports"
 LABEL = re.compile(r"[A-Za-z0-9.+-]+(_[A-Za-z0-9.+-]+)*")

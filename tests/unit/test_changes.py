@@ -13,9 +13,9 @@ from specimens import RESET, SOLVER, XML
 
 from harness import changes, document, matrixfile, plan, remedies, tables
 from harness.commands import reporting
-from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
-from harness.reporttypes import CellEntry, Document
+from harness.model.errors import BadInput
+from harness.model.report_types import CellEntry, Document
 from harness.signatures import Signature
 from harness.tabletypes import Effect
 

@@ -18,8 +18,8 @@ from packaging.version import Version
 
 from harness import clues, knowledge
 from harness.model import Phase
+from harness.model.vocabulary import parsed_requirement, required_name
 from harness.signatures import RemedyTable, Signature
-from harness.vocabulary import parsed_requirement, required_name
 
 KNOWN = knowledge.known()
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -14,7 +14,6 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from harness import controls, locks
-from harness.errors import BadInput
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import NEEDS
 from harness.model import (
@@ -27,7 +26,8 @@ from harness.model import (
     PhaseRecord,
     Verdict,
 )
-from harness.vocabulary import APIS
+from harness.model.errors import BadInput
+from harness.model.vocabulary import APIS
 
 COMMITTED = Path(controls.__file__).parents[1] / "matrices" / "controls"
 REACHABLE = ("fnnn", "pfnn", "pppp", "ppfp", "pppf", "ppff", "ppfu", "pppi", "ppss", "punn", "unnn", "innn")

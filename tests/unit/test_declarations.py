@@ -9,10 +9,10 @@ import pytest
 from harness import nativesays
 from harness.judging.check import Ending, check_record
 from harness.model import CheckReply, Outcome, Raised
+from harness.model.vocabulary import APIS, FAMILY, INCELL, readers
 from harness.plan import speaking
 from harness.probes import program
 from harness.standalone import adapters, keys
-from harness.vocabulary import APIS, FAMILY, INCELL, readers
 
 DECLARED = adapters.adapters()
 

@@ -9,9 +9,9 @@ from builders import GENERATED, HERE, MACHINES, case, cell, document_of, phase, 
 from specimens import RESET, XML, quick, quick_document
 
 from harness import document
-from harness.errors import BadInput
 from harness.model import CellRecord, CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
-from harness.reporttypes import CellEntry, Document, FindingEntry
+from harness.model.errors import BadInput
+from harness.model.report_types import CellEntry, Document, FindingEntry
 
 CELL_KEYS = {
     "id", "matrix", "axes", "requested_python", "python", "machine", "environment", "supplied", "installed", "lock",

@@ -13,10 +13,10 @@ from harness.drafts import Case, Draft, Project, Range, SuiteDraft
 from harness.drafts import candidates as trying
 from harness.drafts.candidates import Candidate
 from harness.drafts.values import Offer, narrowed
-from harness.errors import BadInput
 from harness.matrix import Expansion
 from harness.model import Plan, Suite
-from harness.vocabulary import GYMNASIUM, Instant, Rule
+from harness.model.errors import BadInput
+from harness.model.vocabulary import GYMNASIUM, Instant, Rule
 from harness.workflows import read
 
 TEMPLATE = (Path(present.__file__).parent / "templates" / "matrix.toml.j2").read_text(encoding="utf-8")

@@ -12,7 +12,6 @@ from builders import case, cell, entry, knowing, phase, record, step, warning
 from specimens import RESET, XML
 
 from harness import entry_failures, knowledge, signature_files, signatures, suites
-from harness.errors import BadInput
 from harness.judging.assess import assess
 from harness.judging.known_failures import Knowledge
 from harness.model import (
@@ -27,7 +26,8 @@ from harness.model import (
     Suite,
     Verdict,
 )
-from harness.reporttypes import DiagnosisEntry
+from harness.model.errors import BadInput
+from harness.model.report_types import DiagnosisEntry
 from harness.signatures import Sighting
 
 KNOWN = signatures.read(

@@ -8,9 +8,9 @@ from packaging.version import Version
 
 import harness
 from harness import expansion, matrixfile
-from harness.errors import BadInput
 from harness.matrix import Matrix, RangeTable
-from harness.vocabulary import Rule
+from harness.model.errors import BadInput
+from harness.model.vocabulary import Rule
 
 RELEASES = [
     ("0.9", False),

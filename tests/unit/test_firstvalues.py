@@ -12,8 +12,8 @@ from harness import firstvalues
 from harness.commands import firstdraft
 from harness.drafts import Range
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
+from harness.model.vocabulary import Rule
 from harness.store import Store
-from harness.vocabulary import Rule
 
 PYTHON = interpreter()
 LOCK = lock()

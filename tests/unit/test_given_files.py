@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from harness import given_files
-from harness.errors import BadInput
+from harness.model.errors import BadInput
 from harness.standalone.opening import DEVICE, NAMED_PIPE
 
 

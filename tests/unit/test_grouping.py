@@ -11,7 +11,7 @@ from specimens import quick_document
 
 from harness import grouping, present
 from harness.model import Verdict
-from harness.reporttypes import CellEntry, DiagnosisEntry, ExpectationEntry
+from harness.model.report_types import CellEntry, DiagnosisEntry, ExpectationEntry
 from harness.tabletypes import Trouble
 
 AXES = ("python", "mujoco")

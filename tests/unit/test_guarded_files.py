@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import guarded_files, hostile_data, scratch_folders
-from harness.hostile_data import Absent, Unreadable
-from harness.model import CellRecord, Lock, PhaseRecord
+from harness import guarded_files, scratch_folders
+from harness.model import CellRecord, Lock, PhaseRecord, hostile_data
+from harness.model.hostile_data import Absent, Unreadable
 from harness.store import Installed
 
 

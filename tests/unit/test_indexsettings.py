@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from harness import indexsettings
-from harness.errors import BadInput
 from harness.indexsettings import UserIndex, combined, settings
 from harness.model import IndexSettings
+from harness.model.errors import BadInput
 
 
 @pytest.fixture(autouse=True)

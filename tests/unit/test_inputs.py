@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from packaging.specifiers import SpecifierSet
 
-from harness.errors import BadInput
 from harness.inputfiles.asked import Inputs
 from harness.inputs import newest_python, read
 from harness.model import IndexSettings
+from harness.model.errors import BadInput
 
 
 @pytest.fixture(autouse=True)

@@ -20,9 +20,9 @@ from harness.judging import case as judging
 from harness.judging.fold import Folded, after
 from harness.judging.todo import todo
 from harness.model import CellRecord, Expectation, Plan, Verdict
+from harness.model.report_types import Document
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun
 from harness.probes.vault import Vault, kept
-from harness.reporttypes import Document
 from harness.store import Store
 
 CRASH = End(signal=11, seconds=2.0)

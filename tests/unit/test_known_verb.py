@@ -12,7 +12,7 @@ import pytest
 from harness import distilling, measured, shipped_reports
 from harness.__main__ import main
 from harness.commands.known import KnownDocument
-from harness.schema import json_schema
+from harness.model.schema import json_schema
 
 REPORTS = Path(__file__).parents[2] / "reports"
 

@@ -6,8 +6,8 @@ import pytest
 from builders import SHA, interpreter, lock, pin
 
 from harness import locks
-from harness.errors import BadInput, CouldNotTell
 from harness.model import Artifact
+from harness.model.errors import BadInput, CouldNotTell
 
 A, B, C = "a" * 64, "b" * 64, "c" * 64
 INSTANT = "2026-01-01T00:00:00Z"

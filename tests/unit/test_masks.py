@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness import document
-from harness.reporttypes import CellEntry
+from harness.model.report_types import CellEntry
 
 REPORTS = Path(__file__).parents[2] / "reports"
 FORK = "vector.async.fork"

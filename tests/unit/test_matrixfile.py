@@ -6,10 +6,11 @@ from typing import Any
 import jsonschema
 import pytest
 
-from harness import matrixfile, schema
-from harness.errors import BadInput
+from harness import matrixfile
 from harness.matrix import Matrix, MatrixTable
-from harness.vocabulary import Instant, Kind
+from harness.model import schema
+from harness.model.errors import BadInput
+from harness.model.vocabulary import Instant, Kind
 
 MATRICES = Path(__file__).parents[2] / "matrices"
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'

@@ -12,9 +12,9 @@ from builders import GENERATED, HERE, MACHINES, case, record
 from specimens import quick
 
 from harness import document, merging
-from harness.errors import BadInput
 from harness.model import Cell, CellRecord, Dropped, Expectation, Outcome, Phase, PhaseRecord, Plan, Subject, Verdict
-from harness.reporttypes import CellEntry, Document
+from harness.model.errors import BadInput
+from harness.model.report_types import CellEntry, Document
 
 OTHER = "linux-aarch64"
 PLAN = quick()[0]

@@ -17,7 +17,7 @@ from harness import document, notices
 from harness.__main__ import main
 from harness.commands import reporting
 from harness.model import Expectation, Outcome, Phase, Step, Verdict
-from harness.reporttypes import Document
+from harness.model.report_types import Document
 
 ALL = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
 

@@ -14,8 +14,8 @@ from specimens import quick
 
 import harness
 from harness import pipelines
-from harness.errors import BadInput
 from harness.model import Dropped
+from harness.model.errors import BadInput
 from harness.pipelines import Action, Pipeline, Provider
 
 TEMPLATES = Path(harness.__file__).parent / "templates"

@@ -3,10 +3,10 @@
 import pytest
 
 from harness import expansion, matrixfile, plan
-from harness.errors import BadInput
 from harness.matrix import Matrix
 from harness.model import Case, Cell, Dropped, Expectation, Phase, Plan, Question, Verdict
-from harness.vocabulary import checks_of
+from harness.model.errors import BadInput
+from harness.model.vocabulary import checks_of
 
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 

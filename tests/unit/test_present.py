@@ -13,7 +13,7 @@ from specimens import agrees, quick_document
 import harness
 from harness import document, markdown_texts, present, tables, terminal
 from harness.model import Verdict
-from harness.reporttypes import SYMBOLS, word
+from harness.model.report_types import SYMBOLS, word
 from harness.tabletypes import Pivot, Square
 
 TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")

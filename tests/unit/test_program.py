@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from harness import firstcases, wire
+from harness.model.vocabulary import APIS, CHECKS, INCELL
 from harness.probes import program
-from harness.vocabulary import APIS, CHECKS, INCELL
 
 FOLLOWERS = tuple(name for names in wire.FOLLOWERS.values() for name in names)
 ALL = (*CHECKS, *FOLLOWERS, "single.repeat", firstcases.LISTING)

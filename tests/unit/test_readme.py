@@ -8,7 +8,7 @@ from pathlib import Path
 from harness import matrixfile, plan
 from harness.commands import blocks, report
 from harness.matrix import Expansion
-from harness.vocabulary import Instant
+from harness.model.vocabulary import Instant
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -13,8 +13,8 @@ import pytest
 from packaging.version import Version
 
 from harness.__main__ import main
+from harness.model.schema import json_schema
 from harness.recommended import Recommended
-from harness.schema import json_schema
 
 REPORTS = Path(__file__).parents[2] / "reports"
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from harness import mending, repairs
-from harness.errors import BadInput
 from harness.model import Edit, Question, Repair
+from harness.model.errors import BadInput
 
 RECIPE = """
 package = "Gym"

@@ -8,9 +8,9 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from harness import schema
-from harness.errors import BadInput
 from harness.matrix import MatrixTable
+from harness.model import schema
+from harness.model.errors import BadInput
 
 
 class Colour(StrEnum):

@@ -11,8 +11,8 @@ from builders import asking
 
 from harness import document, shards
 from harness.commands import select_cells
-from harness.errors import BadInput
 from harness.model import Cell
+from harness.model.errors import BadInput
 
 
 def cell(name: str, question: str = "", python: str = "3.11") -> Cell:

@@ -11,9 +11,9 @@ from packaging.version import Version
 
 from harness import document, knowledge, signature_files, signatures
 from harness.model import Verdict
-from harness.reporttypes import CellEntry
+from harness.model.report_types import CellEntry
+from harness.model.vocabulary import parsed_requirement
 from harness.signatures import Around, Evidence, Signature, diagnose
-from harness.vocabulary import parsed_requirement
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "matrices" / signature_files.FOLDER

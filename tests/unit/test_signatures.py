@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from harness import signatures
-from harness.errors import BadInput
 from harness.model import Change, Phase
+from harness.model.errors import BadInput
 from harness.signatures import Around, Evidence, Signature, diagnose
 
 FULL = """

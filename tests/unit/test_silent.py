@@ -16,7 +16,7 @@ from harness import changes, document, knowledge, signatures
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
-from harness.reporttypes import CaseEntry, CellEntry, Document
+from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.signatures import Signature
 from harness.standalone import silent
 from harness.standalone.silent import Exercised

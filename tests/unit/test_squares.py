@@ -11,7 +11,7 @@ from builders import GENERATED, case, cell, document_of, record
 
 from harness import matrixfile, plan, present, squares, tables
 from harness.model import Cell, CellRecord, Change, Outcome, Phase, Role, Step, Tried, Verdict
-from harness.reporttypes import Document
+from harness.model.report_types import Document
 from harness.tabletypes import Pivot, Square
 
 AXES = ("python", "mujoco")

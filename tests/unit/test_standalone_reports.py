@@ -9,7 +9,7 @@ from pathlib import Path
 from harness import document, entry_failures, knowledge
 from harness.judging import failure_texts
 from harness.model import Verdict
-from harness.reporttypes import CellEntry
+from harness.model.report_types import CellEntry
 from harness.standalone import matching
 from harness.standalone.explain.explaining import Explained, Here, explained
 

@@ -8,10 +8,10 @@ import pytest
 from packaging.version import Version
 
 from harness import expansion, matrixfile, plan
-from harness.errors import BadInput, CouldNotTell
 from harness.expansion import Breaks
 from harness.matrix import Chosen, Expansion, Matrix, Unresolvable
 from harness.model import Cell, Dropped, Plan, Question
+from harness.model.errors import BadInput, CouldNotTell
 
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 THREE = """

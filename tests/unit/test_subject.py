@@ -10,7 +10,6 @@ import pytest
 from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, plain, record
 
 from harness import document, matrixfile, model, plan, subjects, suites
-from harness.errors import BadInput
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
 from harness.judging.pytest_report import Report, outcome_of
@@ -27,7 +26,8 @@ from harness.model import (
     Suite,
     Verdict,
 )
-from harness.vocabulary import SELF
+from harness.model.errors import BadInput
+from harness.model.vocabulary import SELF
 
 AXES = 'axes = { python = ["3.11"] }\n'
 PYTHON = interpreter()

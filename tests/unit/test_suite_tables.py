@@ -12,7 +12,7 @@ from specimens import quick_document
 import harness
 from harness import present, suite_tables, tables
 from harness.model import Outcome
-from harness.reporttypes import CellEntry, SuiteEntry
+from harness.model.report_types import CellEntry, SuiteEntry
 
 AXES = ("python", "gymnasium")
 TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")

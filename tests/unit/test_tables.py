@@ -10,9 +10,9 @@ from builders import GENERATED, HERE, MACHINES, case, record
 from specimens import agrees, quick, quick_document
 
 from harness import document, tables
-from harness.errors import BadInput
 from harness.model import Plan, Verdict
-from harness.reporttypes import SEVERITY, SYMBOLS, Document
+from harness.model.errors import BadInput
+from harness.model.report_types import SEVERITY, SYMBOLS, Document
 from harness.tabletypes import Square
 
 

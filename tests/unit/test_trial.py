@@ -7,10 +7,10 @@ import pytest
 
 from harness import plan
 from harness.commands.ad_hoc_cell import models
-from harness.errors import BadInput
 from harness.model import Case, Question
+from harness.model.errors import BadInput
+from harness.model.vocabulary import APIS, api_of, checks_of
 from harness.plan.speaking import declared
-from harness.vocabulary import APIS, api_of, checks_of
 
 
 def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.Asked:

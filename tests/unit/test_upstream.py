@@ -17,7 +17,7 @@ from specimens import GPU
 from harness import document, reproducing, upstream
 from harness.__main__ import main
 from harness.model import Case, CellRecord, Outcome, Phase, Plan, Question, Verdict
-from harness.reporttypes import DiagnosisEntry
+from harness.model.report_types import DiagnosisEntry
 from harness.store import Store
 
 LOCK = f"gymnasium==1.2.3 \\\n    --hash=sha256:{'1' * 64}\nnumpy==2.2.6 \\\n    --hash=sha256:{'2' * 64}\n"

@@ -4,8 +4,8 @@
 import pytest
 
 from harness import uvsays
-from harness.errors import BadInput
 from harness.model import Outcome, Phase, Step
+from harness.model.errors import BadInput
 
 NO_SOLUTION = """\
 error: No solution found when resolving dependencies

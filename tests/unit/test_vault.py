@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from readings import CASE, GOOD, HERE, lines, passed
 
-from harness.hostile_data import Unreadable
+from harness.model.hostile_data import Unreadable
 from harness.probes.evidence import LOG, REPLY, ProbeRun, Request
 from harness.probes.vault import Vault, kept
 

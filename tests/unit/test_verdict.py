@@ -30,7 +30,7 @@ from harness.model import (
     Verdict,
     worst,
 )
-from harness.reporttypes import SEVERITY
+from harness.model.report_types import SEVERITY
 
 IMPORT_ONLY = Case(id="numpy", env=None, api="gymnasium", checks=("import.modules",))
 

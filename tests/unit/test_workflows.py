@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from harness.errors import BadInput
+from harness.model.errors import BadInput
 from harness.workflows import Fate, Job, expressions, read, shell
 from harness.workflows.combinations import combinations
 

@@ -31,7 +31,7 @@ from harness.judging.check import Ending, check_record
 from harness.model import CheckReply, Outcome, Raised
 from harness.plan import speaking
 from harness.standalone import keys
-from harness.vocabulary import settings
+from harness.model.vocabulary import settings
 
 def drawn(traceback, **facts):
     error = Raised(type="RuntimeError", message="no", traceback=traceback, blame="library")

@@ -21,9 +21,9 @@ from PIL import Image
 
 from harness import cameras, index, interpreters, pages, tables, uv
 from harness.cameras import Pair
-from harness.errors import CouldNotTell
 from harness.model import Lock, Question
-from harness.reporttypes import CellEntry, Document
+from harness.model.errors import CouldNotTell
+from harness.model.report_types import CellEntry, Document
 
 STANDINS = Path(__file__).parents[2] / "standins"
 NUMPY, AS_OF = ("numpy<1.24",), "2026-01-01T00:00:00Z"

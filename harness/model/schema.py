@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Protocol, Self, TypeVar
 import msgspec
 from msgspec import inspect as types
 
-from harness.errors import BadInput
+from harness.model.errors import BadInput
 
 T = TypeVar("T")
 

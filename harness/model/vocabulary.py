@@ -21,7 +21,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion
 
-from harness import requirement_texts
+from harness.model import requirement_texts
 from harness.standalone.adapters import adapters
 
 
@@ -87,7 +87,7 @@ MISLEADING = frozenset({"single.start_pose", "single.contact", "single.solver", 
 IMPORT_CHECK = CHECKS[0]
 PHASES = tuple(dict.fromkeys(name.partition(".")[0] for name in STANDARD))
 
-INCELL = Path(__file__).parent / "incell"
+INCELL = Path(__file__).parent.parent / "incell"
 APIS = tuple(sorted(m.name.removeprefix("api_") for m in iter_modules([str(INCELL)]) if m.name.startswith("api_")))
 """The adapters, each a file `api_NAME.py`."""
 

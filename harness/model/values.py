@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from harness import cellid
+from harness.model import cellid
 
 
 class Phase(StrEnum):
