@@ -20,13 +20,14 @@ from warnings import simplefilter
 from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-from harness import guarded_files, index, locks, machine, normalise, process, sdists, uv, uvcli
+from harness import guarded_files, index, locks, machine, process, sdists, uv, uvcli
 from harness.filelocks import exclusive, use
-from harness.judging.check import SHOT, machine_trouble
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
+from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.scratch_folders import removed
+from harness.standalone.lines import bounded, death, decisive_line, normalise
 from harness.store import cache_folder, digest, open_store, own_folders, write_atomic
 
 LIMITS = process.Limits(seconds=1800.0)
@@ -98,7 +99,7 @@ class _Job:
 
     def stopped(self, outcome: Outcome, decisive: str, log: str | None = None) -> _Stopped:
         """Say how it ended, in a form that leaves all the functions between."""
-        return _Stopped(Step(phase=Phase.INSTALL, outcome=outcome, decisive=normalise.bounded(decisive), log=log))
+        return _Stopped(Step(phase=Phase.INSTALL, outcome=outcome, decisive=bounded(decisive), log=log))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -293,7 +294,7 @@ def _place(job: _Job, requires: Sequence[str]) -> Place:
     place = job.provide(lock, question, job.chain) if isinstance(lock, Lock) else lock
     if isinstance(place, Step):
         decisive = f"{job.title}: its build requirements: {place.decisive}"
-        raise _Stopped(replace(place, phase=Phase.INSTALL, decisive=normalise.bounded(decisive)))
+        raise _Stopped(replace(place, phase=Phase.INSTALL, decisive=bounded(decisive)))
     return place
 
 
@@ -322,7 +323,7 @@ def _call(bench: _Bench, place: Place, hook: str, *arguments: str) -> Any:
     except _HookFailed as failed:
         raise _failure(job, failed.completed, hook) from None
     except (BackendUnavailable, HookMissing, UnsupportedOperation, ValueError) as error:
-        told = normalise.decisive_line(getattr(error, "traceback", "")) or str(error)
+        told = decisive_line(getattr(error, "traceback", "")) or str(error)
         raise job.stopped(Outcome.FAILED, f"{job.title}: its build backend cannot be used: {told}") from None
 
 
@@ -350,7 +351,7 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
     text = guarded_files.log_text(log)
     hooks = Path(argv[1]).parent  # the script that calls the build backend
     places = {**uvcli.places(), str(place.path): "$ENV", str(bench.work): "$BUILD", str(hooks): "$HOOKS"}
-    write_atomic(log, normalise.normalise(text, places).encode())
+    write_atomic(log, normalise(text, places).encode())
     if completed.exit_code != 0:
         raise _HookFailed(completed)
 
@@ -363,8 +364,8 @@ def _failure(job: _Job, completed: process.Completed, hook: str) -> _Stopped:
     if completed.killed or completed.out_of_memory or completed.shot:
         why = completed.killed or (SHOT if completed.shot else f"more than {LIMITS.memory_mb} MB of memory")
         return job.stopped(Outcome.INFRA, f"{job.title}: {hook} was ended: {why}", log)
-    died = completed.signal and f"{hook}: {normalise.death(None, completed.signal, text)}"
-    decisive = died or normalise.decisive_line(text) or f"{hook} ended with exit code {completed.exit_code}"
+    died = completed.signal and f"{hook}: {death(None, completed.signal, text)}"
+    decisive = died or decisive_line(text) or f"{hook} ended with exit code {completed.exit_code}"
     starved = completed.starved and COMPILER_KILLED in text
     trouble = starved or machine_trouble(text, decisive, completed.least_room_mb)
     return job.stopped(Outcome.INFRA if trouble else Outcome.FAILED, decisive, log)

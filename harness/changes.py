@@ -1,4 +1,4 @@
-"""A change made to a cell, whether a matrix tries it by a name or a remedy asks for it; and what came of it."""
+"""Apply a change to a cell, whether a matrix tries it by a name or a remedy asks for it."""
 
 from __future__ import annotations
 
@@ -6,15 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-import msgspec
-
-from harness import entry_failures, repairs
-from harness.judging.expectation import fulfilled
-from harness.model import FAILING, Cell, Change, Phase, Question, Repair, cellid
-from harness.model.report_types import UNTOLD, CellEntry, DiagnosisEntry
+from harness import repairs
+from harness.model import Cell, Change, Question, Repair, cellid
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone import remedies
-from harness.tabletypes import Effect
 
 NEVER = "python_version < '0'"
 """The marker of an override that takes a package out, whoever asks for it."""
@@ -135,57 +130,3 @@ def in_words(remedy: Mapping[str, Any]) -> str:
 def described(change: Change) -> tuple[str, ...]:
     """What a change does, in a few words each."""
     return tuple(remedies.does(plain(change)))
-
-
-# --- what came of it -------------------------------------------------------------------------------------------
-
-
-def effect(before: CellEntry, after: CellEntry) -> Effect:
-    """Compare a cell with what a change made of it, both on one machine."""
-    does = works(before), works(after)
-    if any(cell.verdict in UNTOLD and not well for cell, well in zip((before, after), does, strict=True)):
-        return Effect.UNTOLD
-    if any(does):
-        return {(True, True): Effect.NOTHING, (False, True): Effect.CURES}.get(does, Effect.BREAKS)
-    first, second = _failed(before), _failed(after)
-    if second < first:
-        return Effect.PARTLY
-    failed = entry_failures.failure(before), entry_failures.failure(after)
-    if failed[0] and failed[1] and failed[0].same(failed[1]):
-        return Effect.BREAKS if first < second else Effect.NOTHING
-    order = list(Phase)
-    places = [order.index(cell.phase) if cell.phase else len(order) for cell in (before, after)]
-    return Effect.BREAKS if places[1] < places[0] else Effect.UNCOVERS
-
-
-def works(cell: CellEntry) -> bool:
-    """Return whether all of it that was asked for passed, and no silent issue is left open."""
-    return fulfilled(cell.verdict, cell.phases, cell.unverified)
-
-
-def _failed(cell: CellEntry) -> set[tuple[str, str]]:
-    """Checks that failed, by case; a step of the host stands for all of them."""
-    found = {(case.case, check) for case in cell.cases for check, how in case.checks.items() if how in FAILING}
-    return found | {("", phase) for phase, how in cell.phases.items() if how in FAILING and not found}
-
-
-def proven(cells: Iterable[CellEntry]) -> tuple[CellEntry, ...]:
-    """The cells, a remedy being proven where the cell that it makes of this one was measured here, too, and works."""
-    found = tuple(cells)
-    cured = {
-        (cell.base, cell.machine, name): cell.id
-        for cell in found
-        if cell.change and works(cell)
-        for name in cell.change.remedy_of
-    }
-
-    def judged(cell: CellEntry, one: DiagnosisEntry) -> DiagnosisEntry:
-        proof = cured.get((cell.id, cell.machine, one.signature))
-        return msgspec.structs.replace(one, proven=proof is not None, proof=proof)
-
-    return tuple(
-        msgspec.structs.replace(cell, diagnoses=tuple(judged(cell, one) for one in cell.diagnoses))
-        if cell.diagnoses
-        else cell
-        for cell in found
-    )

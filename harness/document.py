@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from harness import changes
+from harness import change_effects, changes
 from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
@@ -74,7 +74,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
     return Document(
         generated=generated,
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
-        cells=changes.proven(cells),
+        cells=change_effects.proven(cells),
         dropped=tuple(
             DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
         ),
@@ -399,7 +399,7 @@ def combined(documents: Sequence[Document]) -> Document:
     return Document(
         generated=max(document.generated for document in documents),
         machines={name: facts for document in documents for name, facts in document.machines.items()},
-        cells=changes.proven(entry for entry in cells.values() if entry.machine or entry.id not in measured),
+        cells=change_effects.proven(entry for entry in cells.values() if entry.machine or entry.id not in measured),
         dropped=tuple({gone.id: gone for document in documents for gone in document.dropped}.values()),
         matrices={name: matrix for document in documents for name, matrix in document.matrices.items()},
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),

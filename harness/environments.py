@@ -21,7 +21,6 @@ from harness.environment_damage import CONFIG, PYTHON, damaged, foundation, repl
 from harness.filelocks import alone, exclusive, use
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.model.hostile_data import Unreadable
-from harness.probes.launch import LEADS_ON
 from harness.scratch_folders import removed
 from harness.store import cache_folder, digest, open_store, write_atomic
 
@@ -320,7 +319,7 @@ def _make(
         return warmed
     if how.below:
         (site,), (more,) = (list(sitepackages.folders(one)) for one in (path, how.below))
-        (site / LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
+        (site / sitepackages.LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
         key=_key(path),
         link_mode=link_mode,

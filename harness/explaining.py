@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness import changes
+from harness import change_effects, changes
 from harness.entry_failures import counted
 from harness.model import Verdict, cellid
 from harness.model.report_types import CellEntry, word
@@ -83,7 +83,7 @@ def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
             advice=after.change.advice,
             link=after.change.link or "",
             after=_stands(after),
-            effect=changes.effect(before, after) if before else Effect.UNTOLD,
+            effect=change_effects.effect(before, after) if before else Effect.UNTOLD,
             lock=after.lock or "",
             machine=after.machine or NOTHING,
         )

@@ -10,7 +10,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness import changes, explaining
+from harness import change_effects, explaining
 from harness.entry_failures import counted
 from harness.model import cellid
 from harness.model.report_types import REPAIR, SEVERITY, CellEntry, number
@@ -94,7 +94,7 @@ def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellE
     return [
         cell
         for cell in cells
-        if cell.change and cell.change.name == REPAIR and changes.works(cell)
+        if cell.change and cell.change.name == REPAIR and change_effects.works(cell)
         if (cell.base, cell.machine) in places
     ]
 

@@ -21,9 +21,9 @@ import msgspec
 from harness import display, guarded_files, process
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import readers
-from harness.normalise import normalise
 from harness.process import Command, Completed, Limits, Profile, run
 from harness.scratch_folders import scratch_folder
+from harness.standalone.lines import normalise
 from harness.store import cache_folder, digest, write_atomic
 
 NOTHING: Mapping[str, str] = MappingProxyType({})

@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from harness import changes, document
+from harness import change_effects, document
 from harness.judging.expectation import outdated
 from harness.model import Verdict
 from harness.model.errors import BadInput
@@ -47,7 +47,7 @@ def united(sources: Sequence[Source]) -> Document:
     return Document(
         generated=generated,
         machines=_machines(documents),
-        cells=changes.proven(cells),
+        cells=change_effects.proven(cells),
         dropped=tuple(_dropped(documents, planned)),
         matrices={name: matrix for made in documents for name, matrix in made.matrices.items()},
         stale=_stale(documents, cells, planned, generated),

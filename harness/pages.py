@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import advising, cameras, changes, grouping, present, rendering
+from harness import advising, cameras, change_effects, grouping, present, rendering
 from harness.model import cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import CaseEntry, CellEntry, Document
@@ -82,7 +82,7 @@ class _Cells:
         if before is None:
             message = f'its page asks what the change of "{label}" did, which is no changed cell'
             raise BadInput(message)
-        return changes.effect(before, after)
+        return change_effects.effect(before, after)
 
 
 def _value(cell: CellEntry, axis: str) -> str | None:

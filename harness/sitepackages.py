@@ -18,6 +18,8 @@ MOST_METADATA = 64 << 20
 """Bytes of a file of metadata: the longest RECORD is some megabytes."""
 
 KINDS = (".dist-info", ".egg-info")
+LEADS_ON = "_simmatrix_below.pth"
+"""What makes Python look on in the environment below."""
 
 
 def versions(path: Path) -> dict[str, str]:

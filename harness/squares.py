@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import combinations
 
-from harness import changes, explaining, grouping
+from harness import change_effects, explaining, grouping
 from harness.model import CASE_PHASES, FAILING, Outcome, Phase, Role, Verdict
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry
 from harness.tabletypes import Pivot, Square
@@ -132,7 +132,7 @@ def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], bes
         patched=any(cell.repairs for cell in cells),
         fixed=not works
         and verdict not in UNTOLD
-        and any(changes.works(one) for cell in cells for one in beside.of(cell)),
+        and any(change_effects.works(one) for cell in cells for one in beside.of(cell)),
         varies=works
         and any(one.verdict not in {*UNTOLD, Verdict.WORKS} for cell in cells for one in beside.sides(cell)),
         uneven=len({frozenset(case.case for case in cell.cases if tried(case)) for cell in cells}) > 1,

@@ -14,10 +14,11 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from harness import indexsettings, normalise, process
+from harness import indexsettings, process
 from harness.filelocks import use
 from harness.model import IndexSettings, Interpreter
 from harness.scratch_folders import scratch_folder
+from harness.standalone.lines import normalise
 from harness.store import cache_folder, state_folder, write_atomic
 
 DEADLINE = 600.0
@@ -142,7 +143,7 @@ def _run(
             profile=process.Profile.HOST,
         )
     )
-    text = normalise.normalise(call.log.read_text(encoding="utf-8", errors="replace"), places())
+    text = normalise(call.log.read_text(encoding="utf-8", errors="replace"), places())
     return Said(ok=completed.exit_code == 0, text=text, trouble=_trouble(completed))
 
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from harness import normalise
-from harness.judging.check import MACHINE_TROUBLE
 from harness.model import Outcome, Phase, Step
 from harness.model.errors import UnusableRequirement
+from harness.model.machine_trouble import MACHINE_TROUBLE
+from harness.standalone.lines import bounded, decisive_line, strip_ansi
 
 TROUBLE = re.compile(
     r"Failed to fetch|Request failed after|error sending request|dns error|operation timed out"
@@ -96,8 +96,8 @@ def met_source(text: str) -> bool:
 
 def unreadable(text: str) -> str | None:
     """What file uv could not read and so passed over, be it for an older version: what a cut download leaves behind."""
-    found = UNREADABLE.search(normalise.strip_ansi(text))
-    return f"{found[1]} came broken from its index: {normalise.bounded(found[2])}; try again" if found else None
+    found = UNREADABLE.search(strip_ansi(text))
+    return f"{found[1]} came broken from its index: {bounded(found[2])}; try again" if found else None
 
 
 def unlisted(text: str) -> str | None:
@@ -142,7 +142,7 @@ def _of_packages(words: _Words, own: str, phase: Phase) -> Step | None:
     if URL_REQUIREMENT.search(own):
         return Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=_plain(words))
     if "No solution found" in own:
-        return Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=normalise.decisive_line(own))
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=decisive_line(own))
     if phase is Phase.INSTALL and re.search(r"Failed to install|malformed|has no binary distribution", own):
         return Step(phase=phase, outcome=Outcome.FAILED, decisive=_places_apart(_plain(words)))
     return None
@@ -166,7 +166,7 @@ def _words(text: str) -> _Words:
     own: list[str] = []
     backend: list[str] = []
     printed_by_backend = False
-    for line in normalise.strip_ansi(text).splitlines():
+    for line in strip_ansi(text).splitlines():
         bare = line.strip()
         if DEBUG.match(line) or WARNING.match(line):
             continue
@@ -185,12 +185,12 @@ def _build(words: _Words) -> Step:
         named = f"{package[1]}: " if package and package[1] else ""
         line: str | None = f"{named}no solution for its build requirements: {_last_cause(words)}"
     else:
-        line = normalise.decisive_line(words.backend) if words.backend.strip() else _plain(words)
+        line = decisive_line(words.backend) if words.backend.strip() else _plain(words)
     trouble = MACHINE_TROUBLE.search(f"{line}\n{words.backend}")
     return Step(
         phase=Phase.INSTALL,
         outcome=Outcome.INFRA if trouble else Outcome.FAILED,
-        decisive=normalise.bounded(line or _plain(words)),
+        decisive=bounded(line or _plain(words)),
     )
 
 
@@ -198,19 +198,19 @@ def _metadata(words: _Words) -> str:
     """uv puts the offending line into a hint of several lines."""
     start = next((n for n, line in enumerate(words.own) if "could not be parsed" in line), 0)
     lines = [re.sub(r"^hint: ", "", line.strip()) for line in words.own[start:]]
-    return normalise.bounded("\n".join(line for line in lines if line.strip("^ ~")))
+    return bounded("\n".join(line for line in lines if line.strip("^ ~")))
 
 
 def _trouble(words: _Words) -> str:
     """The last cause is the system's own word; a hint tells what the index answered."""
     hints = [line for line in words.own if line.startswith("hint: ") and TROUBLE.search(line)]
     if hints:
-        return normalise.bounded(hints[0].removeprefix("hint: "))
+        return bounded(hints[0].removeprefix("hint: "))
     told = [line for line in words.own if STATEMENT.match(line)] or words.own
     lines = [LEAD.sub("", line).strip() for line in told]
     if any("Hash mismatch" in line for line in lines):
-        return normalise.bounded(f"{lines[0]}: {lines[-1]}; {OTHER_FILE}")
-    return normalise.bounded(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
+        return bounded(f"{lines[0]}: {lines[-1]}; {OTHER_FILE}")
+    return bounded(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
 
 
 def _last_cause(words: _Words) -> str:
@@ -221,4 +221,4 @@ def _last_cause(words: _Words) -> str:
 def _plain(words: _Words) -> str:
     """All of uv's own words but hints, in one line."""
     lines = [LEAD.sub("", line).strip() for line in words.own if not line.startswith("hint: ")]
-    return normalise.bounded(": ".join(line.rstrip(":") for line in lines if line.strip("^ ~")) or "no word")
+    return bounded(": ".join(line.rstrip(":") for line in lines if line.strip("^ ~")) or "no word")

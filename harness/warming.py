@@ -12,12 +12,13 @@ from typing import Annotated
 
 import msgspec
 
-from harness import machine, normalise, process, systempackages, uvcli
+from harness import machine, process, systempackages, uvcli
 from harness.guarded_files import log_text
-from harness.judging.check import SHOT, machine_trouble
 from harness.model import Finding, Level, Outcome, Phase, Question, Step
+from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.schema import load_toml
 from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
+from harness.standalone.lines import bounded, death, decisive_line, normalise
 from harness.store import digest, open_store, own_folders, write_atomic
 
 FILE = Path(__file__).with_suffix(".toml")
@@ -97,7 +98,7 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
             str(process.temporary(home)): "$TMP",
             str(work): "$BUILD",
         }
-        text = normalise.normalise(log_text(completed.log), places)
+        text = normalise(log_text(completed.log), places)
     if completed.exit_code == 0:
         return None
     log = open_store().evidence(f"install-{path.name}") / f"{recipe.name}.log"
@@ -106,7 +107,7 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
     return Step(
         phase=Phase.INSTALL,
         outcome=outcome,
-        decisive=normalise.bounded(f"{recipe.name}, compiled by its first import: {decisive}"),
+        decisive=bounded(f"{recipe.name}, compiled by its first import: {decisive}"),
         log=open_store().relative(log),
         findings=tuple(_missing(recipe.system)),
     )
@@ -119,7 +120,7 @@ def _said(completed: process.Completed, text: str) -> tuple[Outcome, str]:
         return Outcome.INFRA, f"it was ended: {completed.killed or f'more than {LIMITS.memory_mb} MB of memory'}"
     if completed.shot:
         return Outcome.INFRA, f"it was {SHOT}"
-    told = normalise.decisive_line(text) or normalise.death(completed.exit_code, completed.signal, text)
+    told = decisive_line(text) or death(completed.exit_code, completed.signal, text)
     trouble = machine_trouble(text, told, completed.least_room_mb)
     return (Outcome.INFRA if trouble else Outcome.FAILED), told
 

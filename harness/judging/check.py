@@ -9,6 +9,7 @@ from functools import cache
 
 from harness import normalise, wire
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
+from harness.model.machine_trouble import FULL, MACHINE_TROUBLE, ROOMY_MB, SHOT
 from harness.model.vocabulary import MISLEADING
 from harness.probes.evidence import STACKS, STARTUP_SECONDS, Reading
 from harness.probes.facts import plain
@@ -26,29 +27,11 @@ UNMEASURED = "unmeasured."
 NEEDS = {Phase.SINGLE: Phase.IMPORT} | dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.INTEROP), Phase.SINGLE)
 """The phase without which another says nothing new."""
 
-CUT_SHORT = re.compile(r"EOFError: (?:marshal data too short|EOF read where (?:object|not) expected)")
-"""What Python says of bytecode that is not whole: it keeps what it could write of it where a disk is full."""
-
 DRAWING = "drawing"
 """The fact of a check that it failed while it drew, or got ready for that: other settings may let it pass."""
 
 WINDOW_CODE = re.compile(r"/pygame/|pygame\.error|\bSDL_|XOpenDisplay|\bDISPLAY\b")
 BLANK = "render.blank"
-
-MACHINE_TROUBLE = re.compile(
-    r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
-    r"|Resource temporarily unavailable|can't start new thread"
-    r"|Temporary failure in name resolution|Name or service not known|Network is unreachable"
-    rf"|{CUT_SHORT.pattern}"
-)
-"""What the operating system says when this machine or its network is short of something, whatever the package."""
-
-FULL = frozenset({"No space left on device", "Disk quota exceeded"})
-ROOMY_MB = 1024
-"""Room that no write takes up between two looks at a disk: one that never had less was not full."""
-
-SHOT = "killed by SIGKILL, by whom cannot be told: perhaps the system for want of memory, a service or a person"
-"""The harness says when it sends it. A package hardly ever does, so nothing is said of one."""
 
 SIGKILLED = re.compile(r"^(worker )?killed by SIGKILL")
 SHARED_MEMORY = re.compile(r"/dev/shm|_posixshmem|\bSemLock\b|\bshm_open\b|/multiprocessing/(?:heap|synchronize)\.py")
@@ -208,18 +191,6 @@ def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
 def shot(record: CheckRecord) -> bool:
     """Tell whether nobody knows who killed the process of a check, or a worker of it."""
     return record.outcome is Outcome.INFRA and SHOT in (record.decisive or "")
-
-
-def machine_trouble(text: str, decisive: str, least_room_mb: int | None) -> bool:
-    """Tell whether a command failed because this machine lacks something, by all that it printed.
-
-    A full disk that is only mentioned must have been one; so must a read-only one be what it failed by.
-    """
-    if MACHINE_TROUBLE.search(decisive):
-        return True
-    roomy = least_room_mb is not None and least_room_mb >= ROOMY_MB
-    hearsay = {"Read-only file system"} | (FULL if roomy else set())
-    return any(found[0] not in hearsay for found in MACHINE_TROUBLE.finditer(text))
 
 
 def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:

@@ -13,16 +13,7 @@ from itertools import islice
 from types import MappingProxyType
 
 from harness import nativesays, normalise, wire
-from harness.judging.check import (
-    CUT_SHORT,
-    SHOT,
-    TAKEN_AWAY,
-    check_record,
-    ending_of,
-    found_beside,
-    phase_of,
-    shot,
-)
+from harness.judging.check import TAKEN_AWAY, check_record, ending_of, found_beside, phase_of, shot
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -34,6 +25,7 @@ from harness.model import (
     Outcome,
     Phase,
 )
+from harness.model.machine_trouble import CUT_SHORT, SHOT
 from harness.model.vocabulary import MISLEADING
 from harness.probes.evidence import Reading, Request
 

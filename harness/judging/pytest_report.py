@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from harness import normalise
-from harness.judging.check import MACHINE_TROUBLE, SHOT, Ending
+from harness.judging.check import Ending
 from harness.model import Outcome
+from harness.model.machine_trouble import MACHINE_TROUBLE, SHOT
 
 PASSED, FAILED, INTERRUPTED, INTERNAL, USAGE, NO_TESTS = range(6)
 """Exit codes of pytest; a test file that cannot be imported interrupts it."""

@@ -6,10 +6,11 @@ does not with them, the packages are at fault, not the harness.
 
 from __future__ import annotations
 
-from harness import guarded_files, normalise, process
+from harness import guarded_files, process
 from harness.probes import launch
 from harness.probes.evidence import LOG
 from harness.scratch_folders import scratch_folder
+from harness.standalone.lines import bounded, death, decisive_line
 from harness.store import own_folders
 
 STARTED = "simmatrix: Python has started"
@@ -32,8 +33,8 @@ def broken_by_packages(site: launch.Site) -> str | None:
     done, started, text = _start(site, WITH_PACKAGES)
     if started or done.killed or done.timed_out or done.out_of_memory:
         return None
-    line = normalise.decisive_line(text) or normalise.death(done.exit_code, done.signal, text)
-    return normalise.bounded(f"Python does not start with what is installed: {line}")
+    line = decisive_line(text) or death(done.exit_code, done.signal, text)
+    return bounded(f"Python does not start with what is installed: {line}")
 
 
 def _start(site: launch.Site, options: tuple[str, ...]) -> tuple[process.Completed, bool, str]:

@@ -23,11 +23,10 @@ from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.probes import program
 from harness.probes.evidence import LOG, REPLY, STACKS, STARTUP_SECONDS
 from harness.scratch_folders import scratch_folder
+from harness.sitepackages import LEADS_ON
 from harness.store import digest, own_folders
 
 INCELL = Path(__file__).parent.parent / "incell"
-LEADS_ON = "_simmatrix_below.pth"
-"""What makes Python look on in the environment below."""
 
 POLL_SECONDS = 0.05
 LITTLE_ROOM, FEW_NAMES = 1 << 18, 8

@@ -8,12 +8,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import bytecode, frames, normalise, process
+from harness import bytecode, frames, process
 from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
 from harness.probes import bare_start, launch, program
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, kept
+from harness.standalone.lines import normalise
 from harness.store import now
 
 MOST_EVIDENCE, MOST_FRAMES = 64 << 20, 16
@@ -106,11 +107,11 @@ class _Cleaner:
 
     def line(self, text: str) -> str:
         """Return a text without them."""
-        return normalise.normalise(text, self._places)
+        return normalise(text, self._places)
 
     def file(self, name: str, text: str) -> str:
         """Return the content of a file without them; in JSON letters beyond ASCII are written otherwise."""
-        return normalise.normalise(text, self._in_json if name.endswith(".jsonl") else self._places)
+        return normalise(text, self._in_json if name.endswith(".jsonl") else self._places)
 
 
 def _texts(ran: launch.Ran, clean: _Cleaner) -> Iterator[tuple[str, bytes]]:

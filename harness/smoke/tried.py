@@ -10,8 +10,8 @@ import pytest
 
 from harness import process
 from harness.guarded_files import log_text
-from harness.judging.check import SHOT
 from harness.model import Cell, Expectation
+from harness.model.machine_trouble import SHOT
 from harness.probes import launch
 from harness.scratch_folders import scratch_folder
 from harness.smoke import judging

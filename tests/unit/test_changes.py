@@ -11,7 +11,7 @@ import specimens
 from builders import case, cell, document_of, knowing, phase, record, signature, step
 from specimens import RESET, SOLVER, XML
 
-from harness import changes, document, matrixfile, plan, remedies, tables
+from harness import change_effects, changes, document, matrixfile, plan, remedies, tables
 from harness.commands import reporting
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.model.errors import BadInput
@@ -392,7 +392,7 @@ UNRESOLVED = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no numpy"), ins
 )
 def test_what_a_change_did(before: CellRecord, after: CellRecord, effect: Effect) -> None:
     """By verdict, then by which checks fail, then by cause or line, then by phase."""
-    assert changes.effect(entry(before), entry(after)) is effect
+    assert change_effects.effect(entry(before), entry(after)) is effect
 
 
 @pytest.mark.parametrize(
@@ -407,7 +407,7 @@ def test_lines_are_the_same_but_for_versions_and_places(line: str, effect: Effec
     """Where no known failure tells."""
     lines = ("TypeError: in step, gym/core.py line 12, mujoco 3.1.6", line)
     before, after = (record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, each))) for each in lines)
-    assert changes.effect(entry(before), entry(after)) is effect
+    assert change_effects.effect(entry(before), entry(after)) is effect
 
 
 def test_the_same_cause_in_other_words_is_no_difference() -> None:
@@ -415,7 +415,7 @@ def test_the_same_cause_in_other_words_is_no_difference() -> None:
     before, after = (
         record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, f"{word} solver_iter"))) for word in ("a", "b")
     )
-    assert changes.effect(entry(before), entry(after)) is Effect.NOTHING
+    assert change_effects.effect(entry(before), entry(after)) is Effect.NOTHING
 
 
 # --- how it is shown -------------------------------------------------------------------------------------------

@@ -9,9 +9,10 @@ import pytest
 from builders import warning
 
 from harness import wire
-from harness.judging.check import SHOT, Ending, check_record, found_beside, machine_trouble, reachable, shot
+from harness.judging.check import Ending, check_record, found_beside, reachable, shot
 from harness.judging.words import sentence
 from harness.model import CheckReply, Finding, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
+from harness.model.machine_trouble import SHOT, machine_trouble
 
 PASSED = Outcome.PASSED
 NOT_REACHED = "not looked at: the process ended before"

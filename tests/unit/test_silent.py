@@ -12,7 +12,7 @@ from builders import case, drawn, entry, knowing, record
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from harness import changes, document, knowledge, signatures
+from harness import change_effects, document, knowledge, signatures
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
@@ -96,7 +96,7 @@ def test_a_green_cell_says_what_is_left_open() -> None:
     assert (said.verdict, said.unverified) == (Verdict.WORKS, (NAME,))
     assert not said.fulfilled
     assert not silent.plainly_good(entry.verdict, entry.unverified)
-    assert not changes.works(entry)
+    assert not change_effects.works(entry)
     assert [one.unverified for one in entry.cases] == [(NAME,)]
 
 
