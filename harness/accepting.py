@@ -16,13 +16,13 @@ from typing import Any
 
 from harness import entry_failures
 from harness.judging.expectation import expected
-from harness.judging.words import escaped, recognised
 from harness.matrix import ExpectTable, Matrix
 from harness.merging import natural
 from harness.model import Cell, Phase, Verdict, cellid, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
 from harness.model.vocabulary import When, alternatives, matcher
+from harness.model.words import escaped, recognised
 
 LONGEST = 160
 """Characters of a decisive line that an expectation repeats."""

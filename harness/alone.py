@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from harness import distilling, knowledge, measured, store
-from harness.signatures import Signature
+from harness.model.signatures import Signature
 from harness.standalone import adapters
 
 PACKAGE = Path(__file__).parent / "standalone"

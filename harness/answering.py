@@ -11,8 +11,8 @@ from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import word
+from harness.model.signatures import Signature
 from harness.model.vocabulary import FAMILY, SELF, required_name
-from harness.signatures import Signature
 from harness.standalone.silent import PREFIX
 
 MOST_NAMES = 8

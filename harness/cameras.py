@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from harness.judging.words import wording
 from harness.model import Outcome
 from harness.model.report_types import CaseEntry, CellEntry
+from harness.model.words import wording
 
 CASE = re.compile(r"c(\d+)g(\d+)-(tensor|cpu)")
 CHECK = "render.rgb_array"

@@ -10,9 +10,9 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 
 from harness.model import Cell, Change, Phase
+from harness.model.signatures import Evidence
 from harness.model.vocabulary import parsed_requirement, readers, required_name
 from harness.moves import Move, Way, asked_for, constraint
-from harness.signatures import Evidence
 
 # --- what is imported and not required -------------------------------------------------------------------------
 

@@ -36,7 +36,7 @@ from harness.model.report_types import (
     SubjectEntry,
     SuiteEntry,
 )
-from harness.signatures import Diagnosis, Signature, machine_applicable
+from harness.model.signatures import Diagnosis, Signature, machine_applicable
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""

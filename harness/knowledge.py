@@ -9,12 +9,13 @@ import re
 from functools import cache
 from pathlib import Path
 
-from harness import guarded_files, locks, signatures
+from harness import guarded_files, locks
 from harness.judging.known_failures import Knowledge
+from harness.model import signatures
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
+from harness.model.signatures import Signature
 from harness.signature_files import VARIABLE, folder
-from harness.signatures import Signature
 
 HEAD, TAIL = 16_000, 48_000
 """Characters of a kept text that are looked at; of a longer one its middle is left out."""

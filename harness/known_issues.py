@@ -13,7 +13,7 @@ from harness.model.report_types import number
 from harness.standalone.remedies import in_words
 
 if TYPE_CHECKING:
-    from harness.signatures import Signature
+    from harness.model.signatures import Signature
 
 SHOWN = 5
 

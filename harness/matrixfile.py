@@ -15,7 +15,6 @@ import msgspec
 from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
-from harness.judging.words import refusal
 from harness.matrix import (
     Axis,
     CaseTable,
@@ -55,6 +54,7 @@ from harness.model.vocabulary import (
     parsed_requirement,
     version_text,
 )
+from harness.model.words import refusal
 from harness.strategy import Strategy
 
 EXPECTABLE = frozenset(Verdict) - {Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE}

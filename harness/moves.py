@@ -13,8 +13,8 @@ from packaging.version import Version
 
 from harness import changes
 from harness.model import Cell, Change
+from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.signatures import Diagnosis
 
 
 class Way(StrEnum):

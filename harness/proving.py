@@ -8,7 +8,7 @@ from dataclasses import replace
 from harness import changes
 from harness.judging.assess import Assessed
 from harness.model import Cell, Change, Plan, Question, Repair, Tried
-from harness.signatures import Signature
+from harness.model.signatures import Signature
 
 Recipes = Mapping[str, tuple[Repair, ...]]
 

@@ -10,7 +10,7 @@ import msgspec
 from harness import matrixfile
 from harness.matrix import ChangeTable, Constraint, Matrix
 from harness.model.schema import located, suggestion
-from harness.signatures import Signature
+from harness.model.signatures import Signature
 
 
 def named(matrix: Matrix) -> list[tuple[matrixfile.Keys, str]]:

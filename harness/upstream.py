@@ -15,11 +15,11 @@ from packaging.utils import canonicalize_name
 
 from harness import changes, redacting, reproducing
 from harness.entry_failures import counted
-from harness.judging.words import VIOLATION, in_words
 from harness.markdown_texts import address, block, code, prose, table_cell
 from harness.model import FAILING, Case, Cell, Outcome, Phase
 from harness.model.report_types import CellEntry, DiagnosisEntry, word
 from harness.model.vocabulary import required_name
+from harness.model.words import VIOLATION, in_words
 from harness.standalone.control_characters import visible
 from harness.tables import settings
 from harness.wire import plain_records

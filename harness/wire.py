@@ -9,7 +9,7 @@ interpreter. In `request.folder`, which exists and is empty, the probe leaves:
   never ended has the outcome None. Some checks (`FOLLOWERS`) follow a passed `single.loop` or `render.rgb_array` in the
   same process without being asked for: they have `start` and `check` records, too. Those that can only find have made
   findings of their exceptions already; only their death or hang is left to the host.
-  What is our own to say stands there as `observed`: a code, for which `judging/words.toml` has the words, and data;
+  What is our own to say stands there as `observed`: a code, for which `model/words.toml` has the words, and data;
   findings are all told so, and why a check was skipped, or failed without an exception of a library.
 - `NAME.npy`: frames, named by `frame` records.
 - `stacks.txt`: faulthandler's: on a fatal signal, and when nine tenths of a check's limit are spent.
@@ -37,7 +37,6 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from harness.judging.words import VIOLATION, sentence
 from harness.model import (
     Case,
     CheckReply,
@@ -51,6 +50,7 @@ from harness.model import (
     WorkerRecord,
 )
 from harness.model.hostile_data import Unreadable, json_object, shallow, understanding
+from harness.model.words import VIOLATION, sentence
 from harness.probes.facts import believed
 
 LONGEST_LINE = 1 << 20

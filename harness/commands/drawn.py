@@ -8,10 +8,10 @@ from typing import Any
 
 import msgspec
 
-from harness import advising, document, drawing, knowledge, signatures
+from harness import advising, document, drawing, knowledge
 from harness.advising import LIBRARIES, Advice, Drawn, Here
 from harness.drawing import Answer, Ways
-from harness.model import Level
+from harness.model import Level, signatures
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.rendering import OLD_EGL_ID
 

@@ -57,7 +57,7 @@ def _overlay() -> type:
 
 
 def _signatures() -> type:
-    from harness.signatures import SignaturesFile  # noqa: PLC0415
+    from harness.model.signatures import SignaturesFile  # noqa: PLC0415
 
     return SignaturesFile
 

@@ -1,4 +1,4 @@
-"""Write an observation of a check as a code and data; the host has the words, in `judging/words.toml`."""
+"""Write an observation of a check as a code and data; the host has the words, in `model/words.toml`."""
 
 from .cell_lines import bounded
 

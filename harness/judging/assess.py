@@ -18,7 +18,7 @@ from harness.judging.known_failures import NOTHING_KNOWN, Knowledge, Packages
 from harness.judging.verdict import Judgement, Outcomes, judge
 from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
 from harness.model.report_types import UNTOLD
-from harness.signatures import Diagnosis, Evidence, Signature
+from harness.model.signatures import Diagnosis, Evidence, Signature
 from harness.standalone import silent
 
 

@@ -6,10 +6,10 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Protocol
 
-from harness.judging.words import met as observes
-from harness.judging.words import sentence_pattern
 from harness.model import Cell, Expectation, Observed, Outcome, Phase, Verdict
 from harness.model.report_types import SEVERITY, UNTOLD, ExpectationEntry
+from harness.model.words import met as observes
+from harness.model.words import sentence_pattern
 from harness.standalone.silent import plainly_good
 
 Names = Callable[[], Collection[str]]

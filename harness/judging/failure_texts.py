@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 from harness.judging.counted_phases import observed
-from harness.judging.words import in_words
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
-from harness.signatures import Evidence, Sighting
+from harness.model.signatures import Evidence, Sighting
+from harness.model.words import in_words
 from harness.wire import plain_records
 
 KILLED = re.compile(r"\bkilled by (SIG[A-Z]+)")

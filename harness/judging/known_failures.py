@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from harness import signatures
-from harness.model import Phase, Verdict
+from harness.model import Phase, Verdict, signatures
 from harness.model.report_types import UNTOLD
-from harness.signatures import Around, Diagnosis, Evidence, Signature, diagnose
+from harness.model.signatures import Around, Diagnosis, Evidence, Signature, diagnose
 from harness.standalone import counting, silent
 from harness.standalone.counting import Fit
 

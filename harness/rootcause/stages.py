@@ -10,13 +10,13 @@ from packaging.version import Version
 
 from harness import clues, interpreters, knowledge, machine, measured, moves, sitepackages
 from harness.model import Cell, Change, Interpreter, Phase
+from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.moves import Move, Way
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, told, versions
 from harness.rootcause.narrowing import Suspect
-from harness.signatures import Diagnosis
 from harness.standalone.silent import PREFIX, plainly_good
 from harness.store import cache_folder
 

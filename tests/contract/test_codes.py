@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from harness.judging import words
+from harness.model import words
 from harness.model.vocabulary import INCELL
 
 PLACES = {"violate": 0, "skip": 0, "contradiction": 0, "observation": 0, "remark": 1, "finding": 1, "tell": 1}

@@ -18,8 +18,7 @@ import msgspec
 import pytest
 
 from harness import catalog, interpreters, resolving, store
-from harness.judging import words
-from harness.model import Cell, CellRecord, Level, Outcome, Phase
+from harness.model import Cell, CellRecord, Level, Outcome, Phase, words
 from harness.model.vocabulary import APIS, MISLEADING
 from harness.probes import launch
 from harness.scheduler import Controlled, Runner, Settings

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from harness.model.signatures import Signature
+
 from harness import document
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.model import (
@@ -30,7 +32,6 @@ from harness.model import (
     schema,
 )
 from harness.model.report_types import CellEntry, DiagnosisEntry, Document
-from harness.signatures import Signature
 from harness.standalone import matching
 
 HERE = "linux-x86_64"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from harness.model.signatures import Around, Evidence, diagnose
 from packaging.utils import canonicalize_name
 
 from harness import document, entry_failures, knowledge, locks
@@ -18,7 +19,6 @@ from harness.judging.known_failures import counted
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.signatures import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]
 WELL = frozenset({Outcome.PASSED, Outcome.SKIPPED})

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import msgspec
 import pytest
+from harness.model.signatures import RemedyTable, Signature
 from measurements import ROOT, Measurement, everything
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
@@ -19,7 +20,6 @@ from packaging.version import Version
 from harness import clues, knowledge
 from harness.model import Phase
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.signatures import RemedyTable, Signature
 
 KNOWN = knowledge.known()
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -9,9 +9,10 @@ from pathlib import Path
 import msgspec
 import pytest
 from builders import case, cell, entry, knowing, phase, record, step, warning
+from harness.model.signatures import Sighting
 from specimens import RESET, XML
 
-from harness import entry_failures, knowledge, signature_files, signatures, suites
+from harness import entry_failures, knowledge, signature_files, suites
 from harness.judging.assess import assess
 from harness.judging.known_failures import Knowledge
 from harness.model import (
@@ -25,10 +26,10 @@ from harness.model import (
     Subject,
     Suite,
     Verdict,
+    signatures,
 )
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
-from harness.signatures import Sighting
 
 KNOWN = signatures.read(
     {

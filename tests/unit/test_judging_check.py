@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 from builders import warning
+from harness.model.words import sentence
 
 from harness import wire
 from harness.judging.check import Ending, check_record, found_beside, reachable, shot
-from harness.judging.words import sentence
 from harness.model import CheckReply, Finding, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
 from harness.model.machine_trouble import SHOT, machine_trouble
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 from builders import asking
+from harness.model.signatures import Evidence
 
 from harness import changes, clues, moves
 from harness.model import Change, Phase
 from harness.moves import Way
-from harness.signatures import Evidence
 
 WHOLE = Change(
     requirements=("packaging",),

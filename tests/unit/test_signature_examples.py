@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from harness.model.signatures import Around, Evidence, Signature, diagnose
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import document, knowledge, signature_files, signatures
-from harness.model import Verdict
+from harness import document, knowledge, signature_files
+from harness.model import Verdict, signatures
 from harness.model.report_types import CellEntry
 from harness.model.vocabulary import parsed_requirement
-from harness.signatures import Around, Evidence, Signature, diagnose
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "matrices" / signature_files.FOLDER

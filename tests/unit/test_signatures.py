@@ -6,11 +6,10 @@ import textwrap
 from typing import Any
 
 import pytest
+from harness.model.signatures import Around, Evidence, Signature, diagnose
 
-from harness import signatures
-from harness.model import Change, Phase
+from harness.model import Change, Phase, signatures
 from harness.model.errors import BadInput
-from harness.signatures import Around, Evidence, Signature, diagnose
 
 FULL = """
 [[signature]]

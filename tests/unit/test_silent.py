@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 from builders import case, drawn, entry, knowing, record
+from harness.model.signatures import Signature
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from harness import change_effects, document, knowledge, signatures
+from harness import change_effects, document, knowledge
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
-from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict, signatures
 from harness.model.report_types import CaseEntry, CellEntry, Document
-from harness.signatures import Signature
 from harness.standalone import silent
 from harness.standalone.silent import Exercised
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from harness.judging import words
-from harness.model import Observed
+from harness.model import Observed, words
 
 
 def seen(code: str, **more: Any) -> Observed:

@@ -73,7 +73,7 @@ def test_other_judging_says_something_else_of_the_same_evidence(kept: Desk, chan
     """Nothing is measured, and every cell that it is about is judged anew."""
     before, runs = evidence(kept), asked(kept)
     known = said(kept.run("run", "small.toml", "--json"))
-    again = said(changed("judging/words.toml", '"render.blank" = "blank frame', '"render.blank" = "empty frame'))
+    again = said(changed("model/words.toml", '"render.blank" = "blank frame', '"render.blank" = "empty frame'))
 
     verdict, line, reused = known["blank"]
     assert line.startswith("ContractViolation: blank frame")

@@ -15,7 +15,6 @@ from msgspec import Meta, field
 from msgspec.structs import asdict
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
-from harness.judging.words import met, refusal, sentence_pattern
 from harness.matrix import Table
 from harness.model import Change, Observed, Phase
 from harness.model.errors import BadInput
@@ -31,6 +30,7 @@ from harness.model.vocabulary import (
     Variables,
     Word,
 )
+from harness.model.words import met, refusal, sentence_pattern
 from harness.standalone import matching
 
 ESCAPED = r"\\[\s\S]"
