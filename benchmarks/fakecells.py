@@ -12,16 +12,17 @@ from typing import Any
 
 from PIL import Image
 
-from harness import cellrun, interpreters, machine, wire
+from harness import cellrun, wire
 from harness.judging.fold import Folded, after
 from harness.judging.todo import todo
+from harness.machine import interpreters, this_machine
+from harness.machine.store import Installed, Store, digest, question_key
 from harness.model import Artifact, Cell, CellRecord, Interpreter, Lock, Pin, Question
 from harness.model.vocabulary import APIS
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun, Request
 from harness.probes.vault import kept
 from harness.scheduler import Observer, Runner, Settings
 from harness.scheduler.pool import Pool
-from harness.store import Installed, Store, digest, question_key
 
 PER_LOCK = 5
 """Cells that share a question: they differ in a variable."""
@@ -109,10 +110,10 @@ def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) 
     runner.store.save_installed(pool.key, known)
     record = CellRecord(
         cell=cell,
-        machine=machine.facts().id,
+        machine=this_machine.facts().id,
         python=interpreter.version,
         key=known.key,
-        supplied=machine.supplied(cell.environment),
+        supplied=this_machine.supplied(cell.environment),
     )
     context = runner._context(record, pool, None)
     vault = context.laboratory.vault

@@ -27,9 +27,10 @@ from pathlib import Path
 
 import fakecells
 
-from harness import catalog, document, machine, store
+from harness import catalog, document
 from harness.__main__ import GARBAGE
 from harness.commands import progress, reporting
+from harness.machine import store, this_machine
 from harness.model import Cell, CellRecord
 from harness.scheduler import Prepared, Runner, Settings
 from harness.scheduler.flow import Flow
@@ -124,7 +125,7 @@ def stages(matrix: Path) -> dict[str, float]:
     """Each stage of a run by itself, in this process."""
     gc.set_threshold(GARBAGE)
     opened = store.open_store()
-    here = machine.facts()
+    here = this_machine.facts()
     timed: dict[str, float] = {}
 
     @contextlib.contextmanager

@@ -26,7 +26,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from harness import interpreters, matrixfile, plan, wire
+from harness import matrixfile, plan, wire
+from harness.machine import interpreters
 from harness.model import Case
 from harness.probes import launch
 

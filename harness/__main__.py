@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from harness import interrupts
+from harness.machine import interrupts
 
 if __name__ == "__main__" or os.path.basename(sys.argv[0]) in {"simmatrix", "harness"}:  # noqa: PTH119 - at once
     interrupts.at_once()

@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from harness import distilling, knowledge, measured, store
+from harness import distilling, knowledge, measured
+from harness.machine import store
 from harness.model.signatures import Signature
 from harness.standalone import adapters
 

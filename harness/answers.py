@@ -8,7 +8,7 @@ from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
 
-from harness import process
+from harness.machine import process
 from harness.model.errors import CouldNotTell
 
 if TYPE_CHECKING:

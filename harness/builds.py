@@ -20,15 +20,17 @@ from warnings import simplefilter
 from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-from harness import guarded_files, index, locks, machine, process, sdists, uv, uvcli
-from harness.filelocks import exclusive, use
+from harness import index, locks, sdists, uv, uvcli
+from harness.machine import process, this_machine
+from harness.machine.files import guarded_files
+from harness.machine.files.file_locks import exclusive, use
+from harness.machine.files.scratch_folders import removed
+from harness.machine.store import cache_folder, digest, open_store, own_folders, write_atomic
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
 from harness.model.machine_trouble import SHOT, machine_trouble
-from harness.scratch_folders import removed
 from harness.standalone.lines import bounded, death, decisive_line, normalise
-from harness.store import cache_folder, digest, open_store, own_folders, write_atomic
 
 LIMITS = process.Limits(seconds=1800.0)
 COMPILER_KILLED = "Killed signal terminated program"
@@ -330,7 +332,7 @@ def _call(bench: _Bench, place: Place, hook: str, *arguments: str) -> Any:
 def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Mapping[str, str]) -> None:
     home = bench.work / "home"
     home.mkdir(exist_ok=True)
-    base = machine.base_environment()
+    base = this_machine.base_environment()
     path = f"{place.python.parent}:{base['PATH']}"
     given = bench.job.question.build_variables
     command = process.Command(

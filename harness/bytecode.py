@@ -19,11 +19,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import process
-from harness.guarded_files import read
+from harness.machine import process
+from harness.machine.files.guarded_files import read
+from harness.machine.files.scratch_folders import removed, scratch_folder
+from harness.machine.store import own_folders, write_atomic
 from harness.model.hostile_data import Absent, Unreadable, understanding
-from harness.scratch_folders import removed, scratch_folder
-from harness.store import own_folders, write_atomic
 
 PREFIX = "PYTHONPYCACHEPREFIX"
 CODE, NAMES = "code", "names"

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness import expansion, given_files, knowledge, matrixfile, plan, remedies, repairs
+from harness import expansion, knowledge, matrixfile, plan, remedies, repairs
+from harness.machine.files import given_files
+from harness.machine.store import Store, now, write_atomic
 from harness.matrix import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import suggestion
-from harness.store import Store, now, write_atomic
 
 if TYPE_CHECKING:
     from harness.fetched import Fetched

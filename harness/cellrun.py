@@ -10,16 +10,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cache
 
-from harness import sources
 from harness.judging.case import case_record, phases
 from harness.judging.fold import MEASURED_AGAIN, REPEAT, Asked, Folded, after, fold, wanted_of
 from harness.judging.todo import todo
+from harness.machine import source_digests
+from harness.machine.store import digest
 from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRecord, Step
 from harness.probes import program
 from harness.probes.evidence import Request
 from harness.probes.measure import Laboratory
 from harness.standalone.adapters import carried
-from harness.store import digest
 from harness.wire import followers_of
 
 JUDGING = ("harness.judging.case", "harness.judging.todo")
@@ -101,7 +101,7 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
 @cache
 def _judging() -> tuple[str, ...]:
     """Identify what judges: its sources, and what adapters declare."""
-    return *map(sources.digest, JUDGING), carried().decode()
+    return *map(source_digests.digest, JUDGING), carried().decode()
 
 
 def reusable(cases: Iterable[CaseRecord]) -> bool:

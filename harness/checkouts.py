@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qs, urldefrag, urlsplit
 
-from harness import process, uvcli
-from harness.filelocks import exclusive, use
+from harness import uvcli
+from harness.machine import process
+from harness.machine.files.file_locks import exclusive, use
+from harness.machine.store import cache_folder, digest
 from harness.model.errors import BadInput, CouldNotTell
-from harness.store import cache_folder, digest
 
 REPOSITORY = "git+"
 DEADLINE = 600.0

@@ -17,9 +17,10 @@ from typing import Annotated, Any
 from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
-from harness import given_files, locks
+from harness import locks
 from harness.exercised import unregistered
 from harness.judging.assess import assess
+from harness.machine.files import given_files
 from harness.matrix import Table
 from harness.model import (
     FAILING,

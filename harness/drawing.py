@@ -8,12 +8,12 @@ from typing import Any
 
 import msgspec
 
-from harness import guarded_files
-from harness.machine import PROBE
+from harness.machine.files import guarded_files
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.process import Command, Limits, Profile, run
+from harness.machine.this_machine import PROBE
 from harness.model.hostile_data import Unreadable
-from harness.process import Command, Limits, Profile, run
 from harness.rendering import Device
-from harness.scratch_folders import scratch_folder
 
 SECONDS = 60.0
 MOST = 32

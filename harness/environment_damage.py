@@ -17,7 +17,7 @@ from pathlib import Path
 
 from packaging.utils import canonicalize_name
 
-from harness.guarded_files import head, text
+from harness.machine.files.guarded_files import head, text
 from harness.model.hostile_data import Unreadable, understanding
 
 CONFIG, PYTHON = "pyvenv.cfg", "bin/python"

@@ -16,13 +16,15 @@ from time import monotonic
 import msgspec
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
-from harness import builds, downloads, guarded_files, locks, process, sdists, sitepackages, uvcli, uvsays, warming
+from harness import builds, downloads, locks, sdists, sitepackages, uvcli, uvsays, warming
 from harness.environment_damage import CONFIG, PYTHON, damaged, foundation, replacing
-from harness.filelocks import alone, exclusive, use
+from harness.machine import process
+from harness.machine.files import guarded_files
+from harness.machine.files.file_locks import alone, exclusive, use
+from harness.machine.files.scratch_folders import removed
+from harness.machine.store import cache_folder, digest, open_store, write_atomic
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.model.hostile_data import Unreadable
-from harness.scratch_folders import removed
-from harness.store import cache_folder, digest, open_store, write_atomic
 
 STAMP = "stamp.json"
 MOST_STAMP = 16 << 20

@@ -17,12 +17,13 @@ from threading import Thread
 
 import msgspec
 
-from harness import controls, downloads, environments, fetched, index, interpreters, overlays
+from harness import controls, downloads, environments, fetched, index, overlays
 from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
+from harness.machine import interpreters
+from harness.machine.store import Store, digest, question_key, write_atomic
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import number
-from harness.store import Store, digest, question_key, write_atomic
 
 AT_ONCE = 4
 """Downloads side by side; more help no one when the wheels are large."""

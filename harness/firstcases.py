@@ -9,18 +9,19 @@ from typing import Any
 
 from packaging.version import Version
 
-from harness import interpreters, plan, subjects
+from harness import plan, subjects
 from harness.drafts import Case as Drafted
 from harness.drafts.candidates import Candidate, chosen_order, needs_arguments, ordered_extras, read
 from harness.judging.assess import Assessed, assess
 from harness.judging.counted_phases import reason
+from harness.machine import interpreters
+from harness.machine.store import Store
 from harness.model import Case, Cell, Outcome, Phase, Subject
 from harness.model.errors import HarnessError
 from harness.model.report_types import number
 from harness.model.vocabulary import HOST
 from harness.probes import launch
 from harness.scheduler import Observer, Runner, Settings
-from harness.store import Store
 
 LISTING = "list.environments"
 LIMIT = 300.0

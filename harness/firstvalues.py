@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from harness import interpreters
+from harness.machine import interpreters
+from harness.machine.store import Store
 from harness.model import Cell, Interpreter, Outcome, Phase
 from harness.model.vocabulary import required_name
 from harness.scheduler import Observer, Runner, Settings
-from harness.store import Store
 
 PYTHON = "python"
 

@@ -20,11 +20,12 @@ from pathlib import Path
 from stat import S_ISDIR
 from time import time
 
-from harness import filelocks, guarded_files, uvcli
+from harness import uvcli
+from harness.machine.files import file_locks, guarded_files
+from harness.machine.files.scratch_folders import removed
+from harness.machine.store import MOST_RECORD
 from harness.model.hostile_data import Unreadable
 from harness.probes.evidence import folder_of
-from harness.scratch_folders import removed
-from harness.store import MOST_RECORD
 
 DAY = 86400.0
 """Seconds before which nothing of the state, and no scratch folder, is taken for waste: it may be being written."""
@@ -299,7 +300,7 @@ def remove(item: Item, cache: Path) -> bool:
         case Kind.WHEEL | Kind.METADATA | Kind.REPOSITORY | Kind.BROUGHT:
             return _removed_unused(item, cache)
         case Kind.UV:
-            with filelocks.unused(item.paths[0]) as free:
+            with file_locks.unused(item.paths[0]) as free:
                 return _free(item, free) and uvcli.tidy("clean")
         case _:
             for path in item.paths:
@@ -309,7 +310,7 @@ def remove(item: Item, cache: Path) -> bool:
 
 def _removed_environment(item: Item, cache: Path) -> bool:
     path = item.paths[0]
-    claim = filelocks.claim([path.with_name(f"{path.name}.lock")], wait=False)
+    claim = file_locks.claim([path.with_name(f"{path.name}.lock")], wait=False)
     if claim is None:
         return False
     try:
@@ -320,7 +321,7 @@ def _removed_environment(item: Item, cache: Path) -> bool:
 
 def _removed_unused(item: Item, cache: Path) -> bool:
     """Take it away in one step, so that nobody finds half of it, and remove it then."""
-    with filelocks.unused(item.paths[0]) as free:
+    with file_locks.unused(item.paths[0]) as free:
         if not _free(item, free):
             return False
         with uvcli.scratch() as aside:

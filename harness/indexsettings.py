@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from harness import given_files
+from harness.machine.files import given_files
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
 

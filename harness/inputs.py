@@ -17,9 +17,9 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import given_files
 from harness.inputfiles import pip, project, pylock
 from harness.inputfiles.asked import Include, Inputs, Parsed, Source
+from harness.machine.files import given_files
 from harness.model import schema
 from harness.model.errors import BadInput
 

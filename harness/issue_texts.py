@@ -6,8 +6,9 @@ from pathlib import Path
 
 import msgspec
 
-from harness import known_issues, store
+from harness import known_issues
 from harness.known_issues import Issue
+from harness.machine import store
 from harness.signature_files import files
 
 

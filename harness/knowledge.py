@@ -9,8 +9,9 @@ import re
 from functools import cache
 from pathlib import Path
 
-from harness import guarded_files, locks
+from harness import locks
 from harness.judging.known_failures import Knowledge
+from harness.machine.files import guarded_files
 from harness.model import signatures
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable

@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import catalog, given_files, locks, overlays, repairs, store
+from harness import catalog, locks, overlays, repairs
 from harness.indexsettings import NOTHING
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model import Repair, Step
 from harness.model.errors import CouldNotTell
 

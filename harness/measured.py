@@ -17,8 +17,10 @@ from typing import Any
 
 import msgspec
 
-from harness import distilling, given_files, store
+from harness import distilling
 from harness.distilling import Layer
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model import Plan, cellid
 from harness.model.errors import BadInput
 from harness.standalone import counting

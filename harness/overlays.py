@@ -12,11 +12,12 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import builds, environments, index, interpreters, locks, mending, repairs, uv, uvcli
-from harness.filelocks import exclusive
+from harness import builds, environments, index, locks, mending, repairs, uv, uvcli
+from harness.machine import interpreters
+from harness.machine.files.file_locks import exclusive
+from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
 from harness.model.errors import CouldNotTell
-from harness.store import cache_folder, digest, write_atomic
 
 
 def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:

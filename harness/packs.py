@@ -19,13 +19,13 @@ from typing import Any
 
 import msgspec
 
-from harness import guarded_files
+from harness.machine.files import guarded_files
+from harness.machine.store import write_atomic, write_changed
 from harness.model import CellRecord, Outcome, Phase, PhaseRecord, Plan
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.probes.evidence import PICTURE
 from harness.probes.vault import MOST_FILE, Vault
-from harness.store import write_atomic, write_changed
 
 INDEX, PACK = "index.json", "evidence{}.tar.xz"
 CELLS, CONTENTS, LOGS = "cells.json", "cas", "evidence"

@@ -6,11 +6,12 @@ import sysconfig
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from harness import process, scheduler
+from harness import scheduler
+from harness.machine import process
+from harness.machine.store import Store
 from harness.model import Cell, CellRecord, Outcome
 from harness.model.errors import CouldNotTell
 from harness.plan import Ask
-from harness.store import Store
 
 
 class Unobserved:

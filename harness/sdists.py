@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from email.parser import HeaderParser
 from pathlib import Path
 
-from harness import guarded_files
+from harness.machine.files import guarded_files
 from harness.model.errors import in_the_way
 from harness.model.hostile_data import Absent, Unreadable, understanding
 

@@ -12,7 +12,9 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from harness import document, given_files, measured, store
+from harness import document, measured
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model.report_types import Document
 
 PACKED = measured.PACKAGE / "reports.zip"

@@ -11,7 +11,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness import guarded_files
+from harness.machine.files import guarded_files
 from harness.model.hostile_data import Absent, Unreadable, understanding
 
 MOST_METADATA = 64 << 20

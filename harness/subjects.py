@@ -21,8 +21,9 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name, parse_wheel_filename
 
 from harness import builds, checkouts, environments, locks
-from harness.filelocks import exclusive
 from harness.inputfiles import project
+from harness.machine.files.file_locks import exclusive
+from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model import (
     Artifact,
     Interpreter,
@@ -38,7 +39,6 @@ from harness.model import (
 )
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
-from harness.store import cache_folder, digest, write_atomic
 
 WHEEL = ".whl"
 PURE = "-none-any"

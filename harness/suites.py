@@ -15,9 +15,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import bytecode, display, normalise, process, subjects
-from harness.guarded_files import Folder
+from harness import bytecode, normalise, subjects
 from harness.judging.suite import CHECK, SOURCE
+from harness.machine import display, process
+from harness.machine.files.guarded_files import Folder
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import now, own_folders
 from harness.model import (
     CheckRecord,
     Interpreter,
@@ -37,8 +40,6 @@ from harness.probes import launch
 from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
 from harness.probes.measure import end_of
 from harness.probes.vault import Vault, kept
-from harness.scratch_folders import scratch_folder
-from harness.store import now, own_folders
 from harness.subjects import TESTS, Ready
 
 DOOR = launch.INCELL / "bootstrap_suite.py"

@@ -19,8 +19,10 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import guarded_files, measured, process, store
+from harness import measured
 from harness.indexsettings import NOTHING, combined
+from harness.machine import process, store
+from harness.machine.files import guarded_files
 from harness.model import Cell, IndexSettings, Verdict
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable

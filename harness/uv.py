@@ -21,9 +21,9 @@ from packaging.utils import canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
 from harness import index, indexsettings, locks, uvcli, uvsays
+from harness.machine.store import cache_folder, digest
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.model.errors import CouldNotTell
-from harness.store import cache_folder, digest
 
 TORCH = ("torch", "torchvision", "torchaudio")
 """Packages whose CPU builds are releases of their own, with a local version (`+cpu`)."""

@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from harness import indexsettings, process
-from harness.filelocks import use
+from harness import indexsettings
+from harness.machine import process
+from harness.machine.files.file_locks import use
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import cache_folder, state_folder, write_atomic
 from harness.model import IndexSettings, Interpreter
-from harness.scratch_folders import scratch_folder
 from harness.standalone.lines import normalise
-from harness.store import cache_folder, state_folder, write_atomic
 
 DEADLINE = 600.0
 """Seconds for one call of uv; downloads of several GB included."""

@@ -12,14 +12,15 @@ from typing import Annotated
 
 import msgspec
 
-from harness import machine, process, systempackages, uvcli
-from harness.guarded_files import log_text
+from harness import uvcli
+from harness.machine import debian_packages, process, this_machine
+from harness.machine.files.guarded_files import log_text
+from harness.machine.store import digest, open_store, own_folders, write_atomic
 from harness.model import Finding, Level, Outcome, Phase, Question, Step
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.schema import load_toml
 from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
 from harness.standalone.lines import bounded, death, decisive_line, normalise
-from harness.store import digest, open_store, own_folders, write_atomic
 
 FILE = Path(__file__).with_suffix(".toml")
 LIMITS = process.Limits(seconds=1800.0)
@@ -68,7 +69,7 @@ def warm(path: Path, names: Collection[str], question: Question) -> Step | tuple
 
 
 def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
-    base = machine.base_environment()
+    base = this_machine.base_environment()
     with uvcli.scratch() as work:
         home = work / "home"
         home.mkdir()
@@ -127,6 +128,6 @@ def _said(completed: process.Completed, text: str) -> tuple[Outcome, str]:
 
 def _missing(names: Iterable[str]) -> Iterable[Finding]:
     """What it may have failed for."""
-    missing = systempackages.missing(tuple(names))
+    missing = debian_packages.missing(tuple(names))
     if missing:
         yield Finding(check="install.system", level=Level.NOTE, text=missing)

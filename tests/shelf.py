@@ -6,7 +6,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from harness import index, interpreters, uv
+from harness import index, uv
+from harness.machine import interpreters
 from harness.model import Lock, Question
 from harness.model.errors import CouldNotTell
 

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from harness import accepting, catalog, document, given_files, knowledge, machine, matrixfile, store
+from harness import accepting, catalog, document, knowledge, matrixfile
 from harness.commands import report, reporting
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
+from harness.machine import store, this_machine
+from harness.machine.files import given_files
 from harness.model import Cell, Plan
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import UNTOLD, CellEntry, number
@@ -84,7 +86,7 @@ def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
     """The last results of this machine."""
     opened = store.open_store()
     dated = catalog.dated(plan, opened)
-    here = machine.facts()
+    here = this_machine.facts()
     known = [found for cell in dated.cells if (found := reporting.kept(opened, here.id, cell))]
     if not known:
         message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"

@@ -11,15 +11,17 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import catalog, checkouts, given_files, inputs, interpreters, plan, repairs, scheduler, subjects, typos
+from harness import catalog, checkouts, inputs, plan, repairs, scheduler, subjects, typos
 from harness.commands.console import tell
 from harness.exercised import OWN
 from harness.inputfiles import Inputs
+from harness.machine import interpreters
+from harness.machine.files import given_files
+from harness.machine.store import Store
 from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
 from harness.model.errors import BadInput
 from harness.model.schema import located
 from harness.model.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
-from harness.store import Store
 
 REUSED_FOR_HOURS = 24.0
 

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, interpreters, knowledge, locks, measured, moves, plan, scheduler, store
+from harness import catalog, knowledge, locks, measured, moves, plan, scheduler
 from harness.commands import find_cell, progress, reporting
 from harness.judging.assess import assess
+from harness.machine import interpreters, store
+from harness.machine.store import Store
 from harness.model import Cell, Change, Interpreter, cellid
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import located
@@ -25,7 +27,6 @@ from harness.rootcause.candidates import Candidate, Candidates, Kept
 from harness.rootcause.certificates import BisectDocument
 from harness.standalone.output import print_json
 from harness.standalone.silent import plainly_good
-from harness.store import Store
 
 HELP = (
     "Find where a cell stops working: along the releases of a package, the days of the index, or the Pythons of this"

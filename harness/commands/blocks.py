@@ -10,7 +10,8 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import given_files, store
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model.errors import BadInput
 
 BLOCK = re.compile(

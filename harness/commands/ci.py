@@ -11,10 +11,11 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import distribution, version
 from pathlib import Path
 
-from harness import catalog, given_files, notices, pipelines
+from harness import catalog, notices, pipelines
 from harness.commands import reporting, select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import selected
+from harness.machine.files import given_files
 from harness.model import Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import msgspec
 
-from harness import issue_texts, knowledge, known_issues, measured, store
+from harness import issue_texts, knowledge, known_issues, measured
+from harness.machine import store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.recommended_text import wrapped

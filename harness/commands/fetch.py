@@ -11,13 +11,14 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, controls, fetched, fetching, scheduler, store
+from harness import catalog, controls, fetched, fetching, scheduler
 from harness.commands import progress
 from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, committed_report, durations, jobs, selected
 from harness.fetched import FetchedCell, FetchedMatrix, Manifest
-from harness.filelocks import exclusive
 from harness.judging.assess import assess
+from harness.machine import store
+from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number

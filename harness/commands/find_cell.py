@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from harness import catalog, machine, plan, typos
+from harness import catalog, plan, typos
 from harness.commands.console import tell
+from harness.machine import this_machine
+from harness.machine.store import Store
 from harness.model import Cell, Plan, cellid
 from harness.model.errors import BadInput
 from harness.model.schema import suggestion
-from harness.store import Store
 
 LISTED = 10
 
@@ -31,7 +32,7 @@ def named(verb: str, text: str, opened: Store, *, offline: bool = False) -> tupl
 
 
 def _tried(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
-    here = machine.facts().id
+    here = this_machine.facts().id
     known = [one.cell for one in opened.cells() if one.machine == here and one.cell.matrix == plan.TRY_MATRIX]
     cell = _one(verb, text, text, known)
     return Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes)), cell

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from harness import catalog, drafts, firstcases, firstvalues, index, interpreters, store, workflows
+from harness import catalog, drafts, firstcases, firstvalues, index, workflows
 from harness.commands import progress, reporting
 from harness.drafts import Case, Draft, Project, Range
 from harness.drafts.values import Offer, narrowed
 from harness.firstcases import FirstCases, Scout
+from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 

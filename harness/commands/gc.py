@@ -14,9 +14,10 @@ from time import time
 import msgspec
 from rich.filesize import decimal
 
-from harness import garbage, store, uvcli
+from harness import garbage, uvcli
 from harness.commands.console import tell
 from harness.garbage import DAY, Disk, Item, Kind
+from harness.machine import store
 from harness.model.report_types import number
 from harness.standalone.output import print_json
 

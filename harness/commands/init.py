@@ -10,11 +10,13 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, drafts, given_files, present, store, typos, workflows
+from harness import catalog, drafts, present, typos, workflows
 from harness.commands import ci, firstdraft
 from harness.commands.console import tell
 from harness.drafts import Draft, Project
 from harness.inputfiles import project
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.report_types import number
 from harness.model.vocabulary import Label

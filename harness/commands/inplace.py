@@ -11,17 +11,19 @@ from typing import Any
 
 import msgspec
 
-from harness import cellrun, machine, plan, process
+from harness import cellrun, plan
 from harness.commands import drawn
 from harness.commands.drawn import Looked
 from harness.judging.failure_texts import KILLED, written
 from harness.knowledge import texts
+from harness.machine import process, this_machine
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import Store
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
 from harness.probes import launch
 from harness.probes.evidence import REPLY, Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
-from harness.scratch_folders import scratch_folder
 from harness.standalone import adapters
 from harness.standalone.doctor.choosing import Choice
 from harness.standalone.doctor.declared import NOTE, WARNING, Finding
@@ -29,7 +31,6 @@ from harness.standalone.doctor.differences import versions
 from harness.standalone.keys import SIMULATORS
 from harness.standalone.matching import Seen
 from harness.standalone.running import Ran
-from harness.store import Store
 
 MEMORY_MB = 64_000
 OUTPUT_KB = 1024
@@ -149,7 +150,7 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
         laboratory=Laboratory(
             vault=Vault(store.folder),
             site=lambda: site,
-            host=Host(python=python["version"], undrawable=machine.undrawable(os.environ)),
+            host=Host(python=python["version"], undrawable=this_machine.undrawable(os.environ)),
             places={},
         ),
         identity=("doctor", str(prefix)),

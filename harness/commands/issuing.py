@@ -11,10 +11,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from harness import knowledge, redacting, upstream
+from harness.machine.store import Store
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
-from harness.store import Store
 
 NOBODY = frozenset({"root", "user", "admin", "ubuntu", "debian", "runner", "nobody", "localhost", "home", "test"})
 """Names that say nothing of anybody, and words that a message may well have."""

@@ -12,20 +12,22 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from harness import catalog, document, given_files, knowledge, packs, store
+from harness import catalog, document, knowledge, packs
 from harness.commands import reporting
 from harness.commands.console import tell
 from harness.judging import case as judging
 from harness.judging import suite
+from harness.machine import store
+from harness.machine.files import given_files
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import Store
 from harness.model import CaseRecord, Cell, CellRecord, Plan
 from harness.model.errors import BadInput, CouldNotTell, HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import CellEntry, Document, number
 from harness.packs import Index, Packed
 from harness.probes.vault import Vault
-from harness.scratch_folders import scratch_folder
 from harness.standalone.output import print_json
-from harness.store import Store
 
 NAME = "report.json"
 MOST_NAMED = 20

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, given_files, resolving, scheduler, store, typos
+from harness import catalog, resolving, scheduler, typos
 from harness.commands import progress, reporting
 from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, jobs, selected
 from harness.judging.assess import assess
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.report_types import UNTOLD
 from harness.standalone.output import print_json

@@ -10,8 +10,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from harness import document, given_files, merging, store, tables, terminal
+from harness import document, merging, tables, terminal
 from harness.commands import reporting
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model import Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import Document, number

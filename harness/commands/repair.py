@@ -12,8 +12,10 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, scheduler, store
+from harness import catalog, scheduler
 from harness.commands import ad_hoc_cell, find_cell, progress, reporting
+from harness.machine import store
+from harness.machine.store import Store
 from harness.model import Cell, CellRecord, cellid
 from harness.model.errors import BadInput
 from harness.rootcause import every as repairs
@@ -24,7 +26,6 @@ from harness.rootcause.proofs import RepairDocument
 from harness.rootcause.repairing import Repaired, Search, Status
 from harness.scheduler import Beside
 from harness.standalone.output import print_json
-from harness.store import Store
 
 HELP = (
     "Find the smallest change that turns a red cell green, and prove it by a rerun. The cell is one of a matrix"

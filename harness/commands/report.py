@@ -8,18 +8,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness import (
-    document,
-    given_files,
-    notices,
-    packs,
-    present,
-    shipped_reports,
-    store,
-    tables,
-    terminal,
-)
+from harness import document, notices, packs, present, shipped_reports, tables, terminal
 from harness.commands import blocks, judging_again, reporting
+from harness.machine import store
+from harness.machine.files import given_files
 from harness.model.errors import BadInput
 from harness.model.report_types import Document
 from harness.model.schema import suggestion

@@ -15,30 +15,20 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
-from harness import (
-    changes,
-    document,
-    given_files,
-    knowledge,
-    machine,
-    packs,
-    pages,
-    present,
-    store,
-    tables,
-    terminal,
-)
+from harness import changes, document, knowledge, packs, pages, present, tables, terminal
 from harness.commands import standing
 from harness.exercised import unregistered
-from harness.filelocks import exclusive
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
+from harness.machine import store, this_machine
+from harness.machine.files import given_files
+from harness.machine.files.file_locks import exclusive
+from harness.machine.store import Store
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, number
 from harness.probes import launch
 from harness.standalone.output import print_json
-from harness.store import Store
 from harness.tabletypes import Report
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
@@ -96,7 +86,7 @@ def publish(
     plans: Sequence[Plan], measured: Mapping[str, CellRecord], opened: Store, wanted: Wanted
 ) -> list[Published]:
     """Write the report of each matrix: of each cell what was measured now, by its id, or before."""
-    here = machine.facts()
+    here = this_machine.facts()
     made: list[Published] = []
     for plan in plans:
         folder = wanted.out or opened.folder / "reports"

@@ -8,11 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import catalog, knowledge, proving, scheduler, store, tables, typos
+from harness import catalog, knowledge, proving, scheduler, tables, typos
 from harness.commands import progress, reporting, select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import VERIFYING
 from harness.judging.assess import assess
+from harness.machine import store
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import given_files
+from harness.machine.files import given_files
 from harness.model import schema
 from harness.model.errors import BadInput
 

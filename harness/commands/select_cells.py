@@ -7,13 +7,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document, given_files, knowledge, machine, store
+from harness import document, knowledge
 from harness.commands import reporting
 from harness.judging.assess import assess
+from harness.machine import store, this_machine
+from harness.machine.files import given_files
+from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.scheduler import AUTO
-from harness.store import Store
 
 if TYPE_CHECKING:
     from harness import shards
@@ -107,7 +109,7 @@ def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, 
 
 def failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
     """The cells whose last record here is not as expected or inconclusive; one that was never run is none of them."""
-    here, today = machine.facts().id, store.now()
+    here, today = this_machine.facts().id, store.now()
     return tuple(cell for cell in cells if _failed(cell, opened, here, today))
 
 

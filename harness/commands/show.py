@@ -9,8 +9,10 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from harness import catalog, changes, document, entry_failures, knowledge, plan, store, tables
+from harness import catalog, changes, document, entry_failures, knowledge, plan, tables
 from harness.commands import issuing, reporting, shipped_cell
+from harness.machine import store
+from harness.machine.store import Store
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import (
@@ -24,7 +26,6 @@ from harness.model.report_types import (
     word,
 )
 from harness.standalone.output import print_json
-from harness.store import Store
 
 HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
 

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import msgspec
 
-from harness import document, given_files, guarded_files, present, signature_files, sources, store
-from harness.machine import Machine
+from harness import document, present, signature_files
+from harness.machine import source_digests, store
+from harness.machine.files import given_files, guarded_files
+from harness.machine.this_machine import Machine
 from harness.model import CellRecord, Plan
 from harness.model.errors import HarnessError
 from harness.model.hostile_data import Unreadable
@@ -68,7 +70,7 @@ def _ourselves() -> tuple[tuple[int, int], ...]:
 
 def made_with() -> list[Path]:
     """Return every file of ours, since any of them may have a say in a report."""
-    package = sources.PACKAGE
+    package = source_digests.PACKAGE
     data = [*(package / "templates").iterdir(), *(package / "judging").glob("*.toml"), *signature_files.files()]
     return sorted([*package.rglob("*.py"), *data])
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 
-from harness import document, knowledge, machine, scheduler, store
+from harness import document, knowledge, scheduler
 from harness.answering import answer
 from harness.commands import ad_hoc_cell, progress, reporting
 from harness.commands.select_cells import VERIFYING
 from harness.exercised import unregistered
 from harness.judging.assess import assess
+from harness.machine import store, this_machine
 from harness.model import Verdict
 from harness.model.errors import BadInput
 from harness.standalone.output import print_json
@@ -40,7 +41,7 @@ def main(args: argparse.Namespace) -> int:
     known = knowledge.beside(opened.folder)
     assessed = assess(record, known)
     if args.json:
-        here = machine.facts()
+        here = this_machine.facts()
         locate = reporting.seen_from_here(opened.folder)
         facts = {here.id: here.facts}
         used = reporting.probes(planned)

@@ -6,12 +6,13 @@ does not with them, the packages are at fault, not the harness.
 
 from __future__ import annotations
 
-from harness import guarded_files, process
+from harness.machine import process
+from harness.machine.files import guarded_files
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import own_folders
 from harness.probes import launch
 from harness.probes.evidence import LOG
-from harness.scratch_folders import scratch_folder
 from harness.standalone.lines import bounded, death, decisive_line
-from harness.store import own_folders
 
 STARTED = "simmatrix: Python has started"
 PROGRAM = (

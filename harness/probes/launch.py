@@ -16,15 +16,16 @@ from time import monotonic
 
 import msgspec
 
-from harness import bytecode, display, process, wire
-from harness.guarded_files import Folder
+from harness import bytecode, wire
+from harness.machine import display, process
+from harness.machine.files.guarded_files import Folder
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import digest, own_folders
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
 from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.probes import program
 from harness.probes.evidence import LOG, REPLY, STACKS, STARTUP_SECONDS
-from harness.scratch_folders import scratch_folder
 from harness.sitepackages import LEADS_ON
-from harness.store import digest, own_folders
 
 INCELL = Path(__file__).parent.parent / "incell"
 

@@ -8,14 +8,15 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import bytecode, frames, process
+from harness import bytecode, frames
+from harness.machine import process
+from harness.machine.store import now
 from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
 from harness.probes import bare_start, launch, program
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, kept
 from harness.standalone.lines import normalise
-from harness.store import now
 
 MOST_EVIDENCE, MOST_FRAMES = 64 << 20, 16
 """Bytes of text, and frames, that are kept of one run."""

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import store
+from harness.machine import store
 from harness.model.vocabulary import INCELL
 from harness.probes import syntax
 from harness.standalone import adapters

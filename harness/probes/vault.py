@@ -17,10 +17,10 @@ from pathlib import Path
 
 import msgspec
 
-from harness import guarded_files
+from harness.machine.files import guarded_files
+from harness.machine.store import write_atomic, write_changed
 from harness.model.hostile_data import Unreadable, understanding
 from harness.probes.evidence import PICTURE, ProbeRun, Reading, folder_of
-from harness.store import write_atomic, write_changed
 
 MOST_RUN, MOST_CLAIM, MOST_FILE = 4 << 20, 4 << 20, 64 << 20
 """Bytes that are read of a run, of the names of the runs of a key, and of a file that a run left."""

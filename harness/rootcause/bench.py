@@ -9,13 +9,14 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from harness import interpreters, knowledge, machine, process
+from harness import knowledge
 from harness.judging.assess import Assessed, assess
 from harness.judging.identity import Failure
+from harness.machine import interpreters, process, this_machine
+from harness.machine.store import Store, cache_folder
 from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
 from harness.scheduler import Beside, Controlled, Observer, Runner, Settings
 from harness.scheduler.pool import Pool, Unknown
-from harness.store import Store, cache_folder
 
 
 class Spent(Exception):
@@ -97,7 +98,7 @@ class Bench:
     built: set[str] = field(default_factory=set, init=False)
 
     def __post_init__(self) -> None:
-        self.store.save_machine(machine.facts().id, machine.facts().facts)
+        self.store.save_machine(this_machine.facts().id, this_machine.facts().facts)
         self.began = monotonic()
         self._runner = self._made(self.settings)
         self._ahead = ThreadPoolExecutor(1)

@@ -10,8 +10,9 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, interpreters, locks, moves
+from harness import index, locks, moves
 from harness.index import Release
+from harness.machine import interpreters
 from harness.model import Cell, Change, Interpreter
 from harness.model.errors import BadInput
 from harness.model.schema import suggestion

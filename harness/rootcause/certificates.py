@@ -9,7 +9,9 @@ from typing import Any
 
 import msgspec
 
-from harness import locks, machine, present, search
+from harness import locks, present, search
+from harness.machine import this_machine
+from harness.machine.store import now
 from harness.model import Cell, Phase, Verdict
 from harness.model.report_types import number
 from harness.rootcause.bench import Bench, Trial
@@ -17,7 +19,6 @@ from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, St
 from harness.rootcause.candidates import Candidate, differing
 from harness.rootcause.predicate import plain
 from harness.search import Answer, Turn
-from harness.store import now
 
 DATE = "--date"
 
@@ -126,7 +127,7 @@ class BisectDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], command: str) -> BisectDocument:
     """All that a bisection found."""
-    here, found, task, bench = machine.facts(), done.boundary, search_.task, search_.bench
+    here, found, task, bench = this_machine.facts(), done.boundary, search_.task, search_.bench
     told = done.good is not None and done.bad is not None
     return BisectDocument(
         generated=now(),

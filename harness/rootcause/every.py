@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from harness import changes, knowledge
 from harness.judging.assess import assess
 from harness.judging.identity import Failure
+from harness.machine.store import Store
 from harness.model import Cell, CellRecord, Change
 from harness.model.vocabulary import required_name
 from harness.rootcause.lab import Lab
 from harness.rootcause.repairing import Repaired, Search, Status
-from harness.store import Store
 
 REPAIR = "repair"
 

@@ -8,10 +8,10 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness import clues, moves, sitepackages
+from harness.machine.store import cache_folder
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.candidates import Candidate
-from harness.store import cache_folder
 
 
 def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], *, offline: bool) -> Iterator[int]:

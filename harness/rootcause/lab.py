@@ -13,13 +13,13 @@ from packaging.version import Version
 
 from harness import changes, clues, locks, moves
 from harness.judging.identity import Failure
+from harness.machine.store import Store
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
 from harness.model.signatures import Evidence
 from harness.model.vocabulary import MISLEADING
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.scheduler import Observer, Settings
 from harness.standalone.silent import PREFIX
-from harness.store import Store
 
 ORDER = list(Phase)
 

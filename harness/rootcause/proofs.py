@@ -6,13 +6,14 @@ from typing import Any
 
 import msgspec
 
-from harness import changes, machine, pasting
+from harness import changes, pasting
+from harness.machine import this_machine
+from harness.machine.store import now
 from harness.model import Change, Phase, Verdict
 from harness.rootcause import stages
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, Run, ended
 from harness.rootcause.repairing import Part, Repaired, Status
-from harness.store import now
 
 trying = pasting.trying
 
@@ -113,7 +114,7 @@ class RepairDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
     """All that a repair found."""
-    here = machine.facts()
+    here = this_machine.facts()
     before = repaired.before
     return RepairDocument(
         generated=now(),

@@ -12,7 +12,8 @@ from enum import StrEnum
 from heapq import heappop, heappush
 from itertools import count
 
-from harness import interpreters, moves, search
+from harness import moves, search
+from harness.machine import interpreters
 from harness.model import Change, Phase, Verdict
 from harness.model.report_types import number
 from harness.model.vocabulary import required_name

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
-from harness import clues, interpreters, knowledge, machine, measured, moves, sitepackages
+from harness import clues, knowledge, measured, moves, sitepackages
+from harness.machine import interpreters, this_machine
+from harness.machine.store import cache_folder
 from harness.model import Cell, Change, Interpreter, Phase
 from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name
@@ -18,7 +20,6 @@ from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, told, versions
 from harness.rootcause.narrowing import Suspect
 from harness.standalone.silent import PREFIX, plainly_good
-from harness.store import cache_folder
 
 TOOLS = ("setuptools", "wheel", "cython", "numpy", "packaging", "setuptools-scm", "pybind11", "cmake",
          "scikit-build", "scikit-build-core", "meson-python", "poetry-core", "hatchling", "flit-core")  # fmt: skip
@@ -233,7 +234,7 @@ def wheels(place: Place) -> Iterator[Move]:
 
 def variables(place: Place) -> Iterator[Move]:
     """Ways of drawing, and a display."""
-    here = frozenset(machine.facts().capabilities)
+    here = frozenset(this_machine.facts().capabilities)
     evidence, installed = place.lab.evidence(place.trial), place.trial.record.installed
     yield from clues.variables(place.trial.cell, place.phase, evidence, here=here, installed=installed)
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from packaging.specifiers import Specifier, SpecifierSet
 from packaging.version import Version
 
-from harness import interpreters, moves, search
+from harness import moves, search
+from harness.machine import interpreters
 from harness.model import Change
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.rootcause import times

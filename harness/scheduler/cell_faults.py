@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import harness
-from harness import normalise, process
+from harness import normalise
+from harness.machine import process
+from harness.machine.store import Store, digest, write_atomic
 from harness.model import Cell, Outcome, Phase, Step
 from harness.model.errors import BadInput, CouldNotTell, UnusableRequirement, in_the_way
-from harness.store import Store, digest, write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -22,8 +22,10 @@ from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import Any
 
-from harness import controls, machine, process
-from harness.filelocks import Claim, claim
+from harness import controls
+from harness.machine import process, this_machine
+from harness.machine.files.file_locks import Claim, claim
+from harness.machine.store import Store, digest
 from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.probes.vault import Vault
 from harness.scheduler import cell_faults
@@ -33,7 +35,6 @@ from harness.scheduler.records import stopped
 from harness.scheduler.room import Room
 from harness.scheduler.runner import Prepared, Runner
 from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
-from harness.store import Store, digest
 
 PREPARING = 3
 """Groups of cells that are resolved and installed at a time, beside the probes."""
@@ -45,7 +46,7 @@ SIGNAL_SECONDS = 1.0  # a signal that another thread took is obeyed when this on
 
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
     """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
-    here = machine.facts()
+    here = this_machine.facts()
     store.save_machine(here.id, here.facts)
     flow = Flow(Runner(store, settings, observer))
     left = [cell for cell in cells if not flow.told(cell)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cached_property
 
+from harness.machine.store import Store
 from harness.model import Cell, Outcome
-from harness.store import Store
 
 UNKNOWN_MB = 2000
 """What a case is taken to need that was never measured."""

@@ -6,13 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from harness import machine, warming
+from harness import warming
+from harness.machine import this_machine
+from harness.machine.store import Installed, Store, cache_folder, digest
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
 from harness.scheduler.once import Once
 from harness.scheduler.settings import Observer, Settings
-from harness.store import Installed, Store, cache_folder, digest
 
 if TYPE_CHECKING:
     from harness.environments import Environment
@@ -161,9 +162,9 @@ def code_folder(environment: Environment) -> Path:
 
 def conditioned(step: Step) -> Step:
     """A failed build with the mark of the system that it failed on; a resolution depends on no system."""
-    return replace(step, conditions=machine.conditions()) if step.phase is Phase.INSTALL else step
+    return replace(step, conditions=this_machine.conditions()) if step.phase is Phase.INSTALL else step
 
 
 def outdated(step: Step) -> bool:
     """Whether something was installed on this system since: a failed build is tried again."""
-    return step.conditions not in {None, machine.conditions()}
+    return step.conditions not in {None, this_machine.conditions()}

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from harness import cellrun
+from harness.machine.store import Installed, now
 from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, PhaseRecord, Step
 from harness.model.vocabulary import FAMILY
-from harness.store import Installed, now
 
 
 def finished(record: CellRecord) -> CellRecord:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from harness.memory import Reading
+from harness.machine.free_memory import Reading
 
 
 class Room:

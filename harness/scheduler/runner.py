@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness import cellrun, interpreters, machine, process, repairs, uvcli, uvsays
+from harness import cellrun, repairs, uvcli, uvsays
 from harness.exercised import unregistered
-from harness.filelocks import claim, exclusive
+from harness.machine import interpreters, process, this_machine
+from harness.machine.files.file_locks import claim, exclusive
+from harness.machine.store import Installed, Store, digest, question_key
 from harness.model import (
     Case,
     CaseRecord,
@@ -35,7 +37,6 @@ from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, Unknown, code_folder, conditioned, outdated
 from harness.scheduler.records import finished, not_reached, stopped, with_modules
 from harness.scheduler.settings import Observer, Settings
-from harness.store import Installed, Store, digest, question_key
 
 if TYPE_CHECKING:
     from harness.environments import Environment
@@ -122,7 +123,7 @@ class Runner:
             return self._prepared(cell, quick=False)
         except Exception as error:
             step = cell_faults.fault(self, cell, Phase.RESOLVE, error)
-            return Prepared(record=stopped(CellRecord(cell=cell, machine=machine.facts().id), step))
+            return Prepared(record=stopped(CellRecord(cell=cell, machine=this_machine.facts().id), step))
 
     def probe(self, ready: Prepared) -> CellRecord:
         """Run what is to be run of a prepared cell: mostly computing. The controls of its record are left to come."""
@@ -210,7 +211,7 @@ class Runner:
     # --- the way of a cell -----------------------------------------------------------------------------------------
 
     def _prepared(self, cell: Cell, *, quick: bool) -> Prepared:
-        record = CellRecord(cell=cell, machine=machine.facts().id)
+        record = CellRecord(cell=cell, machine=this_machine.facts().id)
         interpreter = self._interpreter(cell, quick=quick)
         missing = interpreter if isinstance(interpreter, str) else _missing(cell)
         if isinstance(interpreter, str) or missing:
@@ -229,7 +230,7 @@ class Runner:
             record, repairs=repairs.used(asked.question.overlay, (one.artifact.sha256 for one in lock.pins))
         )
         file = self.store.relative(self.store.lock_file(lock))
-        supplied = machine.supplied(cell.environment, cell.needs, lock.versions)
+        supplied = this_machine.supplied(cell.environment, cell.needs, lock.versions)
         record = replace(record, lock=file, lock_sha256=lock.sha256, supplied=supplied)
         if self.settings.until is Phase.RESOLVE:
             return Prepared(record=record)
@@ -379,7 +380,7 @@ class Runner:
         return undertest.on_top(self, pool, tested), pool.environment()
 
     def _variables(self, record: CellRecord) -> dict[str, str]:
-        given = {**machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}
+        given = {**this_machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}
         chosen = {name: value for name, value in given.items() if value != ""}
         return chosen | dict.fromkeys(record.cell.empty, "")
 
@@ -388,7 +389,7 @@ class Runner:
         variables, files = sorted(self._variables(record).items()), sorted(record.cell.files.items())
         cell, brought = record.cell, [(one.name, one.mark) for one in record.brought]
         around = (cell.python_path, brought, [(one.variable, one.python_path) for one in cell.bring])
-        return variables, files, process.sandbox_mode(), machine.facts().id, *filter(None, around)
+        return variables, files, process.sandbox_mode(), this_machine.facts().id, *filter(None, around)
 
     def _site(self, record: CellRecord, environment: Environment, below: Environment | None) -> launch.Site:
         copies, folders = self.luggage.unpacked(record.cell)
@@ -428,8 +429,8 @@ class Runner:
                 site=lambda: self._site(record, *self._place(pool, tested)),
                 host=Host(
                     python=record.python or "",
-                    undrawable=machine.undrawable({**record.supplied, **cell.environment}, pool.lock.versions),
-                    conditions=machine.conditions(),
+                    undrawable=this_machine.undrawable({**record.supplied, **cell.environment}, pool.lock.versions),
+                    conditions=this_machine.conditions(),
                 ),
                 places=self.places,
             ),
@@ -453,18 +454,18 @@ class Runner:
 
 def _missing(cell: Cell) -> str | None:
     """What this machine lacks of what the cell needs."""
-    lacking = "; ".join(filter(None, (*missing(cell), machine.missing_for(cell.needs)))) or None
+    lacking = "; ".join(filter(None, (*missing(cell), this_machine.missing_for(cell.needs)))) or None
     if lacking or not cell.system:
         return lacking
-    from harness import systempackages  # noqa: PLC0415 - start-up
+    from harness.machine import debian_packages  # noqa: PLC0415 - start-up
 
-    return systempackages.missing(cell.system)
+    return debian_packages.missing(cell.system)
 
 
 def _unchecked(cell: Cell) -> tuple[Finding, ...]:
     """What of the system could not be looked up."""
     if not cell.system:
         return ()
-    from harness import systempackages  # noqa: PLC0415 - start-up
+    from harness.machine import debian_packages  # noqa: PLC0415 - start-up
 
-    return systempackages.unchecked(cell.system)
+    return debian_packages.unchecked(cell.system)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from harness import memory
+from harness.machine import free_memory
 from harness.model import Cell, CellRecord, Phase
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Settings:
     offline: bool = False
     verify: bool = False
     fetched: Fetched | None = None
-    reading: Callable[[], memory.Reading] = memory.reading
+    reading: Callable[[], free_memory.Reading] = free_memory.reading
 
 
 class Observer(Protocol):

@@ -6,9 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from harness import environments, machine, model, subjects, suites, uvcli
+from harness import environments, model, subjects, suites, uvcli
 from harness.environments import Environment
 from harness.judging import suite as judging
+from harness.machine import this_machine
+from harness.machine.store import Installed, Store, digest
 from harness.model import (
     CaseRecord,
     Cell,
@@ -29,7 +31,6 @@ from harness.probes.vault import Vault
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
 from harness.scheduler.settings import Observer, Settings
-from harness.store import Installed, Store, digest
 from harness.subjects import Ready
 
 
@@ -188,7 +189,7 @@ class Suite:
         mine = self.owner.measured.get(self.key, ())
         before = () if settings.fresh else [name for name in vault.runs(self.key) if name not in mine]
         folded = judging.fold(vault.readings(before))
-        folded = folded.reusable(machine.conditions(), failed_too=not settings.again)
+        folded = folded.reusable(this_machine.conditions(), failed_too=not settings.again)
         return judging.fold(vault.readings(mine), folded)
 
     def _todo(self, known: judging.Folded) -> Request | None:
@@ -209,7 +210,7 @@ class Suite:
             known=self.tested,
             site=self.site(environment, base),
             vault=vault,
-            host=Host(conditions=machine.conditions()),
+            host=Host(conditions=this_machine.conditions()),
             places=uvcli.places(),
         )
         while request := self._todo(known):

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from harness import cellrun, machine
+from harness import cellrun
 from harness.judging.check import DRAWING, phase_of
+from harness.machine import this_machine
 from harness.model import (
     FAILING,
     Case,
@@ -28,7 +29,7 @@ def due(record: CellRecord) -> tuple[Mapping[str, str], ...]:
     """The other settings under which the cases of a record are to be tried; none where nothing failed by drawing."""
     if not any(_failed(case) for case in record.cases):
         return ()
-    return machine.other_ways(record.supplied, record.cell.environment, record.installed or ())
+    return this_machine.other_ways(record.supplied, record.cell.environment, record.installed or ())
 
 
 def drawn_otherwise(record: CellRecord, cases: Iterable[Case], around: Around) -> CellRecord:

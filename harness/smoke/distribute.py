@@ -15,10 +15,10 @@ import pytest
 from xdist.scheduler import LoadGroupScheduling  # type: ignore[import-untyped]
 
 from harness import scheduler
+from harness.machine.store import digest
 from harness.model import Cell
 from harness.model.errors import HarnessError
 from harness.scheduler import Runner
-from harness.store import digest
 
 Group = Callable[[Iterable[Cell]], Mapping[str, str]]
 

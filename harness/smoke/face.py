@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness import machine
 from harness.commands import reporting
 from harness.judging.assess import assess
+from harness.machine import this_machine
 from harness.model import Cell, CellRecord, Phase, cellid
 from harness.model.errors import HarnessError
 from harness.scheduler import Runner
@@ -182,7 +182,7 @@ class Face:
             terminalreporter.write_line(line)
 
     def _report(self) -> None:
-        store, here = self.frozen.store, machine.facts()
+        store, here = self.frozen.store, this_machine.facts()
         store.save_machine(here.id, here.facts)
         for record in self.records.values():
             store.save_cell(record)

@@ -10,9 +10,9 @@ import msgspec
 
 from harness import catalog
 from harness.commands import select_cells
+from harness.machine.store import Store, open_store
 from harness.model import CASE_PHASES, Cell, Phase, Plan
 from harness.scheduler import Settings
-from harness.store import Store, open_store
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

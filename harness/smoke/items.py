@@ -10,9 +10,10 @@ from typing import Any, Protocol
 
 import pytest
 
-from harness import knowledge, store
+from harness import knowledge
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
+from harness.machine import store
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan, cellid
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.smoke import judging, junit

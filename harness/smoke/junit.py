@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 
-from harness.store import write_atomic
+from harness.machine.store import write_atomic
 
 CELL = "simmatrix.cell"
 """The property by which a test case names its cell until it stands in that cell's suite."""

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from harness import interpreters
 from harness.judging.check import phase_of
+from harness.machine import interpreters
+from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
 from harness.probes import launch
 from harness.scheduler import Controlled, Runner, ways
 from harness.smoke import judging
 from harness.smoke.frozen import Frozen
-from harness.store import Store, question_key
 
 STEPS = frozenset({Phase.RESOLVE, Phase.INSTALL})
 ITSELF, SUITE = "", "::suite"

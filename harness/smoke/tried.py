@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from harness import process
-from harness.guarded_files import log_text
+from harness.machine import process
+from harness.machine.files.guarded_files import log_text
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import now, own_folders
 from harness.model import Cell, Expectation
 from harness.model.machine_trouble import SHOT
 from harness.probes import launch
-from harness.scratch_folders import scratch_folder
 from harness.smoke import judging
 from harness.smoke.items import SESSION
 from harness.smoke.judging import Kind
-from harness.store import now, own_folders
 
 TAIL = 4000
 

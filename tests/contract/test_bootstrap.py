@@ -10,7 +10,8 @@ from textwrap import dedent
 
 import pytest
 
-from harness import interpreters, suites
+from harness import suites
+from harness.machine import interpreters
 from harness.model import Case, Level, Outcome
 
 HERE = sys.executable

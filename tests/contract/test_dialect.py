@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import interpreters
+from harness.machine import interpreters
 from harness.model import Case, Outcome
 from harness.model.vocabulary import APIS
 from harness.probes import program

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from harness import interpreters
+from harness.machine import interpreters
 from harness.model.vocabulary import INCELL
 from harness.probes import program, syntax
 from harness.standalone import adapters

@@ -11,7 +11,7 @@ from textwrap import dedent
 import pytest
 
 import harness
-from harness import interpreters
+from harness.machine import interpreters
 from harness.model import Case, Outcome
 
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")

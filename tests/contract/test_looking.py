@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import interpreters
+from harness.machine import interpreters
 
 STANDALONE = Path(harness.__file__).parent / "standalone"
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")

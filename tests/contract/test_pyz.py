@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import alone, interpreters, knowledge, measured
+from harness import alone, knowledge, measured
 from harness.commands import explain as verb
+from harness.machine import interpreters
 from harness.standalone.explain import explain, explaining, keeping
 
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")

@@ -13,7 +13,7 @@ import pytest
 import wheelhouse as fakes
 from supervised import marker, python, sandbox
 
-from harness import interpreters
+from harness.machine import interpreters
 from harness.model import IndexSettings, Interpreter
 
 __all__ = ["marker", "python", "sandbox"]

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from harness import process
-from harness.process import Command, Completed, Limits, Profile
+from harness.machine import process
+from harness.machine.process import Command, Completed, Limits, Profile
 
 CHECKOUT = Path(process.__file__).parents[1]
 KINDS = ("pid+overlay", "subreaper")

@@ -11,8 +11,9 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question
 
-from harness import builds, environments, process, uv
+from harness import builds, environments, uv
 from harness.environments import Environment
+from harness.machine import process
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Step
 
 pytestmark = pytest.mark.usefixtures("workplace")

@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 from supervised import CHECKOUT, DAEMON, Build, ending, eventually, found, gone, missing, readable_python
 
-from harness import process
-from harness.process import Profile
-from harness.supervisor import rights
+from harness.machine import process
+from harness.machine.process import Profile
+from harness.machine.supervisor import rights
 
 CANARY = "canary-of-the-caller"
 LOOKING = """

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import display, glprobe, machine
+from harness.machine import display, gl_probe, this_machine
+from harness.machine.process import Command, Limits, Profile, run
 from harness.probes import launch
-from harness.process import Command, Limits, Profile, run
 
 ASKING = """
 import importlib.util, json, os, sys
@@ -45,11 +45,11 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def asked(folder: Path, way: str) -> list[dict[str, str]]:
     """What is told before a context was made in this way, what its maker says of it, and what is told then."""
-    files = (str(launch.INCELL / "cell_context.py"), str(Path(glprobe.__file__)))
+    files = (str(launch.INCELL / "cell_context.py"), str(Path(gl_probe.__file__)))
     command = Command(
         argv=(sys.executable, "-I", "-c", ASKING, *files, way, str(folder / "told.json")),
         cwd=folder,
-        env={**machine.base_environment(), "DISPLAY": "virtual" if way == "display" else ""},
+        env={**this_machine.base_environment(), "DISPLAY": "virtual" if way == "display" else ""},
         limits=Limits(seconds=60),
         log=folder / "log.txt",
         profile=Profile.HOST,
@@ -66,7 +66,7 @@ def asked(folder: Path, way: str) -> list[dict[str, str]]:
 )
 def test_what_is_current(tmp_path: Path, way: str, api: str, package: str) -> None:
     """Vendor, renderer and version are those of the context that was made, the library is named, nothing is loaded."""
-    if way not in machine.facts().capabilities:
+    if way not in this_machine.facts().capabilities:
         pytest.skip(f"missing library: {package}")
 
     before, made, told = asked(tmp_path, way)

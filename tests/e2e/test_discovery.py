@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness import discovery
+from harness.machine import python_discovery
 
 BASE = Path(sys.base_prefix, "bin", "python{}.{}".format(*sys.version_info)).resolve()
 
@@ -17,7 +17,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A machine with one folder on PATH, in which two names lead to one Python."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    for name in set(discovery.VARIABLES) - {"PATH", "HOME"}:
+    for name in set(python_discovery.VARIABLES) - {"PATH", "HOME"}:
         monkeypatch.delenv(name, raising=False)
     folder = tmp_path / "bin"
     folder.mkdir()
@@ -30,7 +30,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def found(tmp_path: Path) -> set[Path]:
     """What is found besides the Python that runs this."""
-    return set(discovery.candidates(tmp_path / "managed")[1:])
+    return set(python_discovery.candidates(tmp_path / "managed")[1:])
 
 
 def executable(path: Path) -> Path:

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from spine.commandline import closed_network, processes_of
 
-from harness import display, glprobe, machine
+from harness.machine import display, gl_probe, this_machine
+from harness.machine.process import Command, Limits, Profile, run
 from harness.normalise import normalise
-from harness.process import Command, Limits, Profile, run
 
-PROBE = str(Path(glprobe.__file__))
+PROBE = str(Path(gl_probe.__file__))
 KEEPING = """
 import sys, time
 from pathlib import Path
@@ -44,7 +44,7 @@ def asking(folder: Path) -> Command:
     return Command(
         argv=(sys.executable, "-I", "-S", PROBE, "display", str(folder / "answer.json")),
         cwd=folder / "home",
-        env={**machine.base_environment(), "DISPLAY": "virtual"},
+        env={**this_machine.base_environment(), "DISPLAY": "virtual"},
         limits=Limits(seconds=60),
         log=folder / "log.txt",
         profile=Profile.CELL,

@@ -16,8 +16,9 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question, send
 
-from harness import downloads, environment_damage, environments, filelocks, uv, uvcli
+from harness import downloads, environment_damage, environments, uv, uvcli
 from harness.environments import Environment, Wheel, environment_key
+from harness.machine.files import file_locks
 from harness.model import Artifact, IndexSettings, Interpreter, Level, Lock, Outcome, Phase, Step
 
 pytestmark = pytest.mark.usefixtures("workplace")
@@ -87,7 +88,7 @@ class TestContent:
         self, version: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
         """An environment can be made for every Python that is supported."""
-        from harness import interpreters
+        from harness.machine import interpreters
 
         python = interpreters.find(version)
         if python is None:
@@ -571,7 +572,7 @@ class TestLocksBetweenProcesses:
 
         monkeypatch.setattr(fcntl, "flock", refuse)
         for _ in range(2):
-            with filelocks.exclusive(tmp_path / "one.lock"):
+            with file_locks.exclusive(tmp_path / "one.lock"):
                 assert (tmp_path / "one.lock-soft").exists()
 
         assert not (tmp_path / "one.lock-soft").exists()

@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from harness import index, process
+from harness import index
 from harness.index import IndexUnreachable, Release, UnknownPackage, fetch, releases
+from harness.machine import process
 from harness.model import Artifact, IndexSettings
 
 JSON_PAGE = {

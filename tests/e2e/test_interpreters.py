@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from packaging.version import Version
 
-from harness import interpreters
-from harness.interpreters import active_version, available, find, hint, obtain
+from harness.machine import interpreters
+from harness.machine.interpreters import active_version, available, find, hint, obtain
 from harness.model import Interpreter
 
 BASE = Path(sys.base_prefix, "bin", "python{}.{}".format(*sys.version_info)).resolve()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from harness import display, machine, process
+from harness.machine import display, process, this_machine
 
 NO_DISPLAY = "no X display here: install Debian's xvfb and libgl1-mesa-dri, or run where DISPLAY names an X server"
 
@@ -22,15 +22,15 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Each test asks anew, with a cache of its own."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("DISPLAY", raising=False)
-    machine.facts.cache_clear()
+    this_machine.facts.cache_clear()
     yield
-    machine.facts.cache_clear()
+    this_machine.facts.cache_clear()
 
 
 @pytest.fixture
 def egl() -> None:
     """The test needs Mesa's EGL."""
-    if "egl" not in machine.facts().capabilities:
+    if "egl" not in this_machine.facts().capabilities:
         pytest.skip("missing library: libegl1")
 
 
@@ -44,7 +44,7 @@ def xvfb() -> None:
 class TestFacts:
     def test_id_is_a_readable_class(self) -> None:
         """The id names system, architecture, C library and GL driver, and nothing that only this machine has."""
-        found = machine.facts()
+        found = this_machine.facts()
 
         assert re.fullmatch(r"linux-[a-z0-9_]+-[a-z]+[\d.]+(-[a-z0-9.]+)+", found.id)
         assert os.uname().nodename not in found.id
@@ -54,7 +54,7 @@ class TestFacts:
     @pytest.mark.usefixtures("egl")
     def test_egl_tells_its_driver(self) -> None:
         """EGL is claimed only where a context was made, and the driver's own words are kept."""
-        said = machine.facts().facts["egl"]
+        said = this_machine.facts().facts["egl"]
 
         assert set(said) == {"vendor", "renderer", "version"}
         assert all(said.values())
@@ -63,7 +63,7 @@ class TestFacts:
         """Without a driver there is no EGL, though the library loads, and the reason is kept."""
         monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
 
-        found = machine.facts()
+        found = this_machine.facts()
 
         assert "egl" not in found.capabilities
         assert set(found.facts["egl"]) == {"missing"}
@@ -73,7 +73,7 @@ class TestFacts:
         """What a display draws with is asked of a virtual one, whatever the user sits at."""
         monkeypatch.setenv("DISPLAY", ":4077")
 
-        said = machine.facts().facts["display"]
+        said = this_machine.facts().facts["display"]
 
         assert said["server"] == "virtual"
         assert said.keys() == {"server", "vendor", "renderer", "version"}
@@ -86,17 +86,17 @@ class TestFacts:
                 monkeypatch.setenv(name, seen.command.env[name])
             monkeypatch.setenv("PATH", str(tmp_path))
 
-            found = machine.facts()
+            found = this_machine.facts()
 
         assert found.facts["display"]["server"] == "own"
-        assert machine.supplied({"MUJOCO_GL": "glfw"}) == {"DISPLAY": "own", "SDL_VIDEODRIVER": "dummy"}
+        assert this_machine.supplied({"MUJOCO_GL": "glfw"}) == {"DISPLAY": "own", "SDL_VIDEODRIVER": "dummy"}
 
     def test_display_that_does_not_answer(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A DISPLAY at which no server answers is no display."""
         monkeypatch.setenv("DISPLAY", ":4077")
         monkeypatch.setenv("PATH", str(tmp_path))
 
-        assert machine.facts().facts["display"] == {"missing": "no Xvfb, and nothing answers at DISPLAY=:4077"}
+        assert this_machine.facts().facts["display"] == {"missing": "no Xvfb, and nothing answers at DISPLAY=:4077"}
 
     def test_remembered_until_something_changes(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A second call starts no process (it would be refused here); with another driver setting it asks again."""
@@ -113,11 +113,11 @@ class TestFacts:
 
     def test_broken_memory(self, tmp_path: Path) -> None:
         """A cache file that cannot be read is as good as none."""
-        first = machine.facts()
-        machine.facts.cache_clear()
+        first = this_machine.facts()
+        this_machine.facts.cache_clear()
         (tmp_path / "cache/machine.json").write_text("{")
 
-        assert machine.facts() == first
+        assert this_machine.facts() == first
 
 
 class TestGpu:
@@ -133,10 +133,10 @@ class TestGpu:
         (tmp_path / "dev").mkdir()
         (tmp_path / "dev/nvidia0").touch()
 
-        gpu, certain = machine._gpu(tmp_path)
+        gpu, certain = this_machine._gpu(tmp_path)
 
         assert (gpu, certain) == ({"models": "NVIDIA H200, NVIDIA H200", "driver": "570.86.15"}, True)
-        assert machine._gpu_label(gpu) == "nvidia-h200-driver570.86"
+        assert this_machine._gpu_label(gpu) == "nvidia-h200-driver570.86"
 
     @pytest.mark.parametrize(
         ("script", "expected"),
@@ -154,7 +154,7 @@ class TestGpu:
         tool.chmod(0o755)
         monkeypatch.setenv("PATH", str(tmp_path))
 
-        assert machine._gpu(tmp_path) == (expected, True)
+        assert this_machine._gpu(tmp_path) == (expected, True)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_gl_label(version: str, renderer: str, label: str) -> None:
     """Driver and minor version, and the hardware that renders."""
     said = {"vendor": "someone", "renderer": renderer, "version": version}
 
-    assert machine._gl_label({"egl": said, "osmesa": {"missing": "no libOSMesa.so.8"}}) == label
+    assert this_machine._gl_label({"egl": said, "osmesa": {"missing": "no libOSMesa.so.8"}}) == label
 
 
 class TestSupplied:
@@ -191,7 +191,7 @@ class TestSupplied:
         """What rendering needs is supplied, never over a value that was given, be it empty."""
         _here(monkeypatch, egl={}, display={"server": "virtual"})
 
-        assert machine.supplied(given) == expected
+        assert this_machine.supplied(given) == expected
 
     @pytest.mark.parametrize(
         ("given", "needs", "packages", "shown"),
@@ -217,20 +217,20 @@ class TestSupplied:
         """A display is supplied where something draws on one, and called by a word that is the same everywhere."""
         _here(monkeypatch, egl={}, display={"server": "virtual"})
 
-        assert machine.supplied(given, needs, packages).get("DISPLAY") == ("virtual" if shown else None)
+        assert this_machine.supplied(given, needs, packages).get("DISPLAY") == ("virtual" if shown else None)
 
     def test_without_any(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Where nothing renders, no way of rendering is claimed."""
         _here(monkeypatch)
 
-        assert machine.supplied({"MUJOCO_GL": "glfw"}) == {"SDL_VIDEODRIVER": "dummy"}
+        assert this_machine.supplied({"MUJOCO_GL": "glfw"}) == {"SDL_VIDEODRIVER": "dummy"}
 
     def test_with_a_display_alone(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Where neither EGL nor OSMesa is, MuJoCo is to draw on the display."""
         _here(monkeypatch, display={"server": "virtual"})
 
         expected = {"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "dummy", "DISPLAY": "virtual"}
-        assert machine.supplied({}) == expected
+        assert this_machine.supplied({}) == expected
 
 
 class TestEnvironment:
@@ -242,28 +242,28 @@ class TestEnvironment:
             {"PYTHONPATH": "/x", "LD_LIBRARY_PATH": "/x", "PIP_INDEX_URL": "x", "PATH": "/x", "LANG": "xx"}
         )
         os.environ.update({"CUDA_VISIBLE_DEVICES": "3", "DISPLAY": ":1", "LIBGL_DRIVERS_PATH": "/drivers"})
-        always = {"PATH": machine.ENVIRONMENT["PATH"], "LANG": "C.UTF-8", "LIBGL_DRIVERS_PATH": "/drivers"}
+        always = {"PATH": this_machine.ENVIRONMENT["PATH"], "LANG": "C.UTF-8", "LIBGL_DRIVERS_PATH": "/drivers"}
 
-        assert machine.base_environment() == always
-        assert machine.base_environment(("gpu",)) == always | {"CUDA_VISIBLE_DEVICES": "3"}
-        assert machine.base_environment(("display",)) == always
+        assert this_machine.base_environment() == always
+        assert this_machine.base_environment(("gpu",)) == always | {"CUDA_VISIBLE_DEVICES": "3"}
+        assert this_machine.base_environment(("display",)) == always
 
 
 class TestMissing:
     @pytest.mark.usefixtures("egl")
     def test_nothing(self) -> None:
         """A need that is met is not mentioned."""
-        assert machine.missing_for(()) is None
-        assert machine.missing_for(("egl",)) is None
+        assert this_machine.missing_for(()) is None
+        assert this_machine.missing_for(("egl",)) is None
 
     def test_says_why_and_what_to_do(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Each missing need is named with its reason and a remedy."""
         monkeypatch.setenv("PATH", str(tmp_path))
         monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
-        machine.facts.cache_clear()
-        reason = machine.facts().facts["egl"]["missing"]
+        this_machine.facts.cache_clear()
+        reason = this_machine.facts().facts["egl"]["missing"]
 
-        assert machine.missing_for(("display", "egl", "gpus")) == (
+        assert this_machine.missing_for(("display", "egl", "gpus")) == (
             "no X display here (no Xvfb): install Debian's xvfb and libgl1-mesa-dri, "
             "or run where DISPLAY names an X server; "
             f"no EGL here ({reason}): install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver; "
@@ -295,13 +295,13 @@ def test_what_cannot_be_drawn(
     """A way of drawing that the variables or the packages choose and the machine lacks is the machine's fault."""
     _here(monkeypatch, **{name: {} for name in capabilities})
 
-    assert machine.undrawable(variables, packages) == told
+    assert this_machine.undrawable(variables, packages) == told
 
 
 def _here(monkeypatch: pytest.MonkeyPatch, **parts: dict[str, str]) -> None:
     """Take this machine for one that has these parts and no other."""
-    here = machine.Machine(id="here", facts=parts, capabilities=frozenset(parts))
-    monkeypatch.setattr(machine, "facts", cache(lambda: here))
+    here = this_machine.Machine(id="here", facts=parts, capabilities=frozenset(parts))
+    monkeypatch.setattr(this_machine, "facts", cache(lambda: here))
 
 
 def _command(folder: Path, **variables: str) -> process.Command:

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import recipes
 
-from harness import environments, interpreters, mending, overlays, repairs
+from harness import environments, mending, overlays, repairs
+from harness.machine import interpreters
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 
 INVALID, NARROW, NEW = recipes.WHEELS

@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 from supervised import CHECKOUT, DAEMON, Build, ending, eventually, found, gone, missing, readable_python
 
-from harness import process
+from harness.machine import process
+from harness.machine.process import Profile
 from harness.model.errors import BadInput
-from harness.process import Profile
 
 
 class TestEnds:

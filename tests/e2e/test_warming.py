@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from asking import failed, locked, question
 
-from harness import environments, systempackages, uv, warming
+from harness import environments, uv, warming
 from harness.environments import Environment
+from harness.machine import debian_packages
 from harness.model import IndexSettings, Interpreter, Outcome, Phase, Step
 
 pytestmark = [
@@ -32,9 +33,9 @@ def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     file = tmp_path / "warming.toml"
     file.write_text(RECIPES)
     monkeypatch.setattr(warming, "FILE", file)
-    systempackages._installed.cache_clear()
+    debian_packages._installed.cache_clear()
     yield
-    systempackages._installed.cache_clear()
+    debian_packages._installed.cache_clear()
 
 
 @pytest.fixture
@@ -77,7 +78,7 @@ def test_variables_of_builds_make_another(ensure: Ensure) -> None:
 @pytest.mark.parametrize("here", [True, False])
 def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, monkeypatch: pytest.MonkeyPatch) -> None:
     """The compiler's own line is told, beside what the system lacks; nothing is left that could be used."""
-    monkeypatch.setattr(systempackages, "installed", lambda names: frozenset(names) if here else frozenset())
+    monkeypatch.setattr(debian_packages, "installed", lambda names: frozenset(names) if here else frozenset())
     step = ensure("fake-compiles==2.0")
 
     phase, outcome, decisive = failed(step)
@@ -95,21 +96,21 @@ def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, m
 @pytest.mark.skipif(not shutil.which("dpkg-query"), reason="unavailable: dpkg")
 def test_packages_of_the_system() -> None:
     """dpkg says which are there; the command for the others is told."""
-    assert systempackages.missing(("dpkg",)) is None
-    told = systempackages.missing(("dpkg", "no-such-dev", "nor-this-one"))
+    assert debian_packages.missing(("dpkg",)) is None
+    told = debian_packages.missing(("dpkg", "no-such-dev", "nor-this-one"))
     assert told == "no no-such-dev, nor-this-one here: run `apt install no-such-dev nor-this-one`"
-    assert systempackages.unchecked(("no-such-dev",)) == ()
+    assert debian_packages.unchecked(("no-such-dev",)) == ()
 
 
 def test_a_system_without_dpkg(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where nobody can be asked, that is told and the cell goes on."""
-    monkeypatch.setattr(systempackages, "DPKG", "no-such-dpkg")
-    assert systempackages.missing(("libosmesa6-dev",)) is None
-    (finding,) = systempackages.unchecked(("libosmesa6-dev", "patchelf"))
+    monkeypatch.setattr(debian_packages, "DPKG", "no-such-dpkg")
+    assert debian_packages.missing(("libosmesa6-dev",)) is None
+    (finding,) = debian_packages.unchecked(("libosmesa6-dev", "patchelf"))
     assert finding.text == (
         "whether libosmesa6-dev, patchelf are here could not be looked up: this system has no no-such-dpkg"
     )
-    assert systempackages.unchecked(()) == ()
+    assert debian_packages.unchecked(()) == ()
 
 
 def test_recipes_that_are_shipped(monkeypatch: pytest.MonkeyPatch) -> None:

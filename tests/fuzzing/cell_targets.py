@@ -19,9 +19,9 @@ from fuzzing.targets import ROOT, Target
 from harness import environment_damage, frames, normalise, sitepackages, upstream, wire
 from harness.judging import failure_texts
 from harness.judging.check import Ending, check_record, found_beside
+from harness.machine.store import Installed, Store
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.model.hostile_data import Unreadable
-from harness.store import Installed, Store
 
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}

@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import machine, plan, present, scheduler, store
+from harness import plan, present, scheduler
 from harness.commands.progress import Progress
 from harness.commands.reporting import headline
 from harness.judging.assess import assess
+from harness.machine import store, this_machine
 from harness.model import Cell, CellRecord, Outcome, Phase
 
 HERE = Path(__file__).parent
@@ -143,8 +144,8 @@ def render(compared: Sequence[Compared], command: str) -> str:
         f"{sum(one.line_agrees for one in red if one.agrees)} of {sum(one.agrees for one in red)} agreeing failures "
         "have the decisive line that was seen by hand.",
         "",
-        f"Made by `{command}` on {store.now()[:10]}, {machine.facts().id}, Python {platform.python_version()}, from "
-        "[measured.toml](measured.toml).",
+        f"Made by `{command}` on {store.now()[:10]}, {this_machine.facts().id}, Python {platform.python_version()}, "
+        "from [measured.toml](measured.toml).",
         "",
         "| | python | requirements | environment | by hand | harness | decisive line |",
         "| --- | --- | --- | --- | --- | --- | --- |",

@@ -17,7 +17,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness import catalog, interpreters, resolving, store
+from harness import catalog, resolving
+from harness.machine import interpreters, store
 from harness.model import Cell, CellRecord, Level, Outcome, Phase, words
 from harness.model.vocabulary import APIS, MISLEADING
 from harness.probes import launch

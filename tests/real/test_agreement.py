@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness import interpreters, machine, store
+from harness.machine import interpreters, store, this_machine
 
 sys.path.insert(0, str(Path(__file__).parent))
 import agreement
@@ -38,7 +38,7 @@ def test_first_failing_phase(number: int, entry: dict, opened: store.Store) -> N
     """The harness finds the failure that was met by hand, in the same phase and with the same words."""
     if not interpreters.find(entry["python"]):
         pytest.skip(f"unavailable: python{entry['python']}")
-    if "egl" not in machine.facts().capabilities:
+    if "egl" not in this_machine.facts().capabilities:
         pytest.skip("missing library: libEGL")
     (record,) = agreement.run([agreement.cell_of(number, entry)], opened)
 

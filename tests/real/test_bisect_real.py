@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import interpreters
 from harness.__main__ import main
+from harness.machine import interpreters
 
 ASKED = ["try", "gym==0.26.2", "--python", "3.10", "--as-of", "2026-11-20", "--env", "gym:CartPole-v1"]
 

@@ -14,7 +14,7 @@ import pytest
 import standin
 from uv import find_uv_bin
 
-from harness import interpreters
+from harness.machine import interpreters
 from harness.model import Case, Outcome
 from harness.rendering import Choice, Device, Settings, chosen
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from uv import find_uv_bin
 
-from harness import interpreters
+from harness.machine import interpreters
 
 Make = Callable[..., Path]
 AS_OF = "2026-11-20"

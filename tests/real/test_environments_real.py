@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import environments, interpreters, locks, process, uv, uvcli
+from harness import environments, locks, uv, uvcli
 from harness.environments import Environment
+from harness.machine import interpreters, process
 from harness.model import Interpreter, Lock, Outcome, Phase, Question, Step
 
 SNAPSHOT = "2026-11-15T00:00:00Z"

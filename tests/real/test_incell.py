@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from uv import find_uv_bin
 
-from harness import interpreters, wire
+from harness import wire
+from harness.machine import interpreters
 from harness.model import Case, Outcome
 from harness.probes import program
 

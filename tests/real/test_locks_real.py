@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import uv
 
-from harness import interpreters
+from harness.machine import interpreters
 
 UV = uv.find_uv_bin()
 

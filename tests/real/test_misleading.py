@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from uv import find_uv_bin
 
-from harness import interpreters
+from harness.machine import interpreters
 from harness.model import Case, Outcome
 
 HERE = Path(__file__).parent / "environments"

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import catalog, environments, interpreters, overlays, process
+from harness import catalog, environments, overlays
+from harness.machine import interpreters, process
 from harness.model import Lock, Outcome, Phase, Question, Step
 
 SNAPSHOT = "2026-11-20T23:59:59Z"

@@ -12,9 +12,10 @@ from typing import Any
 
 import pytest
 
-from harness import catalog, interpreters, scheduler, store
+from harness import catalog, scheduler
 from harness.__main__ import main
 from harness.commands.repair import MINUTES, RUNS, repair
+from harness.machine import interpreters, store
 from harness.model import Cell
 from harness.rootcause.bench import Bounds
 from harness.rootcause.proofs import RepairDocument

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from harness import catalog, interpreters, resolving, store
+from harness import catalog, resolving
+from harness.machine import interpreters, store
 from harness.model import CaseRecord, CellRecord, Outcome
 from harness.scheduler import Controlled, Runner, Settings
 

@@ -7,8 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.model.signatures import Signature
-
 from harness import document
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.model import (
@@ -32,6 +30,7 @@ from harness.model import (
     schema,
 )
 from harness.model.report_types import CellEntry, DiagnosisEntry, Document
+from harness.model.signatures import Signature
 from harness.standalone import matching
 
 HERE = "linux-x86_64"
@@ -46,7 +45,7 @@ MACHINES = {
         "gpu": {"missing": "no driver of NVIDIA's"},
     }
 }
-"""Facts under the names that `harness.machine` writes: a test compares them with those of a committed report."""
+"""Facts under the names that `this_machine` writes: a test compares them with those of a committed report."""
 GENERATED = "2026-11-21T12:30:00Z"
 SHA = "0" * 64
 CHECKS = {

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from harness.model.signatures import Around, Evidence, diagnose
 from packaging.utils import canonicalize_name
 
 from harness import document, entry_failures, knowledge, locks
 from harness.judging.known_failures import counted
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
+from harness.model.signatures import Around, Evidence, diagnose
 from harness.model.vocabulary import parsed_requirement, required_name
 
 ROOT = Path(__file__).parents[2]

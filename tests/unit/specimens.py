@@ -23,7 +23,7 @@ from harness.model import (
 from harness.model.report_types import Document
 
 GPU = {"models": "NVIDIA H200", "driver": "570.86.15"}
-"""Facts of a machine that has a GPU, under the names that `harness.machine` writes."""
+"""Facts of a machine that has a GPU, under the names that `harness.machine.this_machine` writes."""
 SOLVER = "AttributeError: 'mujoco._structs.MjData' object has no attribute 'solver_iter'"
 XML = "ValueError: XML Error: bad | worse / Element 'default', line 0"
 RESET = "ConnectionResetError: [Errno 104] Connection reset by peer"

@@ -15,9 +15,9 @@ from builders import asking
 from packaging.requirements import Requirement
 
 from harness import document, measured, plan
+from harness.machine.store import Store
 from harness.model import CellRecord, IndexSettings, Subject, cellid
 from harness.model.vocabulary import Instant
-from harness.store import Store
 
 REPORTS = Path(__file__).parents[2] / "reports"
 LABEL = re.compile(r"[A-Za-z0-9.+-]+(_[A-Za-z0-9.+-]+)*")

@@ -9,7 +9,6 @@ import msgspec
 import pytest
 import specimens
 from builders import case, cell, document_of, knowing, phase, record, signature, step
-from harness.model.signatures import Signature
 from specimens import RESET, SOLVER, XML
 
 from harness import change_effects, changes, document, matrixfile, plan, remedies, tables
@@ -17,6 +16,7 @@ from harness.commands import reporting
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document
+from harness.model.signatures import Signature
 from harness.tabletypes import Effect
 
 MATRIX = """

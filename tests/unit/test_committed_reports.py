@@ -11,9 +11,9 @@ import pytest
 
 from harness import document, matrixfile, packs, pages, tables
 from harness.commands import judging_again, reporting
+from harness.machine.store import Store
 from harness.model import Verdict
 from harness.model.report_types import Document
-from harness.store import Store
 
 REPORTS = Path(__file__).parents[2] / "reports"
 MATRICES = REPORTS.parent / "matrices"

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import msgspec
 import pytest
-from harness.model.signatures import RemedyTable, Signature
 from measurements import ROOT, Measurement, everything
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
@@ -19,6 +18,7 @@ from packaging.version import Version
 
 from harness import clues, knowledge
 from harness.model import Phase
+from harness.model.signatures import RemedyTable, Signature
 from harness.model.vocabulary import parsed_requirement, required_name
 
 KNOWN = knowledge.known()

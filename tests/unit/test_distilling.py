@@ -103,7 +103,7 @@ def test_machines_never_mix() -> None:
 
 
 def test_a_machine_is_told_by_what_draws_and_by_its_gpu() -> None:
-    """The models that `harness.machine` found, and the library that draws where one is there."""
+    """The models that `harness.machine.this_machine` found, and the library that draws where one is there."""
     plain = report()
     (facts,) = plain["machines"].values()
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 import pytest
 from builders import case, cell, entry, knowing, phase, record, step, warning
-from harness.model.signatures import Sighting
 from specimens import RESET, XML
 
 from harness import entry_failures, knowledge, signature_files, suites
@@ -30,6 +29,7 @@ from harness.model import (
 )
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
+from harness.model.signatures import Sighting
 
 KNOWN = signatures.read(
     {

@@ -11,9 +11,9 @@ from builders import asking, interpreter, lock, step
 from harness import firstvalues
 from harness.commands import firstdraft
 from harness.drafts import Range
+from harness.machine.store import Store
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.vocabulary import Rule
-from harness.store import Store
 
 PYTHON = interpreter()
 LOCK = lock()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness import given_files
+from harness.machine.files import given_files
 from harness.model.errors import BadInput
 from harness.standalone.opening import DEVICE, NAMED_PIPE
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import guarded_files, scratch_folders
+from harness.machine.files import guarded_files, scratch_folders
+from harness.machine.store import Installed
 from harness.model import CellRecord, Lock, PhaseRecord, hostile_data
 from harness.model.hostile_data import Absent, Unreadable
-from harness.store import Installed
 
 
 def _loop(path: Path) -> None:

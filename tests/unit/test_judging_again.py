@@ -19,11 +19,11 @@ from harness.commands import reporting
 from harness.judging import case as judging
 from harness.judging.fold import Folded, after
 from harness.judging.todo import todo
+from harness.machine.store import Store
 from harness.model import CellRecord, Expectation, Plan, Verdict
 from harness.model.report_types import Document
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun
 from harness.probes.vault import Vault, kept
-from harness.store import Store
 
 CRASH = End(signal=11, seconds=2.0)
 RED = Expectation(verdict=Verdict.PARTIAL, reason="known", match="no camera")

@@ -8,8 +8,8 @@ from builders import HERE, MACHINES
 from specimens import quick, quick_document
 
 from harness import distilling, document, measured
+from harness.machine.store import Store
 from harness.model.errors import BadInput
-from harness.store import Store
 
 LOCK = f"numpy==2.2.6 \\\n    --hash=sha256:{'1' * 64}\n"
 

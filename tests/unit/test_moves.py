@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 from builders import asking
-from harness.model.signatures import Evidence
 
 from harness import changes, clues, moves
 from harness.model import Change, Phase
+from harness.model.signatures import Evidence
 from harness.moves import Way
 
 WHOLE = Change(

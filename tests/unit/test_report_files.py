@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from builders import case, record
 
-from harness import store
 from harness.commands import reporting
+from harness.machine import store
+from harness.machine.store import Store
 from harness.model import CaseRecord, Phase
-from harness.store import Store
 
 
 def drawn(opened: Store, name: str, picture: bytes) -> CaseRecord:

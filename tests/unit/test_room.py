@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import memory, scheduler
-from harness.memory import Reading
+from harness import scheduler
+from harness.machine import free_memory
+from harness.machine.free_memory import Reading
 from harness.scheduler.room import Room
 
 MEMINFO = "MemTotal:       16000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8388608 kB\n"
@@ -62,7 +63,7 @@ def tree(root: Path, files: dict[str, str]) -> Path:
 )
 def test_free_memory(tmp_path: Path, files: dict[str, str], free: int | None) -> None:
     """The least that the machine and each control group leave, file cache not counted as taken."""
-    assert memory.free_mb(tree(tmp_path, files)) == free
+    assert free_memory.free_mb(tree(tmp_path, files)) == free
 
 
 @pytest.mark.parametrize(

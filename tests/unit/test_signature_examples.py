@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from harness.model.signatures import Around, Evidence, Signature, diagnose
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness import document, knowledge, signature_files
 from harness.model import Verdict, signatures
 from harness.model.report_types import CellEntry
+from harness.model.signatures import Around, Evidence, Signature, diagnose
 from harness.model.vocabulary import parsed_requirement
 
 ROOT = Path(__file__).parents[2]

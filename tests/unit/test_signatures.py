@@ -6,10 +6,10 @@ import textwrap
 from typing import Any
 
 import pytest
-from harness.model.signatures import Around, Evidence, Signature, diagnose
 
 from harness.model import Change, Phase, signatures
 from harness.model.errors import BadInput
+from harness.model.signatures import Around, Evidence, Signature, diagnose
 
 FULL = """
 [[signature]]

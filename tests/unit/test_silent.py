@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from builders import case, drawn, entry, knowing, record
-from harness.model.signatures import Signature
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
@@ -18,6 +17,7 @@ from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict, signatures
 from harness.model.report_types import CaseEntry, CellEntry, Document
+from harness.model.signatures import Signature
 from harness.standalone import silent
 from harness.standalone.silent import Exercised
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import cellrun, sources
+from harness import cellrun
 from harness.commands import standing
+from harness.machine import source_digests
 
 PACKAGE = Path(harness.__file__).parent
 
@@ -40,7 +41,7 @@ def parsed(module: str) -> set[str]:
 @pytest.mark.parametrize("module", ["harness.cellrun", "harness.suites", "harness.commands.reporting"])
 def test_nothing_that_is_imported_is_missed(module: str) -> None:
     """The quick reading of import lines finds what the compiler finds."""
-    assert set(sources.imported(module)) == parsed(module)
+    assert set(source_digests.imported(module)) == parsed(module)
 
 
 JUDGING = ("judging.case", "judging.check", "judging.fold", "judging.todo", "misleading", "nativesays", "normalise")
@@ -49,7 +50,7 @@ JUDGING = ("judging.case", "judging.check", "judging.fold", "judging.todo", "mis
 @pytest.mark.parametrize("module", [*JUDGING, "standalone.lines", "wire"])
 def test_what_judges_a_probe_is_part_of_a_mark(module: str) -> None:
     """The record of a cell is judged again when any module changes that has a say in an outcome, line or finding."""
-    assert any(f"harness.{module}" in sources.imported(one) for one in cellrun.JUDGING)
+    assert any(f"harness.{module}" in source_digests.imported(one) for one in cellrun.JUDGING)
 
 
 def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,11 +63,11 @@ def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatc
     (package / "words.py").write_text("def said():\n    from harness.inner.lines import LINE\n    return LINE\n")
     (package / "inner" / "lines.py").write_text("LINE = 1\n")
     (package / "other.py").write_text("")
-    monkeypatch.setattr(sources, "PACKAGE", package)
+    monkeypatch.setattr(source_digests, "PACKAGE", package)
 
     def digest() -> str:
-        sources.digest.cache_clear()
-        return sources.digest("harness.judge")
+        source_digests.digest.cache_clear()
+        return source_digests.digest("harness.judge")
 
     first = digest()
     (package / "other.py").write_text("# changed\n")
@@ -78,13 +79,13 @@ def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatc
     assert digest() == second
     (package / "words.toml").write_text("a = 1\n")
     assert digest() != second
-    sources.digest.cache_clear()
+    source_digests.digest.cache_clear()
 
 
 def test_a_report_depends_on_all_that_it_is_made_with() -> None:
     """A change of a module that renders, judges or matches, or of a template, makes a report anew."""
     files = set(standing.made_with())
 
-    assert set(sources.imported("harness.commands.reporting").values()) <= files
+    assert set(source_digests.imported("harness.commands.reporting").values()) <= files
     assert PACKAGE / "standalone" / "matching.py" in files
     assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "identity.py", "check.py", "words.toml"}

@@ -8,7 +8,7 @@ from pathlib import Path
 from builders import HERE, LLVMPIPE, MACHINES
 from specimens import GPU
 
-from harness import machine
+from harness.machine import this_machine
 
 QUICKSTART = Path(__file__).parents[2] / "reports" / "quickstart" / "report.json"
 
@@ -31,4 +31,4 @@ def test_the_specimen_of_a_gpu_is_what_its_driver_says(tmp_path: Path) -> None:
     (tmp_path / "dev/nvidia0").touch()
     (tmp_path / "proc/driver/nvidia/version").write_text("NVRM version: NVIDIA UNIX  570.86.15  Tue\n")
 
-    assert machine._gpu(tmp_path) == (GPU, True)
+    assert this_machine._gpu(tmp_path) == (GPU, True)

@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from harness.model.signatures import Around, Evidence
 
 from harness import knowledge
 from harness.model import signatures
+from harness.model.signatures import Around, Evidence
 from harness.standalone import literals, matching
 
 ALPHABET = "abcx\n "

@@ -16,9 +16,9 @@ from specimens import GPU
 
 from harness import document, reproducing, upstream
 from harness.__main__ import main
+from harness.machine.store import Store
 from harness.model import Case, CellRecord, Outcome, Phase, Plan, Question, Verdict
 from harness.model.report_types import DiagnosisEntry
-from harness.store import Store
 
 LOCK = f"gymnasium==1.2.3 \\\n    --hash=sha256:{'1' * 64}\nnumpy==2.2.6 \\\n    --hash=sha256:{'2' * 64}\n"
 LINE = "AttributeError: module 'numpy' has no attribute 'bool8'"
@@ -303,7 +303,7 @@ def test_what_has_no_script(made: Case) -> None:
 
 
 def test_a_gpu_is_named_with_its_driver() -> None:
-    """Under the names by which `harness.machine` found them."""
+    """Under the names by which `harness.machine.this_machine` found them."""
     told = dict(upstream._machine({**MACHINES[HERE], "gpu": GPU}))
 
     assert told["GPU"] == "NVIDIA H200, 570.86.15"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.store import write_atomic, write_changed
+from harness.machine.store import write_atomic, write_changed
 
 
 def test_a_file_that_says_the_same_is_left_alone(tmp_path: Path) -> None:

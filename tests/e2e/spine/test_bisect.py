@@ -13,7 +13,7 @@ from commandline import Desk, Ran
 from filelock import FileLock
 from market import LONG_AGO, ROBOT, Release, line, robot
 
-from harness import interpreters
+from harness.machine import interpreters
 from harness.rootcause.certificates import BisectDocument
 
 TOOL = """

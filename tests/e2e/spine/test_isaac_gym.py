@@ -19,8 +19,9 @@ from commandline import Desk, Measured, Ran
 from filelock import FileLock
 from PIL import Image
 
-from harness import cameras, index, interpreters, pages, tables, uv
+from harness import cameras, index, pages, tables, uv
 from harness.cameras import Pair
+from harness.machine import interpreters
 from harness.model import Lock, Question
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import CellEntry, Document

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from commandline import Desk, Measured, Ran
 
-from harness import display
+from harness.machine import display
 
 VIOLATION = "ContractViolation: render() returned "
 UNUSABLE = {

@@ -14,7 +14,7 @@ from commandline import Desk, Measured, Ran
 from filelock import FileLock
 from market import LAST, LATER, LONG_AGO, ROBOT, line, robot
 
-from harness import interpreters
+from harness.machine import interpreters
 
 TOOL = "VERSION = '@VERSION@'\nif int(VERSION[0]) < 2:\n    old_grip = 1\n"
 MANY = {"1.1": LONG_AGO, "1.2": ROBOT, "2.0": LATER, "2.1": LATER, "3.0": LAST}

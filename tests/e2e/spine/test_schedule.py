@@ -14,10 +14,11 @@ import pytest
 from commandline import SMALL, Desk
 from test_fetch import Index
 
-from harness import catalog, interpreters, scheduler, store
+from harness import catalog, scheduler
 from harness.commands import progress, reporting
-from harness.filelocks import exclusive
-from harness.memory import Reading
+from harness.machine import interpreters, store
+from harness.machine.files.file_locks import exclusive
+from harness.machine.free_memory import Reading
 from harness.model import Phase
 
 PATIENCE = 60.0

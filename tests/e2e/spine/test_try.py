@@ -9,7 +9,7 @@ import re
 import pytest
 from commandline import Desk
 
-from harness import machine
+from harness.machine import this_machine
 
 HERE = platform.python_version()
 
@@ -56,7 +56,7 @@ def test_what_could_not_be_shown_is_named(desk: Desk) -> None:
 def test_a_failed_drawing_is_red_where_egl_is(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     """With EGL here, an environment that cannot draw is at fault itself."""
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
-    if not machine.facts().capabilities & {"egl", "osmesa"}:
+    if not this_machine.facts().capabilities & {"egl", "osmesa"}:
         pytest.skip("missing library: EGL")
     code, out = _try(desk, "fake-needs-gl==1.0", "--env", "fake_needs_gl:NeedsGl-v0")
     assert code == 1

@@ -8,8 +8,9 @@ import shutil
 import pytest
 from commandline import Desk, Measured
 
-from harness import cellrun, environments, interpreters, machine, process, uv
+from harness import cellrun, environments, uv
 from harness.judging.assess import assess
+from harness.machine import interpreters, process, this_machine
 from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
 from harness.probes import launch
 from harness.probes.evidence import Host
@@ -74,14 +75,14 @@ def test_an_index_that_does_not_answer_is_inconclusive(verdicts: Measured) -> No
 def test_a_capability_that_is_missing_is_unavailable(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cell that needs what this machine lacks is not tried."""
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
-    missing = sorted({"gpu", "display", "osmesa", "egl"} - machine.facts().capabilities)
+    missing = sorted({"gpu", "display", "osmesa", "egl"} - this_machine.facts().capabilities)
     if not missing:
         pytest.skip("unavailable: a capability that is missing")
     text = f'needs = ["{missing[0]}"]\ncases = [{{ imports = ["fake_plain"] }}]\n[axes]\npython = ["host"]\n'
     ran = desk.run("run", desk.matrix("needs", text), "--json")
     (cell,) = ran.document["cells"]
     assert (ran.code, cell["verdict"]) == (0, "unavailable")
-    assert cell["decisive"].startswith("no " + machine.HINTS[missing[0]][0])
+    assert cell["decisive"].startswith("no " + this_machine.HINTS[missing[0]][0])
 
 
 @pytest.mark.skipif(not shutil.which("dpkg-query"), reason="unavailable: dpkg")
@@ -171,7 +172,7 @@ def _probed(
                 folder=folder,
                 python=folder / "bin" / "python",
                 pycache=desk.folder / "pycache",
-                variables=machine.base_environment(),
+                variables=this_machine.base_environment(),
                 files={},
             ),
             host=Host(python=host.version),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from harness.supervisor.tree import descendants
+from harness.machine.supervisor.tree import descendants
 
 SHARED_MEMORY = "/dev/shm/"
 

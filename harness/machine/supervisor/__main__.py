@@ -4,9 +4,9 @@ import os
 import sys
 
 if __name__ == "__main__":  # the package is found last, after the standard library
-    sys.path.append(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))))
+    sys.path.append(os.path.abspath(__file__).rpartition("/harness/")[0])
 
-from harness.supervisor.guard import main
+from harness.machine.supervisor.guard import main
 
 if __name__ == "__main__":
     main()

@@ -1,4 +1,4 @@
-"""Asks one way of rendering what it is, by really making a context: `python -I -S glprobe.py WAY ANSWER`.
+"""Asks one way of rendering what it is, by really making a context: `python -I -S gl_probe.py WAY ANSWER`.
 
 WAY is `egl`, `osmesa`, `display`, `glu`, or `device` with a place in EGL's list: `device:1`. The answer is a JSON
 object in the file ANSWER: what the driver says of itself, or `missing`: why there is none. Standard library only; run

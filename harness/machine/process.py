@@ -24,10 +24,10 @@ from time import monotonic
 from types import NoneType
 from typing import Any, Self, overload
 
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.supervisor import SIZE, tree
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
-from harness.scratch_folders import scratch_folder
-from harness.supervisor import SIZE, tree
 
 SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
 SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")

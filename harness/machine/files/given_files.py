@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from harness.machine.store import write_atomic
 from harness.model.errors import SHORTAGES, BadInput
 from harness.standalone.opening import opened
-from harness.store import write_atomic
 
 LARGEST_TEXT = 4 << 20
 """Bytes of a matrix, a requirement file or another text that somebody wrote."""

@@ -7,11 +7,11 @@ import resource
 import select
 import time
 
-from harness.supervisor import objects
-from harness.supervisor.memory import Memory
-from harness.supervisor.rights import confine
-from harness.supervisor.sandbox import prctl, shares_objects
-from harness.supervisor.tree import SupervisorError, descendants, end_all, reap
+from harness.machine.supervisor import objects
+from harness.machine.supervisor.memory import Memory
+from harness.machine.supervisor.rights import confine
+from harness.machine.supervisor.sandbox import prctl, shares_objects
+from harness.machine.supervisor.tree import SupervisorError, descendants, end_all, reap
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

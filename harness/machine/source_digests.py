@@ -13,7 +13,7 @@ from functools import cache
 from importlib.util import resolve_name
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parent.parent
 IMPORT = re.compile(
     r"^[ \t]*(?:from[ \t]+(harness[\w.]*|\.[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)|import[ \t]+(harness\.[\w.]+))",
     re.MULTILINE,

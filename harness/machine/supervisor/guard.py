@@ -8,11 +8,11 @@ import select
 import sys
 import time
 
-from harness.supervisor import SIZE
-from harness.supervisor.rights import ready_gpu
-from harness.supervisor.sandbox import enter_namespaces, furnish, prctl
-from harness.supervisor.tree import SupervisorError, end_all
-from harness.supervisor.watch import CHUNK, Watch, write_all
+from harness.machine.supervisor import SIZE
+from harness.machine.supervisor.rights import ready_gpu
+from harness.machine.supervisor.sandbox import enter_namespaces, furnish, prctl
+from harness.machine.supervisor.tree import SupervisorError, end_all
+from harness.machine.supervisor.watch import CHUNK, Watch, write_all
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 
-from harness.supervisor.sandbox import libc
+from harness.machine.supervisor.sandbox import libc
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import process
+from harness.machine import process
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

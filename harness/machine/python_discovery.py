@@ -9,9 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from harness import guarded_files
+from harness.machine.files import guarded_files
+from harness.machine.store import cache_folder, write_atomic
 from harness.model.hostile_data import Unreadable
-from harness.store import cache_folder, write_atomic
 
 VARIABLES = (
     "PATH", "HOME", "XDG_DATA_HOME", "PYENV_ROOT", "ASDF_DATA_DIR", "RYE_PY_ROOT", "UV_PYTHON_INSTALL_DIR",

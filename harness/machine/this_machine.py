@@ -18,16 +18,17 @@ from typing import Any
 
 import msgspec
 
-from harness import display, guarded_files, process
+from harness.machine import display, process
+from harness.machine.files import guarded_files
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.process import Command, Completed, Limits, Profile, run
+from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import readers
-from harness.process import Command, Completed, Limits, Profile, run
-from harness.scratch_folders import scratch_folder
 from harness.standalone.lines import normalise
-from harness.store import cache_folder, digest, write_atomic
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
-PROBE = Path(__file__).parent / "glprobe.py"
+PROBE = Path(__file__).parent / "gl_probe.py"
 
 HINTS = {
     "egl": ("EGL", "install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver"),

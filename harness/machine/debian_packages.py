@@ -5,10 +5,10 @@ from __future__ import annotations
 import shutil
 from functools import cache
 
-from harness import machine
+from harness.machine import this_machine
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.process import Command, Limits, Profile, run
 from harness.model import Finding, Level
-from harness.process import Command, Limits, Profile, run
-from harness.scratch_folders import scratch_folder
 
 DPKG = "dpkg-query"
 
@@ -43,7 +43,7 @@ def _installed(program: str, names: tuple[str, ...]) -> frozenset[str]:
             Command(
                 argv=(program, "--show", "--showformat", "${Package} ${db:Status-Status}\\n", *names),
                 cwd=folder,
-                env=machine.ENVIRONMENT,
+                env=this_machine.ENVIRONMENT,
                 limits=Limits(seconds=60),
                 log=folder / "log",
                 profile=Profile.HOST,

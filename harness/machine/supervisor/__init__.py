@@ -1,7 +1,7 @@
 """Runs one command, watches it, and leaves nothing of it behind.
 
 Run by path with the host's own interpreter (`python -I -S .../supervisor/__main__.py`): standard library only, nothing
-of the rest of the package. `harness.process` is the only caller and speaks to it through three descriptors:
+of the rest of the package. `harness.machine.process` is the only caller and speaks to it through three descriptors:
 
     0  the order: its length (`SIZE` bytes, little-endian), then a dictionary as `marshal` writes it, which takes no
        import; later perhaps a line with the reason to end the command; the pipe's end means that the harness is gone

@@ -14,7 +14,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import process
+from harness.machine import process
 from harness.model.errors import CouldNotTell
 
 if TYPE_CHECKING:

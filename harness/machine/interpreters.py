@@ -19,11 +19,12 @@ from pathlib import Path
 import msgspec
 from packaging.version import InvalidVersion, Version
 
-from harness import discovery, guarded_files
+from harness.machine import python_discovery
+from harness.machine.files import guarded_files
+from harness.machine.process import Command, Limits, Profile, run
+from harness.machine.store import cache_folder, write_atomic
 from harness.model import Interpreter
 from harness.model.hostile_data import Unreadable
-from harness.process import Command, Limits, Profile, run
-from harness.store import cache_folder, write_atomic
 
 OLDEST = Version("3.7")
 """The in-cell side speaks Python 3.7 to 3.14; an older interpreter is as good as absent."""
@@ -196,7 +197,7 @@ def _may_be(path: Path, minor: str | None) -> bool:
 
 @functools.cache
 def _candidates() -> tuple[Path, ...]:
-    return discovery.candidates(managed_folder())
+    return python_discovery.candidates(managed_folder())
 
 
 def _at(path: Path) -> Interpreter | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import os
 
-from harness.supervisor.sandbox import call, libc, prctl
+from harness.machine.supervisor.sandbox import call, libc, prctl
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, sleep
 
-from harness.guarded_files import log_text
-from harness.process import Command, Completed, Limits, Profile, Running, start
+from harness.machine.files.guarded_files import log_text
+from harness.machine.process import Command, Completed, Limits, Profile, Running, start
 
 VARIABLE, AUTHORITY = "DISPLAY", "XAUTHORITY"
 VIRTUAL, OWN = "virtual", "own"
