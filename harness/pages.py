@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import advising, cameras, change_effects, grouping, present, rendering
+from harness import cameras, change_effects, grouping, present
+from harness.devices import egl_advice, egl_rules
 from harness.model import cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import CaseEntry, CellEntry, Document
@@ -29,7 +30,7 @@ def render(template: str, document: Document, report: Report) -> str:
     )
     environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs, "in_order": grouping.in_order}
     found = _Cells(document.cells)
-    known: dict[str, Any] = {"rendering": rendering, "advising": advising}
+    known: dict[str, Any] = {"rendering": egl_rules, "advising": egl_advice}
     known |= {
         "cell": found.labelled,
         "cells": found.having,

@@ -8,12 +8,13 @@ from typing import Any
 
 import msgspec
 
-from harness import advising, document, drawing, knowledge
-from harness.advising import LIBRARIES, Advice, Drawn, Here
-from harness.drawing import Answer, Ways
+from harness import document, knowledge
+from harness.devices import egl_advice, gl_inventory
+from harness.devices.egl_advice import LIBRARIES, Advice, Drawn, Here
+from harness.devices.egl_rules import OLD_EGL_ID
+from harness.devices.gl_inventory import Answer, Ways
 from harness.model import Level, signatures
 from harness.model.report_types import DiagnosisEntry, FindingEntry
-from harness.rendering import OLD_EGL_ID
 
 
 class Selected(msgspec.Struct, frozen=True, kw_only=True):
@@ -61,27 +62,27 @@ class Looked(msgspec.Struct, frozen=True, kw_only=True):
     rendering: Rendering
 
 
-ASKED = (*advising.VARIABLES, OLD_EGL_ID)
+ASKED = (*egl_advice.VARIABLES, OLD_EGL_ID)
 """The variables that have a say."""
 
 
 def here() -> Looked:
     """What draws on this machine, with the settings of this shell."""
-    return look(drawing.ways(), {name: os.environ[name] for name in os.environ if name in ASKED})
+    return look(gl_inventory.ways(), {name: os.environ[name] for name in os.environ if name in ASKED})
 
 
-def look(ways: Ways, variables: advising.Variables) -> Looked:
+def look(ways: Ways, variables: egl_advice.Variables) -> Looked:
     """All that is to be said."""
     there = Here(devices=ways.as_devices(), osmesa="missing" not in ways.osmesa, display="missing" not in ways.display)
-    troubles = advising.troubles(variables, there)
+    troubles = egl_advice.troubles(variables, there)
     found = [
-        FindingEntry(check="rendering", level=Level.WARNING, text=advising.told(error, failing, variables))
+        FindingEntry(check="rendering", level=Level.WARNING, text=egl_advice.told(error, failing, variables))
         for error, failing in troubles.items()
     ]
-    different = advising.apart(variables, there)
+    different = egl_advice.apart(variables, there)
     if different:
         found.append(FindingEntry(check="rendering", level=Level.NOTE, text=different))
-    advice = advising.recommended(variables, there)
+    advice = egl_advice.recommended(variables, there)
     return Looked(
         diagnoses=tuple(_diagnoses(troubles)),
         findings=tuple(found),
@@ -91,10 +92,10 @@ def look(ways: Ways, variables: advising.Variables) -> Looked:
             osmesa=ways.osmesa,
             display=ways.display,
             settings={name: variables.get(name) for name in ASKED},
-            selected=_selected(advising.outcomes(variables, there)),
+            selected=_selected(egl_advice.outcomes(variables, there)),
             possible=tuple(
-                Possible(setting=typed, selected=_selected(advising.outcomes(those, there, argument)))
-                for typed, those, argument in advising.possible(there)
+                Possible(setting=typed, selected=_selected(egl_advice.outcomes(those, there, argument)))
+                for typed, those, argument in egl_advice.possible(there)
             ),
             recommended=_recommended(advice),
         ),
@@ -114,7 +115,7 @@ def _selected(results: Sequence[Drawn]) -> tuple[Selected, ...]:
     )
 
 
-def _diagnoses(troubles: Mapping[str, Sequence[advising.Library]]) -> Iterable[DiagnosisEntry]:
+def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable[DiagnosisEntry]:
     """The known failures that the foretold errors are, each once."""
     known: dict[str, DiagnosisEntry] = {}
     for error, failing in troubles.items():

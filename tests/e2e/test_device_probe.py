@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import standin
 
-from harness.rendering import CUDA, SPACES, Typed
+from harness.devices.egl_rules import CUDA, SPACES, Typed
 
 Doctor = Callable[..., tuple[int, dict[str, Any]]]
 

@@ -14,9 +14,9 @@ import pytest
 import standin
 from uv import find_uv_bin
 
+from harness.devices.egl_rules import Choice, Device, Settings, chosen
 from harness.machine import interpreters
 from harness.model import Case, Outcome
-from harness.rendering import Choice, Device, Settings, chosen
 
 MUJOCO, OLDER = "4.0.0", "3.3.7"
 ROBOSUITE = "1.5.2"

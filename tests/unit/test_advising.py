@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from harness import advising
-from harness.advising import CROSSED, LIBRARIES, Here
 from harness.commands import drawn
-from harness.drawing import Ways
-from harness.rendering import Device
+from harness.devices import egl_advice
+from harness.devices.egl_advice import CROSSED, LIBRARIES, Here
+from harness.devices.egl_rules import Device
+from harness.devices.gl_inventory import Ways
 
 ONE = Here(devices=(Device(),), osmesa=True, display=False)
 OSMESA = {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"}
@@ -25,7 +25,7 @@ NO_WINDOW = "FatalError: an OpenGL platform library has not been loaded into thi
 
 def told(variables: dict[str, str], here: Here) -> list[Any]:
     """Device, way or the beginning of the error, library by library."""
-    results = advising.outcomes(variables, here)
+    results = egl_advice.outcomes(variables, here)
     return [(one.error or (one.way if one.device is None else one.device)) for one in results]
 
 
@@ -34,17 +34,17 @@ def test_a_device_that_cuda_has_and_egl_has_not() -> None:
     variables = {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"}
 
     assert told(variables, ONE) == [f"{RANGE}, got 3.", 0, 0, 0, 0]
-    ((error, failing),) = advising.troubles(variables, ONE).items()
-    assert advising.told(error, failing, variables) == (
+    ((error, failing),) = egl_advice.troubles(variables, ONE).items()
+    assert egl_advice.told(error, failing, variables) == (
         f"robosuite 1.4, 1.5 cannot draw here: {RANGE}, got 3. (the number is that of CUDA_VISIBLE_DEVICES=3)"
     )
-    advice = advising.recommended(variables, ONE)
+    advice = egl_advice.recommended(variables, ONE)
     assert advice is not None
     assert (advice.variables, advice.unset) == (
         {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "0"},
         ("CUDA_VISIBLE_DEVICES",),
     )
-    assert advising.troubles(advising.applied(advice, variables), ONE) == {}
+    assert egl_advice.troubles(egl_advice.applied(advice, variables), ONE) == {}
 
 
 def test_no_way_of_drawing_chosen_and_no_display() -> None:
@@ -82,20 +82,20 @@ def test_libraries_that_draw_apart() -> None:
     variables = {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "0"}
 
     assert told(variables, CROSSED) == [0, 0, 1, 1, 0]
-    assert advising.apart(variables, CROSSED) == (
+    assert egl_advice.apart(variables, CROSSED) == (
         "the libraries draw on different EGL devices here: device 0: robosuite 1.4, 1.5, MuJoCo before 4, dm_control;"
         " device 1: MuJoCo 4, gymnasium (MuJoCo 4)"
     )
-    assert advising.apart(variables, ONE) is None
+    assert egl_advice.apart(variables, ONE) is None
 
 
 def test_a_device_that_was_given_is_the_one_recommended() -> None:
     """Of two GPUs the one that CUDA_VISIBLE_DEVICES names; what is not set need not be unset."""
     here = Here(devices=(Device(cuda=0), Device(cuda=1)), osmesa=True, display=True)
 
-    advice = advising.recommended({"CUDA_VISIBLE_DEVICES": "1"}, here)
+    advice = egl_advice.recommended({"CUDA_VISIBLE_DEVICES": "1"}, here)
 
-    assert advice == advising.Advice(
+    assert advice == egl_advice.Advice(
         variables={"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "1"},
         unset=(),
         reason="all libraries draw on EGL device 1, by a number that every one of them reads",
@@ -106,7 +106,7 @@ def test_where_no_number_suits_all() -> None:
     """A GPU for most comes before the CPU for all; who cannot draw is said."""
     here = Here(devices=(Device(works=False), Device(cuda=0), Device(cuda=1)), osmesa=True, display=False)
 
-    advice = advising.recommended({"CUDA_VISIBLE_DEVICES": "1"}, here)
+    advice = egl_advice.recommended({"CUDA_VISIBLE_DEVICES": "1"}, here)
 
     assert advice is not None
     assert (advice.variables["MUJOCO_EGL_DEVICE_ID"], advice.unset) == ("2", ("CUDA_VISIBLE_DEVICES",))
@@ -122,7 +122,7 @@ def test_where_no_number_suits_all() -> None:
 )  # fmt: skip
 def test_without_a_device_of_egl(here: Here, variables: dict[str, str] | None) -> None:
     """OSMesa comes next; where nothing draws nothing is recommended."""
-    advice = advising.recommended({}, here)
+    advice = egl_advice.recommended({}, here)
 
     assert (advice and advice.variables) == variables
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import harness
-from harness.rendering import ARGUMENT, Choice, Device, Settings, Stage, chosen
+from harness.devices.egl_rules import ARGUMENT, Choice, Device, Settings, Stage, chosen
 
 ROOT = Path(harness.__file__).parent.parent
 REPORT = ROOT / "reports/robosuite-egl/report.json"

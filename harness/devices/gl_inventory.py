@@ -8,12 +8,12 @@ from typing import Any
 
 import msgspec
 
+from harness.devices.egl_rules import Device
 from harness.machine.files import guarded_files
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.process import Command, Limits, Profile, run
 from harness.machine.this_machine import PROBE
 from harness.model.hostile_data import Unreadable
-from harness.rendering import Device
 
 SECONDS = 60.0
 MOST = 32

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from harness.rendering import ARGUMENT, CUDA, EGL_ID, GL, OLD_EGL_ID, PYOPENGL, Device, Settings, Stage, chosen
+from harness.devices.egl_rules import ARGUMENT, CUDA, EGL_ID, GL, OLD_EGL_ID, PYOPENGL, Device, Settings, Stage, chosen
 
 VARIABLES = (GL, EGL_ID, CUDA, PYOPENGL)
 DISABLED = ("disable", "disabled", "off", "false", "0")
