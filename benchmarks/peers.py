@@ -26,8 +26,9 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from harness import matrixfile, plan, wire
+from harness import wire
 from harness.machine import interpreters
+from harness.matrix import matrix_file, plan
 from harness.model import Case
 from harness.probes import launch
 
@@ -35,7 +36,7 @@ HERE = Path(__file__).parent
 MATRIX = HERE / "peers" / "probes.toml"
 PYTHONS = ("3.10", "3.11", "3.12")
 GYMNASIUM = ("0.29.1", "1.2.3")
-PLANNED = plan.expand(matrixfile.read(MATRIX.read_text(), MATRIX.name), host_python=platform.python_version())
+PLANNED = plan.expand(matrix_file.read(MATRIX.read_text(), MATRIX.name), host_python=platform.python_version())
 REQUESTS = {"checks": PLANNED.cells[0].cases[0].checks, "repeat": ("single.repeat",)}
 """What the two processes of a cell are asked: what we ourselves ask, and the same episode again in a second process."""
 

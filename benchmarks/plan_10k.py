@@ -9,7 +9,7 @@ import argparse
 import resource
 import time
 
-from harness import matrixfile, plan
+from harness.matrix import matrix_file, plan
 from harness.model import Plan
 
 
@@ -52,7 +52,7 @@ reason = "another"
 
 def planned(text: str) -> Plan:
     """The plan of the matrix."""
-    return plan.expand(matrixfile.read(text, "large.toml"), host_python="3.11.7")
+    return plan.expand(matrix_file.read(text, "large.toml"), host_python="3.11.7")
 
 
 def main() -> None:

@@ -26,8 +26,9 @@ sys.path[:0] = [str(HERE.parent / "tests"), str(HERE.parent / "tests" / "e2e" / 
 
 import market  # noqa: E402 - it lies among the tests
 
-from harness import changes, scheduler, search  # noqa: E402
+from harness import scheduler, search  # noqa: E402
 from harness.machine import interpreters, process, store  # noqa: E402
+from harness.matrix import changes  # noqa: E402
 from harness.model import Case, Cell, CellRecord, Change, IndexSettings, Question  # noqa: E402
 from harness.model.vocabulary import IMPORT_CHECK  # noqa: E402
 from harness.rootcause import candidates  # noqa: E402

@@ -16,7 +16,7 @@ from typing import Any
 
 from harness import entry_failures
 from harness.judging.expectation import expected
-from harness.matrix import ExpectTable, Matrix
+from harness.matrix.matrix_types import ExpectTable, Matrix
 from harness.merging import natural
 from harness.model import Cell, Phase, Verdict, cellid, schema
 from harness.model.errors import BadInput

@@ -5,10 +5,11 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Sequence
 
-from harness import changes, repairs, tables
+from harness import tables
 from harness.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
 from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
+from harness.matrix import changes, overlay_recipes
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import word
 from harness.model.signatures import Signature
@@ -126,7 +127,7 @@ def _tried(judged: Assessed) -> str:
         parts.append(f"{judged.phase} {told}" + (f" of {' and '.join(failed)}" if failed else ""))
     where = f" on Python {record.python}" if record.python else ""
     tried = "; ".join(parts or ["nothing was tried"]) + where
-    mended = [f"repaired: {repairs.described(one)}" for one in record.repairs]
+    mended = [f"repaired: {overlay_recipes.described(one)}" for one in record.repairs]
     drawn = any(phase.phase is Phase.RENDER and phase.frames for case in record.cases for phase in case.phases)
     needed = tables.settings(record.supplied, record.installed or {}) if drawn else ()
     settings = [f"drawn with {', '.join(needed)}, which a user sets, too"] if needed else []

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness import expansion, knowledge, matrixfile, plan, remedies, repairs
+from harness import knowledge
 from harness.machine.files import given_files
 from harness.machine.store import Store, now, write_atomic
-from harness.matrix import Expansion, Matrix
+from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, version_ranges
+from harness.matrix.matrix_types import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import suggestion
@@ -34,7 +35,7 @@ def built_in() -> dict[str, Path]:
 def recipes(folder: Path) -> dict[str, tuple[Repair, ...]]:
     """How packages are repaired, by name: recipes in `overlays/` beside a matrix go before those of the harness."""
     files = [path for place in (_matrices(), folder) for path in sorted((place / OVERLAYS).glob("*.toml"))]
-    found = [repairs.read(_text(path), str(path)) for path in files]
+    found = [overlay_recipes.read(_text(path), str(path)) for path in files]
     return {made[0].name: made for made in found}
 
 
@@ -58,14 +59,14 @@ def load(
     With `ask`, which resolves, so is a covering strategy that was never worked out.
     """
     path = fetched.matrix(name)[1] if fetched else locate(name)
-    matrix = matrixfile.read(_text(path), str(path))
-    if remedies.named(matrix):
-        matrix = remedies.filled(matrix, knowledge.known())
-    breaks = _breaks() if matrix.strategy.boundaries else expansion.NO_BREAKS
+    matrix = matrix_file.read(_text(path), str(path))
+    if matrix_remedies.named(matrix):
+        matrix = matrix_remedies.filled(matrix, knowledge.known())
+    breaks = _breaks() if matrix.strategy.boundaries else version_ranges.NO_BREAKS
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew)
-    sources = {source: _text(path.parent / source, place) for source, place in matrixfile.sources(matrix).items()}
+    sources = {source: _text(path.parent / source, place) for source, place in matrix_file.sources(matrix).items()}
     index = _located(plan.index_settings(matrix), path.parent)
-    repairing = recipes(path.parent) if matrixfile.repairing(matrix) else {}
+    repairing = recipes(path.parent) if matrix_file.repairing(matrix) else {}
     if ask and expanded and matrix.strategy.covering and (renew or not expanded.chosen):
         known = plan.candidates(
             matrix, expanded, host_python=_host(), sources=sources, breaks=breaks, recipes=repairing
@@ -101,12 +102,12 @@ def as_of(planned: Plan, instant: str) -> Plan:
 def files(name: str) -> dict[str, Path]:
     """All files that a plan is made of, the matrix first, by their paths relative to its folder."""
     path = locate(name)
-    matrix = matrixfile.read(_text(path), str(path))
+    matrix = matrix_file.read(_text(path), str(path))
     expanded = _expanded(path)
     beside = [Path(expanded.name)] if matrix.expands and expanded.exists() else []
     beside += [file.relative_to(path.parent) for file in sorted((path.parent / OVERLAYS).glob("*.toml"))
-               if matrixfile.repairing(matrix)]  # fmt: skip
-    names = [Path(path.name), *beside, *map(Path, matrixfile.sources(matrix))]
+               if matrix_file.repairing(matrix)]  # fmt: skip
+    names = [Path(path.name), *beside, *map(Path, matrix_file.sources(matrix))]
     return {one.as_posix(): path.parent / one for one in names}
 
 
@@ -139,10 +140,10 @@ def _expansion(
     if not matrix.expands:
         return None
     if file.exists() and not renew:
-        return expansion.read(_text(file), str(file))
+        return version_ranges.read(_text(file), str(file))
     instant = str(matrix.snapshot or now())
     if not matrix.ranges:
-        return expansion.expand(matrix, {}, instant)
+        return version_ranges.expand(matrix, {}, instant)
     if offline:
         known = "are to be expanded again" if renew else "were never expanded"
         message = f"{path}: its ranges {known}, which asks the index; run `simmatrix lock {path}` without --offline"
@@ -154,8 +155,8 @@ def _expansion(
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
         for name in matrix.ranges
     }
-    made = expansion.expand(matrix, releases, instant, _breaks())
-    write_atomic(file, expansion.text_of(made).encode())
+    made = version_ranges.expand(matrix, releases, instant, _breaks())
+    write_atomic(file, version_ranges.text_of(made).encode())
     say(f"expanded {', '.join(matrix.ranges)} as of {instant} into {file}; commit it beside the matrix")
     return made
 
@@ -168,7 +169,7 @@ def _chosen(known: plan.Candidates, expanded: Expansion, ask: plan.Ask, say: Cal
     """The expansion with the combinations that a covering strategy chose of those that resolve."""
     file = _expanded(Path(known.matrix.path))
     made = msgspec.structs.replace(expanded, chosen=plan.choose(known, ask, say))
-    write_atomic(file, expansion.text_of(made).encode())
+    write_atomic(file, version_ranges.text_of(made).encode())
     say(f"chose combinations as of {made.instant} into {file}; commit it beside the matrix")
     return made
 
@@ -181,9 +182,9 @@ def _asked(ask: plan.Ask, matrix: Matrix, folder: Path, cells: Sequence[Cell]) -
     return ask(_with_questions(planned, lambda question: replace(question, index=index)).cells)
 
 
-def _breaks() -> expansion.Breaks:
+def _breaks() -> version_ranges.Breaks:
     path = PACKAGE / "breaks.toml"
-    return expansion.read_breaks(_text(path), path.name)
+    return version_ranges.read_breaks(_text(path), path.name)
 
 
 def _host() -> str:

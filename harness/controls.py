@@ -21,7 +21,7 @@ from harness import locks
 from harness.exercised import unregistered
 from harness.judging.assess import assess
 from harness.machine.files import given_files
-from harness.matrix import Table
+from harness.matrix.matrix_types import Table
 from harness.model import (
     FAILING,
     Case,

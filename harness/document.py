@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from harness import change_effects, changes
+from harness import change_effects
 from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
+from harness.matrix import changes
 from harness.model import Cell, CellRecord, IndexSettings, Outcome, Phase, Plan, Repair, Role, Verdict, cellid, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import (

@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness import change_effects, changes
+from harness import change_effects
 from harness.entry_failures import counted
+from harness.matrix import changes
 from harness.model import Verdict, cellid
 from harness.model.report_types import CellEntry, word
 from harness.standalone.silent import PREFIX, plainly_good

@@ -9,13 +9,14 @@ from typing import Any
 
 from packaging.version import Version
 
-from harness import plan, subjects
+from harness import subjects
 from harness.drafts import Case as Drafted
 from harness.drafts.candidates import Candidate, chosen_order, needs_arguments, ordered_extras, read
 from harness.judging.assess import Assessed, assess
 from harness.judging.counted_phases import reason
 from harness.machine import interpreters
 from harness.machine.store import Store
+from harness.matrix import plan
 from harness.model import Case, Cell, Outcome, Phase, Subject
 from harness.model.errors import HarnessError
 from harness.model.report_types import number

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import catalog, locks, overlays, repairs
+from harness import catalog, locks, overlays
 from harness.indexsettings import NOTHING
 from harness.machine import store
 from harness.machine.files import given_files
+from harness.matrix import overlay_recipes
 from harness.model import Repair, Step
 from harness.model.errors import CouldNotTell
 
@@ -70,4 +71,4 @@ def _patched(lock: str) -> tuple[Repair, ...]:
     """Return the recipes of the patched wheels that a lock holds."""
     hashes = [mark for _, marks in locks.pinned(lock).values() for mark in marks]
     known = [repair for made in catalog.recipes(Path("matrices")).values() for repair in made]
-    return repairs.used(known, hashes)
+    return overlay_recipes.used(known, hashes)

@@ -11,7 +11,7 @@ from packaging.requirements import Requirement as ParsedRequirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import changes
+from harness.matrix import changes
 from harness.model import Cell, Change
 from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name

@@ -12,10 +12,11 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import builds, environments, index, locks, mending, repairs, uv, uvcli
+from harness import builds, environments, index, locks, mending, uv, uvcli
 from harness.machine import interpreters
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import cache_folder, digest, write_atomic
+from harness.matrix import overlay_recipes
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
 from harness.model.errors import CouldNotTell
 
@@ -31,7 +32,7 @@ def restore(
 ) -> Lock | Step:
     """As `uv.restore`, with the repaired wheels that the lock holds made here."""
     hashes = [mark for _, marks in locks.pinned(requirements).values() for mark in marks]
-    led = _led(replace(question, overlay=repairs.used(question.overlay, hashes)), offline=offline)
+    led = _led(replace(question, overlay=overlay_recipes.used(question.overlay, hashes)), offline=offline)
     if isinstance(led, Step):
         return led
     return _dated(uv.restore(requirements, led, interpreter, folder, offline=offline), question)
@@ -41,7 +42,7 @@ def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock |
     """The lock with its repaired wheels in their places, made anew where they are gone."""
     made = {}
     pins = {pin.artifact.sha256: pin for pin in lock.pins if not Path(pin.artifact.source).is_file()}
-    for repair in repairs.used(question.overlay, pins):
+    for repair in overlay_recipes.used(question.overlay, pins):
         try:
             path = wheel(repair, question.index, offline=offline)
         except index.UnknownPackage as error:
@@ -140,7 +141,7 @@ def _builder(repair: Repair) -> Interpreter | None:
 def _led(question: Question, *, offline: bool) -> Question | Step:
     """The question with the folders of its repaired wheels among the places to look at."""
     links = []
-    for repair in repairs.fitting(question.overlay, question):
+    for repair in overlay_recipes.fitting(question.overlay, question):
         try:
             path = wheel(repair, question.index, offline=offline)
         except index.UnknownPackage:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from harness import changes
 from harness.judging.assess import Assessed
+from harness.matrix import changes
 from harness.model import Cell, Change, Plan, Question, Repair, Tried
 from harness.model.signatures import Signature
 

@@ -13,9 +13,10 @@ from typing import Any
 
 from packaging.utils import canonicalize_name
 
-from harness import changes, redacting, reproducing
+from harness import redacting, reproducing
 from harness.entry_failures import counted
 from harness.markdown_texts import address, block, code, prose, table_cell
+from harness.matrix import changes
 from harness.model import FAILING, Case, Cell, Outcome, Phase
 from harness.model.report_types import CellEntry, DiagnosisEntry, word
 from harness.model.vocabulary import required_name

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from harness import accepting, catalog, document, knowledge, matrixfile
+from harness import accepting, catalog, document, knowledge
 from harness.commands import report, reporting
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
 from harness.machine import store, this_machine
 from harness.machine.files import given_files
+from harness.matrix import matrix_file
 from harness.model import Cell, Plan
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import UNTOLD, CellEntry, number
@@ -47,7 +48,7 @@ def main(args: argparse.Namespace) -> int:
         return 1 if mixed else 0
     text = given_files.read_content(path).decode()
     wish = accepting.Wish(pattern=args.k, reason=args.reason, link=args.link, until=args.until)
-    made = accepting.accept(text, matrixfile.read(text, str(path)), plan.cells, found, wish)
+    made = accepting.accept(text, matrix_file.read(text, str(path)), plan.cells, found, wish)
     print("\n".join(made.tables), end="")
     for sentence in made.replaced:
         tell(sentence)

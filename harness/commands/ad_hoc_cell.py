@@ -11,13 +11,14 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import catalog, checkouts, inputs, plan, repairs, scheduler, subjects, typos
+from harness import catalog, checkouts, inputs, scheduler, subjects, typos
 from harness.commands.console import tell
 from harness.exercised import OWN
 from harness.inputfiles import Inputs
 from harness.machine import interpreters
 from harness.machine.files import given_files
 from harness.machine.store import Store
+from harness.matrix import overlay_recipes, plan
 from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
 from harness.model.errors import BadInput
 from harness.model.schema import located
@@ -161,7 +162,7 @@ def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]
     names = [text for text in given if re.fullmatch(r"[A-Za-z0-9._-]+", text)]
     with located("--overlay"):
         wanted = [PackageName.canonical(name) for name in names]
-        found = repairs.chosen(known, wanted if len(names) == len(given) else tuple(known))
+        found = overlay_recipes.chosen(known, wanted if len(names) == len(given) else tuple(known))
     return found, tuple(text for text in given if text not in names and text != EVERY)
 
 

@@ -11,11 +11,12 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, knowledge, locks, measured, moves, plan, scheduler
+from harness import catalog, knowledge, locks, measured, moves, scheduler
 from harness.commands import find_cell, progress, reporting
 from harness.judging.assess import assess
 from harness.machine import interpreters, store
 from harness.machine.store import Store
+from harness.matrix import plan
 from harness.model import Cell, Change, Interpreter, cellid
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import located

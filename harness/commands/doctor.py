@@ -11,11 +11,12 @@ from typing import Any
 
 import msgspec
 
-from harness import alone, changes, knowledge, measured
+from harness import alone, knowledge, measured
 from harness.commands import drawn, inplace, proved
 from harness.commands.drawn import Rendering
 from harness.commands.inplace import Tried
 from harness.commands.proved import Proof
+from harness.matrix import changes
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.standalone import matching, wrapping

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from harness import catalog, plan, typos
+from harness import catalog, typos
 from harness.commands.console import tell
 from harness.machine import this_machine
 from harness.machine.store import Store
+from harness.matrix import plan
 from harness.model import Cell, Plan, cellid
 from harness.model.errors import BadInput
 from harness.model.schema import suggestion

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from harness import cellrun, plan
+from harness import cellrun
 from harness.commands import drawn
 from harness.commands.drawn import Looked
 from harness.judging.failure_texts import KILLED, written
@@ -19,6 +19,7 @@ from harness.knowledge import texts
 from harness.machine import process, this_machine
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import Store
+from harness.matrix import plan
 from harness.model import FAILING, Case, CaseRecord, Outcome, Phase, PhaseRecord
 from harness.probes import launch
 from harness.probes.evidence import REPLY, Host

@@ -8,10 +8,10 @@ from typing import Any
 
 import msgspec
 
-from harness import plan
 from harness.commands import progress, reporting
 from harness.commands.ad_hoc_cell import REUSED_FOR_HOURS
 from harness.machine import interpreters, store
+from harness.matrix import plan
 from harness.model import Cell, Verdict
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import UNTOLD, word

@@ -15,7 +15,7 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
-from harness import changes, document, knowledge, packs, pages, present, tables, terminal
+from harness import document, knowledge, packs, pages, present, tables, terminal
 from harness.commands import standing
 from harness.exercised import unregistered
 from harness.judging.assess import assess
@@ -24,6 +24,7 @@ from harness.machine import store, this_machine
 from harness.machine.files import given_files
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import Store
+from harness.matrix import changes
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, number

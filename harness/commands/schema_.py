@@ -15,13 +15,13 @@ HELP = "Print the JSON Schema of matrix files or of a document that the harness 
 
 
 def _matrix() -> type:
-    from harness.matrix import MatrixTable  # noqa: PLC0415 - only the schema asked for is made
+    from harness.matrix.matrix_types import MatrixTable  # noqa: PLC0415 - only the schema asked for is made
 
     return MatrixTable
 
 
 def _expansion() -> type:
-    from harness.matrix import Expansion  # noqa: PLC0415
+    from harness.matrix.matrix_types import Expansion  # noqa: PLC0415
 
     return Expansion
 
@@ -51,7 +51,7 @@ def _lock() -> type:
 
 
 def _overlay() -> type:
-    from harness.repairs import RecipeTable  # noqa: PLC0415
+    from harness.matrix.overlay_recipes import RecipeTable  # noqa: PLC0415
 
     return RecipeTable
 

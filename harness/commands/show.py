@@ -9,10 +9,11 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from harness import catalog, changes, document, entry_failures, knowledge, plan, tables
+from harness import catalog, document, entry_failures, knowledge, tables
 from harness.commands import issuing, reporting, shipped_cell
 from harness.machine import store
 from harness.machine.store import Store
+from harness.matrix import changes, plan
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import (

@@ -11,8 +11,8 @@ from packaging.version import InvalidVersion, Version
 
 from harness import locks
 from harness.drafts.draft import Range
-from harness.expansion import expand_range
-from harness.matrix import RangeTable
+from harness.matrix.matrix_types import RangeTable
+from harness.matrix.version_ranges import expand_range
 from harness.model import Interpreter
 
 MOST_LEFT_OUT = 12

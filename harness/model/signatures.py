@@ -15,7 +15,7 @@ from msgspec import Meta, field
 from msgspec.structs import asdict
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
-from harness.matrix import Table
+from harness.matrix.matrix_types import Table
 from harness.model import Change, Observed, Phase
 from harness.model.errors import BadInput
 from harness.model.schema import load_toml, located

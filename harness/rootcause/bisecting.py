@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from harness import changes
+from harness.matrix import changes
 from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid
 from harness.model.vocabulary import required_name
 from harness.rootcause.bench import Bench, Spent, Trial

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from harness import changes, knowledge
+from harness import knowledge
 from harness.judging.assess import assess
 from harness.judging.identity import Failure
 from harness.machine.store import Store
+from harness.matrix import changes
 from harness.model import Cell, CellRecord, Change
 from harness.model.vocabulary import required_name
 from harness.rootcause.lab import Lab

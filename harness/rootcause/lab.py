@@ -11,9 +11,10 @@ from typing import Self
 
 from packaging.version import Version
 
-from harness import changes, clues, locks, moves
+from harness import clues, locks, moves
 from harness.judging.identity import Failure
 from harness.machine.store import Store
+from harness.matrix import changes
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
 from harness.model.signatures import Evidence
 from harness.model.vocabulary import MISLEADING

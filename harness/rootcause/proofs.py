@@ -6,9 +6,10 @@ from typing import Any
 
 import msgspec
 
-from harness import changes, pasting
+from harness import pasting
 from harness.machine import this_machine
 from harness.machine.store import now
+from harness.matrix import changes
 from harness.model import Change, Phase, Verdict
 from harness.rootcause import stages
 from harness.rootcause.bench import Trial

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness import cellrun, repairs, uvcli, uvsays
+from harness import cellrun, uvcli, uvsays
 from harness.exercised import unregistered
 from harness.machine import interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
 from harness.machine.store import Installed, Store, digest, question_key
+from harness.matrix import overlay_recipes
 from harness.model import (
     Case,
     CaseRecord,
@@ -227,7 +228,7 @@ class Runner:
         if lock is None:
             return Prepared(record=stopped(record, step))
         record = replace(
-            record, repairs=repairs.used(asked.question.overlay, (one.artifact.sha256 for one in lock.pins))
+            record, repairs=overlay_recipes.used(asked.question.overlay, (one.artifact.sha256 for one in lock.pins))
         )
         file = self.store.relative(self.store.lock_file(lock))
         supplied = this_machine.supplied(cell.environment, cell.needs, lock.versions)

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 import recipes
 
-from harness import environments, mending, overlays, repairs
+from harness import environments, mending, overlays
 from harness.machine import interpreters
+from harness.matrix import overlay_recipes
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 
 INVALID, NARROW, NEW = recipes.WHEELS
@@ -20,7 +21,7 @@ INVALID, NARROW, NEW = recipes.WHEELS
 @pytest.fixture
 def asked(workplace: Path, wheelhouse: Path, offline_index: IndexSettings) -> Question:
     """The fakes that have a recipe, repaired."""
-    overlay = [repairs.read(recipes.recipe(name, wheelhouse), "x.toml")[0] for name in recipes.WHEELS]
+    overlay = [overlay_recipes.read(recipes.recipe(name, wheelhouse), "x.toml")[0] for name in recipes.WHEELS]
     return Question(requirements=tuple(recipes.WHEELS), index=offline_index, overlay=tuple(overlay))
 
 

@@ -8,8 +8,9 @@ from time import monotonic
 import pytest
 from builders import case, entry, phase, record
 
-from harness import accepting, matrixfile, plan
-from harness.matrix import Matrix
+from harness import accepting
+from harness.matrix import matrix_file, plan
+from harness.matrix.matrix_types import Matrix
 from harness.model import Cell, Outcome, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry
@@ -33,7 +34,7 @@ WISH = accepting.Wish(pattern="*mujoco3*", reason="the model of Ant is too old")
 
 def planned(text: str) -> tuple[Matrix, Plan]:
     """The matrix that a text is, and its plan."""
-    matrix = matrixfile.read(text, "walkers.toml")
+    matrix = matrix_file.read(text, "walkers.toml")
     return matrix, plan.expand(matrix, host_python="3.11.7")
 
 

@@ -14,8 +14,9 @@ import pytest
 from builders import asking
 from packaging.requirements import Requirement
 
-from harness import document, measured, plan
+from harness import document, measured
 from harness.machine.store import Store
+from harness.matrix import plan
 from harness.model import CellRecord, IndexSettings, Subject, cellid
 from harness.model.vocabulary import Instant
 

@@ -11,8 +11,9 @@ import specimens
 from builders import case, cell, document_of, knowing, phase, record, signature, step
 from specimens import RESET, SOLVER, XML
 
-from harness import change_effects, changes, document, matrixfile, plan, remedies, tables
+from harness import change_effects, document, tables
 from harness.commands import reporting
+from harness.matrix import changes, matrix_file, matrix_remedies, plan
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document
@@ -32,7 +33,7 @@ OLD = CHANGE + 'cells = "py3.11_mujoco-3.3.7_egl"\nrequirements = ["mujoco<3"]\n
 
 def planned(text: str, known: tuple[Signature, ...] = ()) -> Plan:
     """The plan of a matrix called demo."""
-    read = remedies.filled(matrixfile.read(MATRIX + text, "demo.toml"), known)
+    read = matrix_remedies.filled(matrix_file.read(MATRIX + text, "demo.toml"), known)
     return plan.expand(read, host_python="3.12.1")
 
 
@@ -135,7 +136,7 @@ class TestCells:
     def test_changes_are_tried_on_what_a_strategy_chose(self) -> None:
         """A combination that it leaves out has no changes either."""
         text = 'strategy = "baseline"\n'
-        read = matrixfile.read(text + MATRIX + CHANGE + 'cells = "*"\npython = "3.12"\n', "demo.toml")
+        read = matrix_file.read(text + MATRIX + CHANGE + 'cells = "*"\npython = "3.12"\n', "demo.toml")
         found = plan.expand(read, host_python="3.12.1").cells
         bases = [cell.id for cell in found if not cell.base]
         assert 0 < len(bases) < 8
@@ -145,7 +146,7 @@ class TestCells:
         """They have no say in which combinations are chosen: a choice that was made stays good."""
 
         def made_from(text: str) -> str:
-            read = matrixfile.read(MATRIX + text, "demo.toml")
+            read = matrix_file.read(MATRIX + text, "demo.toml")
             return plan.candidates(read, None, host_python="3.12.1", sources={}).made_from
 
         assert made_from(OLD) == made_from("")

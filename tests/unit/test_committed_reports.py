@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import document, matrixfile, packs, pages, tables
+from harness import document, packs, pages, tables
 from harness.commands import judging_again, reporting
 from harness.machine.store import Store
+from harness.matrix import matrix_file
 from harness.model import Verdict
 from harness.model.report_types import Document
 
@@ -104,7 +105,7 @@ class TestCommittedReport:
 
     def test_page_in_words_is_made_from_the_document(self, folder: Path) -> None:
         """`README.md` is there where the matrix has a template of it, and is what its `report.json` gives."""
-        matrix = matrixfile.read((MATRICES / f"{folder.name}.toml").read_text(), f"{folder.name}.toml")
+        matrix = matrix_file.read((MATRICES / f"{folder.name}.toml").read_text(), f"{folder.name}.toml")
         words, whole = folder / "README.md", read(folder)
 
         assert words.exists() == (matrix.page is not None)

@@ -5,7 +5,7 @@ from itertools import combinations, product
 
 import pytest
 
-from harness.plan.covering import Row, covering, parts, uncovered
+from harness.matrix.plan.covering import Row, covering, parts, uncovered
 
 
 def parts_of(rows: list[Row], ways: int) -> set[object]:

@@ -8,9 +8,9 @@ import pytest
 
 from harness import nativesays
 from harness.judging.check import Ending, check_record
+from harness.matrix.plan import speaking
 from harness.model import CheckReply, Outcome, Raised
 from harness.model.vocabulary import APIS, FAMILY, INCELL, readers
-from harness.plan import speaking
 from harness.probes import program
 from harness.standalone import adapters, keys
 

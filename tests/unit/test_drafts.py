@@ -8,12 +8,13 @@ from textwrap import dedent
 
 import pytest
 
-from harness import drafts, matrixfile, plan, present
+from harness import drafts, present
 from harness.drafts import Case, Draft, Project, Range, SuiteDraft
 from harness.drafts import candidates as trying
 from harness.drafts.candidates import Candidate
 from harness.drafts.values import Offer, narrowed
-from harness.matrix import Expansion
+from harness.matrix import matrix_file, plan
+from harness.matrix.matrix_types import Expansion
 from harness.model import Plan, Suite
 from harness.model.errors import BadInput
 from harness.model.vocabulary import GYMNASIUM, Instant, Rule
@@ -24,7 +25,7 @@ TEMPLATE = (Path(present.__file__).parent / "templates" / "matrix.toml.j2").read
 
 def planned(draft: Draft, **versions: tuple[str, ...]) -> Plan:
     """The plan of a draft as it is written."""
-    matrix = matrixfile.read(drafts.text_of(draft, TEMPLATE), "drafted.toml")
+    matrix = matrix_file.read(drafts.text_of(draft, TEMPLATE), "drafted.toml")
     axes = {name.replace("_", "-"): each for name, each in versions.items()}
     expansion = Expansion(matrix="drafted", instant=Instant("2026-11-20T00:00:00Z"), ranges=matrix.ranges, axes=axes)
     return plan.expand(matrix, expansion if versions else None, host_python="3.11.7")

@@ -7,8 +7,8 @@ import pytest
 from packaging.version import Version
 
 import harness
-from harness import expansion, matrixfile
-from harness.matrix import Matrix, RangeTable
+from harness.matrix import matrix_file, version_ranges
+from harness.matrix.matrix_types import Matrix, RangeTable
 from harness.model.errors import BadInput
 from harness.model.vocabulary import Rule
 
@@ -29,7 +29,7 @@ RELEASES = [
 
 def matrix(spec: str = ">=1.0", head: str = "") -> Matrix:
     """A matrix with one range."""
-    return matrixfile.read(
+    return matrix_file.read(
         f'{head}\naxes = {{ python = ["3.11"], mujoco = {{ range = "{spec}" }} }}\n'
         '[[cases]]\nenv = "Ant-v5"\napi = "gymnasium"',
         "demo.toml",
@@ -50,8 +50,8 @@ def test_rules(rule: Rule, versions: tuple[str, ...]) -> None:
     """A rule picks among the final, unyanked releases of the range, oldest first whatever the order given."""
     wanted = RangeTable(range=">=1.0", rule=rule)
 
-    assert expansion.expand_range(wanted, RELEASES) == versions
-    assert expansion.expand_range(wanted, reversed(RELEASES)) == versions
+    assert version_ranges.expand_range(wanted, RELEASES) == versions
+    assert version_ranges.expand_range(wanted, reversed(RELEASES)) == versions
 
 
 @pytest.mark.parametrize(
@@ -68,14 +68,14 @@ def test_boundaries(breaks: list[str], versions: tuple[str, ...]) -> None:
     """Newest patches, and of each break inside the range the last release before it and the first one with it."""
     wanted = RangeTable(range=">=1.0", rule=Rule.BOUNDARIES)
 
-    assert expansion.expand_range(wanted, RELEASES, map(Version, breaks)) == versions
+    assert version_ranges.expand_range(wanted, RELEASES, map(Version, breaks)) == versions
 
 
 def test_known_breaks() -> None:
     """Each is a release of its own with a reference; gym, gymnasium and mujoco are known."""
     text = (Path(harness.__file__).parent / "breaks.toml").read_text(encoding="utf-8")
     known = tomllib.loads(text)["breaks"]
-    read = expansion.read_breaks(text, "breaks.toml")
+    read = version_ranges.read_breaks(text, "breaks.toml")
 
     assert {"gym", "gymnasium", "mujoco"} <= read.keys()
     assert len({(each["package"], Version(each["version"])) for each in known}) == len(known)
@@ -86,7 +86,9 @@ def test_known_breaks() -> None:
 def test_mistakes_in_breaks() -> None:
     """A file of breaks is read as strictly as any other."""
     with pytest.raises(BadInput) as error:
-        expansion.read_breaks('[[breaks]]\npackage = "gym"\nversion = "newest"\nwhat = "x"\nsource = "y"', "b.toml")
+        version_ranges.read_breaks(
+            '[[breaks]]\npackage = "gym"\nversion = "newest"\nwhat = "x"\nsource = "y"', "b.toml"
+        )
 
     assert str(error.value) == 'b.toml: breaks[0].version: "newest" is not a version; ids name resolved versions only'
 
@@ -95,22 +97,22 @@ def test_prereleases_and_yanked_releases_when_asked_for() -> None:
     """Both are left out unless the range says so."""
     wanted = RangeTable(range=">=1.1,<=2.0.0", rule=Rule.ALL, prereleases=True, yanked=True)
 
-    assert expansion.expand_range(wanted, RELEASES) == ("1.1.0", "1.1.1", "2.0.0rc1", "2.0.0")
+    assert version_ranges.expand_range(wanted, RELEASES) == ("1.1.0", "1.1.1", "2.0.0rc1", "2.0.0")
 
 
 def test_oldest_and_newest_of_one_release() -> None:
     """One release is not listed twice."""
     wanted = RangeTable(range="==2.1", rule=Rule.OLDEST_AND_NEWEST)
 
-    assert expansion.expand_range(wanted, RELEASES) == ("2.1",)
+    assert version_ranges.expand_range(wanted, RELEASES) == ("2.1",)
 
 
 def test_written_and_read_again() -> None:
     """The committed text reads as the expansion it was made from, and says what it was made from."""
-    made = expansion.expand(matrix(), {"mujoco": RELEASES}, "2026-11-20T00:00:00Z")
-    text = expansion.text_of(made)
+    made = version_ranges.expand(matrix(), {"mujoco": RELEASES}, "2026-11-20T00:00:00Z")
+    text = version_ranges.text_of(made)
 
-    assert expansion.read(text, "demo.expanded.json") == made
+    assert version_ranges.read(text, "demo.expanded.json") == made
     assert (
         text
         == """\
@@ -150,7 +152,7 @@ def test_written_and_read_again() -> None:
 )
 def test_an_expansion_fits_what_it_was_made_from(later: Matrix, fits: bool) -> None:
     """A range or a snapshot that changed since makes an expansion useless."""
-    made = expansion.expand(matrix(), {"mujoco": RELEASES}, "2026-11-20T00:00:00Z")
+    made = version_ranges.expand(matrix(), {"mujoco": RELEASES}, "2026-11-20T00:00:00Z")
 
     assert made.fits(later) is fits
 
@@ -158,6 +160,6 @@ def test_an_expansion_fits_what_it_was_made_from(later: Matrix, fits: bool) -> N
 def test_a_range_without_releases_is_refused() -> None:
     """A range that nothing falls into is a mistake in the matrix file."""
     with pytest.raises(BadInput) as error:
-        expansion.expand(matrix(">=9"), {"mujoco": RELEASES}, "2026-11-20T00:00:00Z")
+        version_ranges.expand(matrix(">=9"), {"mujoco": RELEASES}, "2026-11-20T00:00:00Z")
 
     assert str(error.value) == 'demo.toml: axes.mujoco: the index has no release that ">=9" allows'

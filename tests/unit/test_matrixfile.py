@@ -6,8 +6,8 @@ from typing import Any
 import jsonschema
 import pytest
 
-from harness import matrixfile
-from harness.matrix import Matrix, MatrixTable
+from harness.matrix import matrix_file
+from harness.matrix.matrix_types import Matrix, MatrixTable
 from harness.model import schema
 from harness.model.errors import BadInput
 from harness.model.vocabulary import Instant, Kind
@@ -19,7 +19,7 @@ AXES = 'axes = { python = ["3.11"], gymnasium = ["0.29.1", "1.2.3"] }\n'
 
 def read(text: str, path: str = "matrices/demo.toml") -> Matrix:
     """A matrix from text."""
-    return matrixfile.read(text, path)
+    return matrix_file.read(text, path)
 
 
 def refused(text: str, path: str = "demo.toml") -> str:
@@ -79,7 +79,7 @@ class TestReading:
             'axes.python = [{ version = "3.11", files = { c = { source = "x/model.xml" } } }]\n' + CASE
         )
 
-        assert matrixfile.sources(matrix) == {"x/model.xml": "matrices/demo.toml: axes.python[0].files.c.source"}
+        assert matrix_file.sources(matrix) == {"x/model.xml": "matrices/demo.toml: axes.python[0].files.c.source"}
 
     @pytest.mark.parametrize(
         ("written", "instant"),

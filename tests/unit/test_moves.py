@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from builders import asking
 
-from harness import changes, clues, moves
+from harness import clues, moves
+from harness.matrix import changes
 from harness.model import Change, Phase
 from harness.model.signatures import Evidence
 from harness.moves import Way

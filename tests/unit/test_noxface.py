@@ -6,7 +6,8 @@ from fnmatch import fnmatchcase
 
 import pytest
 
-from harness import matrixfile, noxface, plan
+from harness import noxface
+from harness.matrix import matrix_file, plan
 from harness.model import Plan
 
 MANY = [f"m{number}" for number in range(60)]
@@ -15,7 +16,7 @@ MANY = [f"m{number}" for number in range(60)]
 def planned(axes: str) -> Plan:
     """A plan of cells that install nothing in particular."""
     text = f'cases = [{{ imports = ["x"] }}]\n[axes]\n{axes}'
-    return plan.expand(matrixfile.read(text, "wide.toml"), host_python="3.11.7")
+    return plan.expand(matrix_file.read(text, "wide.toml"), host_python="3.11.7")
 
 
 def offered(found: Plan) -> list[noxface.Offer]:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from harness import expansion, matrixfile, plan
-from harness.matrix import Matrix
+from harness.matrix import matrix_file, plan, version_ranges
+from harness.matrix.matrix_types import Matrix
 from harness.model import Case, Cell, Dropped, Expectation, Phase, Plan, Question, Verdict
 from harness.model.errors import BadInput
 from harness.model.vocabulary import checks_of
@@ -13,7 +13,7 @@ CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 
 def matrix(text: str) -> Matrix:
     """A matrix called demo."""
-    return matrixfile.read(text, "demo.toml")
+    return matrix_file.read(text, "demo.toml")
 
 
 def planned(text: str, host: str = "3.12.1") -> Plan:
@@ -400,7 +400,7 @@ class TestRanges:
 
     def test_an_expanded_range(self) -> None:
         """The versions of the expansion are values of the axis, and its instant is the cutoff."""
-        made = expansion.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False), ("4.0.0", False)]}, "2026-11-20")
+        made = version_ranges.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False), ("4.0.0", False)]}, "2026-11-20")
         cells = plan.expand(matrix(self.TEXT), made, host_python="3.12.1").cells
 
         assert [cell.id for cell in cells] == ["demo/py3.11_mujoco-3.3.7", "demo/py3.11_mujoco-4.0.0"]
@@ -414,7 +414,7 @@ class TestRanges:
 
     def test_with_the_expansion_of_another_range(self) -> None:
         """An expansion that the file has moved on from is not used."""
-        made = expansion.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False)]}, "2026-11-20")
+        made = version_ranges.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False)]}, "2026-11-20")
         with pytest.raises(BadInput) as error:
             plan.expand(matrix(self.TEXT.replace(">=3", ">=2")), made, host_python="3.12.1")
 

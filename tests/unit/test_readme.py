@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from harness import matrixfile, plan
 from harness.commands import blocks, report
-from harness.matrix import Expansion
+from harness.matrix import matrix_file, plan
+from harness.matrix.matrix_types import Expansion
 from harness.model.vocabulary import Instant
 
 ROOT = Path(__file__).parents[2]
@@ -17,7 +17,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 def test_its_matrix_can_be_planned() -> None:
     """The example is a matrix: every case exists somewhere, every expectation meets a cell."""
     text, *_ = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
-    matrix = matrixfile.read(text, "example.toml")
+    matrix = matrix_file.read(text, "example.toml")
     expansion = Expansion(
         matrix="example",
         instant=Instant(str(matrix.snapshot)),
@@ -34,7 +34,7 @@ def test_what_it_shows_of_a_matrix_can_be_read() -> None:
     """The parts of a matrix that it shows apart: what is brought, a change."""
     parts = [part for part in re.findall(r"```toml\n(.*?)```", README, re.DOTALL) if "axes" not in part]
     axes = '[axes]\npython = ["3.9"]\nmujoco = ["3.3.7"]\n[[cases]]\nenv = "Ant-v5"\napi = "gymnasium"\n'
-    read = [matrixfile.read(f"{part}\n{axes}", "m.toml") for part in parts]
+    read = [matrix_file.read(f"{part}\n{axes}", "m.toml") for part in parts]
 
     assert [(bool(matrix.bring), bool(matrix.change)) for matrix in read] == [(True, False), (False, True)]
 
@@ -46,7 +46,7 @@ def test_its_strategies_can_be_read() -> None:
     cases = 'cases = [{ env = "Ant-v5", api = "gymnasium" }]'
 
     assert len(lines) == 4
-    assert all(matrixfile.read(f"{line}\n{axes}\n{cases}\n", "m.toml").strategy for line in lines)
+    assert all(matrix_file.read(f"{line}\n{axes}\n{cases}\n", "m.toml").strategy for line in lines)
 
 
 def test_ci_runs_its_test_command() -> None:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import mending, repairs
+from harness import mending
+from harness.matrix import overlay_recipes
 from harness.model import Edit, Question, Repair
 from harness.model.errors import BadInput
 
@@ -63,7 +64,7 @@ LINES = (
 
 def read() -> tuple[Repair, ...]:
     """The recipe above."""
-    return repairs.read(RECIPE, "gym.toml")
+    return overlay_recipes.read(RECIPE, "gym.toml")
 
 
 def wheel(lines: tuple[str, ...] = LINES, *, pure: bool = True, day: int = 1, order: int = 1) -> bytes:
@@ -140,13 +141,13 @@ class TestRecipe:
     def test_what_is_wrong_with_one_is_told(self, old: str, new: str, message: str) -> None:
         """With the file, the key and what to write instead."""
         with pytest.raises(BadInput) as caught:
-            repairs.read(RECIPE.replace(old, new), "gym.toml")
+            overlay_recipes.read(RECIPE.replace(old, new), "gym.toml")
 
         assert str(caught.value) == message
 
     def test_a_wheel_needs_nothing_to_build_it(self) -> None:
         """It is taken as the index has it, whatever builds the sdists beside it."""
-        (old, new) = repairs.read(RECIPE.replace('sdist = "1', 'wheel_from = "1'), "gym.toml")
+        (old, new) = overlay_recipes.read(RECIPE.replace('sdist = "1', 'wheel_from = "1'), "gym.toml")
 
         assert (new.origin, new.build, new.python) == ("1" * 64, (), None)
         assert (old.origin, old.build, old.python) == ("3" * 64, ("setuptools==66.1.1",), ">=3.7,<3.12")
@@ -154,7 +155,7 @@ class TestRecipe:
     def test_a_package_without_a_recipe_is_refused(self) -> None:
         """With the name that is nearest."""
         with pytest.raises(ValueError, match=r'^no recipe repairs "gmy"; did you mean "gym"\?$'):
-            repairs.chosen({"gym": read()}, ("gmy",))
+            overlay_recipes.chosen({"gym": read()}, ("gmy",))
 
 
 class TestFitting:
@@ -177,11 +178,11 @@ class TestFitting:
     )
     def test_bounds_and_the_cutoff_leave_some_out(self, question: Question, versions: list[str]) -> None:
         """An override takes the place of a requirement, and a conditional one says nothing."""
-        assert [one.version for one in repairs.fitting(read(), question)] == versions
+        assert [one.version for one in overlay_recipes.fitting(read(), question)] == versions
 
     def test_used_are_those_whose_wheel_is_there(self) -> None:
         """By its hash, not by name and version."""
-        assert [one.version for one in repairs.used(read(), ("0" * 64, "2" * 64))] == ["0.21.0"]
+        assert [one.version for one in overlay_recipes.used(read(), ("0" * 64, "2" * 64))] == ["0.21.0"]
 
 
 class TestMending:
@@ -255,5 +256,5 @@ def test_the_committed_recipes_can_be_read() -> None:
 
     assert files
     for file in files:
-        made = repairs.read(file.read_text(encoding="utf-8"), file.name)
+        made = overlay_recipes.read(file.read_text(encoding="utf-8"), file.name)
         assert {one.name for one in made} == {file.stem}

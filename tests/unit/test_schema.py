@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from harness.matrix import MatrixTable
+from harness.matrix.matrix_types import MatrixTable
 from harness.model import schema
 from harness.model.errors import BadInput
 

@@ -9,7 +9,8 @@ import msgspec
 import pytest
 from builders import GENERATED, case, cell, document_of, record
 
-from harness import matrixfile, plan, present, squares, tables
+from harness import present, squares, tables
+from harness.matrix import matrix_file, plan
 from harness.model import Cell, CellRecord, Change, Outcome, Phase, Role, Step, Tried, Verdict
 from harness.model.report_types import Document
 from harness.tabletypes import Pivot, Square
@@ -131,7 +132,7 @@ class TestRoles:
             '[[variant]]\nwhen = { mujoco = "<3" }\nreason = "old"\n'
             '[[variant]]\nwhen = { mujoco = ">4" }\nreason = "newer"\n'
         )
-        planned = plan.expand(matrixfile.read(text, "demo.toml"), host_python="3.11.7")
+        planned = plan.expand(matrix_file.read(text, "demo.toml"), host_python="3.11.7")
 
         assert [one.id in planned.variants for one in planned.cells] == [True, False]
         assert planned.stale == ('demo.toml: variant[1] matches no cell (reason: "newer")',)

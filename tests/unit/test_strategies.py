@@ -7,9 +7,9 @@ import msgspec
 import pytest
 from packaging.version import Version
 
-from harness import expansion, matrixfile, plan
-from harness.expansion import Breaks
-from harness.matrix import Chosen, Expansion, Matrix, Unresolvable
+from harness.matrix import matrix_file, plan, version_ranges
+from harness.matrix.matrix_types import Chosen, Expansion, Matrix, Unresolvable
+from harness.matrix.version_ranges import Breaks
 from harness.model import Cell, Dropped, Plan, Question
 from harness.model.errors import BadInput, CouldNotTell
 
@@ -28,7 +28,7 @@ Resolves = Callable[[str, Question], str | None]
 
 def matrix(text: str) -> Matrix:
     """A matrix called demo."""
-    return matrixfile.read(text, "demo.toml")
+    return matrix_file.read(text, "demo.toml")
 
 
 def planned(text: str, chosen: Expansion | None = None, breaks: Breaks = BREAKS) -> Plan:
@@ -64,7 +64,7 @@ class Resolver:
 def chosen(text: str, resolver: Resolver | None = None) -> Expansion:
     """The expansion of a matrix with its covering array."""
     read = matrix(text)
-    made = expansion.expand(read, {}, INSTANT)
+    made = version_ranges.expand(read, {}, INSTANT)
     known = plan.candidates(read, made, host_python="3.12.1", sources={}, breaks=BREAKS)
     return msgspec.structs.replace(made, chosen=plan.choose(known, resolver or Resolver(), lambda _: None))
 
@@ -328,8 +328,8 @@ class TestCovering:
         """The committed text reads as the choice it was made from."""
         made = chosen(self.TEXT)
 
-        assert expansion.read(expansion.text_of(made), "demo.expanded.json") == made
-        assert "chosen" not in expansion.text_of(expansion.expand(matrix(self.TEXT), {}, INSTANT))
+        assert version_ranges.read(version_ranges.text_of(made), "demo.expanded.json") == made
+        assert "chosen" not in version_ranges.text_of(version_ranges.expand(matrix(self.TEXT), {}, INSTANT))
 
 
 def no_old_mujoco(python: str, question: Question) -> str | None:

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, plain, record
 
-from harness import document, matrixfile, model, plan, subjects, suites
+from harness import document, model, subjects, suites
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
 from harness.judging.pytest_report import Report, outcome_of
+from harness.matrix import matrix_file, plan
 from harness.model import (
     CaseRecord,
     Cell,
@@ -35,7 +36,7 @@ PYTHON = interpreter()
 
 def cells(text: str) -> dict[str, Cell]:
     """The cells of a matrix called demo, by label."""
-    planned = plan.expand(matrixfile.read(text, "demo.toml"), host_python="3.12.1")
+    planned = plan.expand(matrix_file.read(text, "demo.toml"), host_python="3.12.1")
     return {cell.label: cell for cell in planned.cells}
 
 

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from harness import plan
 from harness.commands.ad_hoc_cell import models
+from harness.matrix import plan
+from harness.matrix.plan.speaking import declared
 from harness.model import Case, Question
 from harness.model.errors import BadInput
 from harness.model.vocabulary import APIS, api_of, checks_of
-from harness.plan.speaking import declared
 
 
 def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.Asked:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from harness import catalog, document, matrixfile, pages, tables
+from harness import catalog, document, pages, tables
+from harness.matrix import matrix_file
 
 MATRICES = Path(__file__).parents[2] / "matrices"
 PAGES = {
     path.stem: made.page
     for path in sorted(MATRICES.glob("*.toml"))
-    if (made := matrixfile.read(path.read_text(encoding="utf-8"), path.name)).page
+    if (made := matrix_file.read(path.read_text(encoding="utf-8"), path.name)).page
 }
 
 

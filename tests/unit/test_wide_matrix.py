@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import expansion, matrixfile, plan
-from harness.matrix import Chosen, Expansion, Matrix
+from harness.matrix import matrix_file, plan, version_ranges
+from harness.matrix.matrix_types import Chosen, Expansion, Matrix
 from harness.model import Plan
 
 FOLDER = Path(__file__).parents[2] / "matrices"
@@ -23,8 +23,8 @@ BASELINE = {"python": "3.11", "gymnasium": "1.2.3", "mujoco": "3.3.7"}
 def wide() -> tuple[Matrix, Expansion, Plan]:
     """The matrix, its expansion and its plan."""
     name = "gymnasium-mujoco"
-    matrix = matrixfile.read((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml")
-    made = expansion.read((FOLDER / f"{name}.expanded.json").read_text(encoding="utf-8"), f"{name}.expanded.json")
+    matrix = matrix_file.read((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml")
+    made = version_ranges.read((FOLDER / f"{name}.expanded.json").read_text(encoding="utf-8"), f"{name}.expanded.json")
     return matrix, made, plan.expand(matrix, made, host_python="3.11.7")
 
 

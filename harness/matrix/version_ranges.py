@@ -9,7 +9,7 @@ from msgspec import Struct
 from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
-from harness.matrix import Expansion, Matrix, RangeTable
+from harness.matrix.matrix_types import Expansion, Matrix, RangeTable
 from harness.model.schema import load_json, load_toml, located
 from harness.model.vocabulary import Instant, PackageName, Rule, version_text
 

@@ -15,14 +15,14 @@ from typing import Any
 import msgspec
 from packaging.version import Version
 
-from harness.expansion import Breaks, boundaries
-from harness.matrix import NO_CHANGES, Chosen, Expansion, Matrix, MatrixTable
+from harness.matrix.matrix_types import NO_CHANGES, Chosen, Expansion, Matrix, MatrixTable
+from harness.matrix.plan.choices import Choice, Combination
+from harness.matrix.plan.contents import Contents
+from harness.matrix.plan.covering import Part, Row, uncovered
+from harness.matrix.version_ranges import Breaks, boundaries
 from harness.model import Dropped, cellid
 from harness.model.schema import located, suggestion
 from harness.model.vocabulary import ABSENT, Kind
-from harness.plan.choices import Choice, Combination
-from harness.plan.contents import Contents
-from harness.plan.covering import Part, Row, uncovered
 
 Axes = Mapping[str, tuple[Choice, ...]]
 WITHOUT_WEIGHT = {

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
+from harness.matrix.strategy import FULL, Strategy
 from harness.model import Phase, Verdict, cellid
 from harness.model.vocabulary import (
     Api,
@@ -37,7 +38,6 @@ from harness.model.vocabulary import (
     Variables,
     When,
 )
-from harness.strategy import FULL, Strategy
 
 
 class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -4,13 +4,13 @@ Cells share what they have in common (questions, cases, variables), so that ten 
 second or two.
 """
 
-from harness.plan.choosing import Ask, choose
-from harness.plan.contents import index_settings
-from harness.plan.product import candidates, expand
-from harness.plan.speaking import brings_models
-from harness.plan.strategies import Candidates
-from harness.plan.trial import NAME as TRY_MATRIX
-from harness.plan.trial import Asked, cases_for, single, unspoken
+from harness.matrix.plan.choosing import Ask, choose
+from harness.matrix.plan.contents import index_settings
+from harness.matrix.plan.product import candidates, expand
+from harness.matrix.plan.speaking import brings_models
+from harness.matrix.plan.strategies import Candidates
+from harness.matrix.plan.trial import NAME as TRY_MATRIX
+from harness.matrix.plan.trial import Asked, cases_for, single, unspoken
 
 __all__ = [
     "TRY_MATRIX",

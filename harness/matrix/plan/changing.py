@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from harness import changes
-from harness.matrix import ChangedTable, ChangeTable, Matrix
+from harness.matrix import changes
+from harness.matrix.matrix_types import ChangedTable, ChangeTable, Matrix
+from harness.matrix.plan.choices import Choice, Combination, condition
+from harness.matrix.plan.contents import Contents
 from harness.model import Cell, Expectation, Tried, cellid
 from harness.model.schema import located
 from harness.model.vocabulary import Kind
-from harness.plan.choices import Choice, Combination, condition
-from harness.plan.contents import Contents
 
 BESIDES = ("needs", "system", "files", "empty", "python_path", "bring", "extras", "groups")
 UNCHANGED = "the change leaves the cell as it is"

@@ -10,8 +10,8 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from harness import repairs
-from harness.matrix import (
+from harness.matrix import overlay_recipes
+from harness.matrix.matrix_types import (
     NO_CHANGES,
     BringTable,
     CaseTable,
@@ -23,6 +23,8 @@ from harness.matrix import (
     SourceTable,
     SuiteTable,
 )
+from harness.matrix.plan.choices import Choice, Combination, Condition, condition
+from harness.matrix.plan.speaking import spoken
 from harness.model import Bring, Case, Change, IndexSettings, Phase, Question, Repair, Subject, Suite
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, located, suggestion
@@ -38,8 +40,6 @@ from harness.model.vocabulary import (
     checks_of,
     required_name,
 )
-from harness.plan.choices import Choice, Combination, Condition, condition
-from harness.plan.speaking import spoken
 
 T = TypeVar("T")
 
@@ -235,7 +235,9 @@ class Contents:
         )
         names = _distinct(str(name) for part in parts for name in part.changes.overlay)
         with located(self.matrix.path, "overlay"):
-            return replace(question, overlay=repairs.fitting(repairs.chosen(self.recipes, names), question))
+            return replace(
+                question, overlay=overlay_recipes.fitting(overlay_recipes.chosen(self.recipes, names), question)
+            )
 
     def _surroundings(self, combination: Combination) -> Surroundings:
         changes = [part.changes for part in self._parts(combination)]

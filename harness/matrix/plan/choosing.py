@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from packaging.version import Version
 
-from harness.matrix import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
+from harness.matrix.matrix_types import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
+from harness.matrix.plan.choices import Choice, Combination
+from harness.matrix.plan.covering import Row, covering
+from harness.matrix.plan.strategies import Candidates, weight
 from harness.model import Cell, cellid
 from harness.model.schema import located
 from harness.model.vocabulary import ABSENT, Kind
-from harness.plan.choices import Choice, Combination
-from harness.plan.covering import Row, covering
-from harness.plan.strategies import Candidates, weight
 
 Ask = Callable[[Sequence[Cell]], list[str | None]]
 """Resolves what each cell asks; the answers are the lines that say why not, None where there is a lock."""

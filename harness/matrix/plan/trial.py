@@ -10,7 +10,9 @@ from pathlib import PurePath
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import repairs
+from harness.matrix import overlay_recipes
+from harness.matrix.plan.contents import IMPORTED
+from harness.matrix.plan.speaking import meant, speakers, spoken
 from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject, cellid
 from harness.model.cellid import Detail
 from harness.model.errors import BadInput
@@ -34,8 +36,6 @@ from harness.model.vocabulary import (
     parsed_requirement,
     required_name,
 )
-from harness.plan.contents import IMPORTED
-from harness.plan.speaking import meant, speakers, spoken
 
 NAME = "try"
 SIMPLE = "CartPole-v1"
@@ -119,7 +119,7 @@ def _question(asked: Asked) -> Question:
     )
     if asked.prerelease:
         question = replace(question, prerelease=asked.prerelease)
-    return replace(question, overlay=repairs.fitting(asked.overlay, question))
+    return replace(question, overlay=overlay_recipes.fitting(asked.overlay, question))
 
 
 def _words(kind: type[Word], texts: Iterable[str], option: str) -> tuple[str, ...]:

@@ -9,16 +9,16 @@ from math import prod
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
-from harness.expansion import NO_BREAKS, Breaks
-from harness.matrix import Expansion, ExpectTable, Matrix, Value
+from harness.matrix.matrix_types import Expansion, ExpectTable, Matrix, Value
+from harness.matrix.plan.changing import Changing
+from harness.matrix.plan.choices import Choice, Combination, Condition, choice_of, choices, condition
+from harness.matrix.plan.contents import NO_RECIPES, Contents, Recipes
+from harness.matrix.plan.covering import number_of_parts
+from harness.matrix.plan.strategies import Axes, Candidates, baseline_combinations
+from harness.matrix.version_ranges import NO_BREAKS, Breaks
 from harness.model import Case, Cell, Dropped, Expectation, Plan, cellid
 from harness.model.schema import located
 from harness.model.vocabulary import Kind
-from harness.plan.changing import Changing
-from harness.plan.choices import Choice, Combination, Condition, choice_of, choices, condition
-from harness.plan.contents import NO_RECIPES, Contents, Recipes
-from harness.plan.covering import number_of_parts
-from harness.plan.strategies import Axes, Candidates, baseline_combinations
 
 NO_CASE = "no case exists for it"
 

@@ -7,15 +7,15 @@ from typing import Any
 
 import msgspec
 
-from harness import matrixfile
-from harness.matrix import ChangeTable, Constraint, Matrix
+from harness.matrix import matrix_file
+from harness.matrix.matrix_types import ChangeTable, Constraint, Matrix
 from harness.model.schema import located, suggestion
 from harness.model.signatures import Signature
 
 
-def named(matrix: Matrix) -> list[tuple[matrixfile.Keys, str]]:
+def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
     """Ids of the known failures that the matrix names, and where."""
-    places: list[tuple[matrixfile.Keys, str | None]] = [
+    places: list[tuple[matrix_file.Keys, str | None]] = [
         (("expect", index, "signature"), one.signature) for index, one in enumerate(matrix.expect)
     ]
     for index, change in enumerate(matrix.change):
@@ -46,7 +46,7 @@ def _remedied(matrix: Matrix, index: int, change: ChangeTable, known: Mapping[st
         if remedy.change is None:
             message = f'no machine can apply the remedy of "{change.remedy_of}": {remedy.text}'
             raise ValueError(message)
-    said: dict[str, Any] = {name: getattr(remedy, name) for name in matrixfile.DOING if name in remedy.plain}
+    said: dict[str, Any] = {name: getattr(remedy, name) for name in matrix_file.DOING if name in remedy.plain}
     for name in ("constraints", "overrides", "build_constraints"):
         if name in said:
             said[name] = tuple(Constraint(text, {}) for text in said[name])

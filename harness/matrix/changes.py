@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from harness import repairs
+from harness.matrix import overlay_recipes
 from harness.model import Cell, Change, Question, Repair, cellid
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone import remedies
@@ -56,7 +56,7 @@ def _question(question: Question, change: Change, recipes: Mapping[str, tuple[Re
     names = tuple(dict.fromkeys((*(one.name for one in question.overlay), *change.overlay)))
     if not names:
         return changed
-    return replace(changed, overlay=repairs.fitting(repairs.chosen(recipes, names), changed))
+    return replace(changed, overlay=overlay_recipes.fitting(overlay_recipes.chosen(recipes, names), changed))
 
 
 def _names(requirements: Iterable[str]) -> set[str]:

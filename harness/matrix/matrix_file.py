@@ -15,7 +15,7 @@ import msgspec
 from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
-from harness.matrix import (
+from harness.matrix.matrix_types import (
     Axis,
     CaseTable,
     ChangedTable,
@@ -28,6 +28,7 @@ from harness.matrix import (
     SourceTable,
     Value,
 )
+from harness.matrix.strategy import Strategy
 from harness.model import CELL_PHASES, Phase, Verdict, requirement_texts
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, load_toml, located, suggestion
@@ -55,7 +56,6 @@ from harness.model.vocabulary import (
     version_text,
 )
 from harness.model.words import refusal
-from harness.strategy import Strategy
 
 EXPECTABLE = frozenset(Verdict) - {Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.UNAVAILABLE}
 """Verdicts about packages; the others are about this machine, and no cell can be expected to be them."""

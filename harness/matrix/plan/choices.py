@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from harness.matrix import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
+from harness.matrix.matrix_types import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
 from harness.model import cellid
 from harness.model.schema import located
 from harness.model.vocabulary import HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
