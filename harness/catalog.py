@@ -148,7 +148,7 @@ def _expansion(
         known = "are to be expanded again" if renew else "were never expanded"
         message = f"{path}: its ranges {known}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
-    from harness import index  # noqa: PLC0415 - start-up
+    from harness.packages import index  # noqa: PLC0415 - start-up
 
     settings = _located(plan.index_settings(matrix), path.parent)
     releases = {
@@ -200,10 +200,10 @@ def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
 
 def _placed(matrix: Matrix, folder: Path, subject: Subject) -> Subject:
     """The subject as it is found from anywhere, its extras and groups known ones where its pyproject tells them."""
-    from harness import subjects  # noqa: PLC0415 - start-up
+    from harness.packages import package_under_test  # noqa: PLC0415 - start-up
 
-    located = replace(subject, source=subjects.located(subject.source, folder))
-    about, suite = subjects.about(located), subject.suite or Suite()
+    located = replace(subject, source=package_under_test.located(subject.source, folder))
+    about, suite = package_under_test.about(located), subject.suite or Suite()
     if about:
         _check_names(matrix, "extra", (*subject.extras, *suite.extras), about.extras)
         _check_names(matrix, "dependency group", (*subject.groups, *suite.groups), tuple(about.groups))
@@ -211,9 +211,9 @@ def _placed(matrix: Matrix, folder: Path, subject: Subject) -> Subject:
 
 
 def _settled(subject: Subject, *, offline: bool = False) -> Subject:
-    from harness import subjects  # noqa: PLC0415 - start-up
+    from harness.packages import package_under_test  # noqa: PLC0415 - start-up
 
-    return subjects.settled(subject, offline=offline)
+    return package_under_test.settled(subject, offline=offline)
 
 
 def _check_names(matrix: Matrix, what: str, names: Sequence[str], known: Sequence[str] | None) -> None:

@@ -17,7 +17,6 @@ from typing import Annotated, Any
 from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
-from harness import locks
 from harness.exercised import unregistered
 from harness.judging.assess import assess
 from harness.machine.files import given_files
@@ -46,6 +45,7 @@ from harness.model.vocabulary import (
     parsed_requirement,
     required_name,
 )
+from harness.packages import locks
 
 MATRIX = "controls"
 """What stands for a matrix in the ids of their cells."""

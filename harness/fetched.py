@@ -20,13 +20,15 @@ from typing import Literal
 
 import msgspec
 
-from harness import builds, controls, locks
+from harness import controls
 from harness.machine import interpreters
 from harness.machine.files import given_files, guarded_files
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import digest, open_store, write_atomic
 from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step, cellid, schema
 from harness.model.errors import BadInput
+from harness.packages import locks
+from harness.packages.sources import builds
 
 MANIFEST = "manifest.json"
 

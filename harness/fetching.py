@@ -17,13 +17,16 @@ from threading import Thread
 
 import msgspec
 
-from harness import controls, downloads, environments, fetched, index, overlays
+from harness import controls, fetched
 from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
 from harness.machine import interpreters
 from harness.machine.store import Store, digest, question_key, write_atomic
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import number
+from harness.packages import download_notice, index
+from harness.packages.environments import environments
+from harness.packages.sources import overlays
 
 AT_ONCE = 4
 """Downloads side by side; more help no one when the wheels are large."""
@@ -182,7 +185,7 @@ class Bringing:
     def _download(self, wanted: Sequence[tuple[Artifact, IndexSettings]]) -> dict[str, str]:
         """Bring files that are not there; returns why not, by the hash of each that could not be had."""
         missing = [(artifact, settings) for artifact, settings in wanted if not self._has(artifact)]
-        downloads.announce([artifact for artifact, _ in missing], frozenset())
+        download_notice.announce([artifact for artifact, _ in missing], frozenset())
         todo: SimpleQueue[tuple[Artifact, IndexSettings]] = SimpleQueue()
         done: SimpleQueue[tuple[Artifact, str | None]] = SimpleQueue()
         for one in sorted(missing, key=lambda pair: -(pair[0].size or 0)):

@@ -9,7 +9,6 @@ from typing import Any
 
 from packaging.version import Version
 
-from harness import subjects
 from harness.drafts import Case as Drafted
 from harness.drafts.candidates import Candidate, chosen_order, needs_arguments, ordered_extras, read
 from harness.judging.assess import Assessed, assess
@@ -21,6 +20,7 @@ from harness.model import Case, Cell, Outcome, Phase, Subject
 from harness.model.errors import HarnessError
 from harness.model.report_types import number
 from harness.model.vocabulary import HOST
+from harness.packages import package_under_test
 from harness.probes import launch
 from harness.scheduler import Observer, Runner, Settings
 
@@ -128,7 +128,7 @@ class Scout:
     # --- in a cell -------------------------------------------------------------------------------------------------
 
     def _cell(self, python: str, extras: tuple[str, ...]) -> Cell:
-        subject = subjects.settled(Subject(source=str(self.folder), extras=extras), offline=self.offline)
+        subject = package_under_test.settled(Subject(source=str(self.folder), extras=extras), offline=self.offline)
         asked = plan.Asked(requirements=(), python=python, subject=subject, as_of=self.instant)
         return plan.single(asked).cells[0]
 
@@ -144,7 +144,9 @@ class Scout:
             return _Listed(trouble=str(error))
         if ready.site is None:
             return _Listed(trouble=_trouble(assess(ready.record)))
-        modules = next(known.modules for known in runner.subjects.values() if isinstance(known, subjects.Ready))
+        modules = next(
+            known.modules for known in runner.subjects.values() if isinstance(known, package_under_test.Ready)
+        )
         skip: list[str] = []
         while True:
             told = self._asked(ready.site, modules, skip)

@@ -20,11 +20,11 @@ from pathlib import Path
 from stat import S_ISDIR
 from time import time
 
-from harness import uvcli
 from harness.machine.files import file_locks, guarded_files
 from harness.machine.files.scratch_folders import removed
 from harness.machine.store import MOST_RECORD
 from harness.model.hostile_data import Unreadable
+from harness.packages import uv_command
 from harness.probes.evidence import folder_of
 
 DAY = 86400.0
@@ -301,7 +301,7 @@ def remove(item: Item, cache: Path) -> bool:
             return _removed_unused(item, cache)
         case Kind.UV:
             with file_locks.unused(item.paths[0]) as free:
-                return _free(item, free) and uvcli.tidy("clean")
+                return _free(item, free) and uv_command.tidy("clean")
         case _:
             for path in item.paths:
                 _gone(path)
@@ -324,7 +324,7 @@ def _removed_unused(item: Item, cache: Path) -> bool:
     with file_locks.unused(item.paths[0]) as free:
         if not _free(item, free):
             return False
-        with uvcli.scratch() as aside:
+        with uv_command.scratch() as aside:
             for number, path in enumerate(item.paths):
                 with suppress(FileNotFoundError):
                     path.rename(aside / str(number))

@@ -9,13 +9,13 @@ import re
 from functools import cache
 from pathlib import Path
 
-from harness import locks
 from harness.judging.known_failures import Knowledge
 from harness.machine.files import guarded_files
 from harness.model import signatures
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.model.signatures import Signature
+from harness.packages import locks
 from harness.signature_files import VARIABLE, folder
 
 HEAD, TAIL = 16_000, 48_000

@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import catalog, locks, overlays
-from harness.indexsettings import NOTHING
+from harness import catalog
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.matrix import overlay_recipes
 from harness.model import Repair, Step
 from harness.model.errors import CouldNotTell
+from harness.packages import locks
+from harness.packages.index_settings import NOTHING
+from harness.packages.sources import overlays
 
 WHEELS = "-wheels"
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import bytecode, normalise, subjects
+from harness import normalise
 from harness.judging.suite import CHECK, SOURCE
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
@@ -36,11 +36,13 @@ from harness.model import (
 from harness.model.errors import CouldNotTell
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import required_name
+from harness.packages import package_under_test
+from harness.packages.environments import bytecode
+from harness.packages.package_under_test import TESTS, Ready
 from harness.probes import launch
 from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
 from harness.probes.measure import end_of
 from harness.probes.vault import Vault, kept
-from harness.subjects import TESTS, Ready
 
 DOOR = launch.INCELL / "bootstrap_suite.py"
 PYTEST = "pytest"
@@ -57,8 +59,8 @@ def question(asked: Question, lock: Lock, subject: Subject, known: Ready, interp
     Raises BadInput for an extra or a group that the subject does not have, or a requirement that is the subject.
     """
     suite = subject.suite or Suite()
-    subjects.refuse_naming(known.tested.name, suite.requirements, "`suite.extras`")
-    lines = (*subjects.wanted(known, interpreter, suite.extras, suite.groups), *suite.requirements)
+    package_under_test.refuse_naming(known.tested.name, suite.requirements, "`suite.extras`")
+    lines = (*package_under_test.wanted(known, interpreter, suite.extras, suite.groups), *suite.requirements)
     tools = () if PYTEST in {required_name(line) for line in lines} else (PYTEST,)
     pins = (f"{name}=={version}" for name, version in lock.versions.items())
     return replace(
@@ -120,7 +122,7 @@ class Bench:
         """Run the suite, keep what it showed as an answer to a key, and return the run's name."""
         with scratch_folder() as scratch, Folder(scratch) as left:
             try:
-                source = subjects.copied(self.subject, scratch / "source")
+                source = package_under_test.copied(self.subject, scratch / "source")
             except CouldNotTell as error:
                 host = replace(self.host, source=str(error))
                 return self._kept(request, key, End(), host, {})

@@ -20,13 +20,13 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from harness import measured
-from harness.indexsettings import NOTHING, combined
 from harness.machine import process, store
 from harness.machine.files import guarded_files
 from harness.model import Cell, IndexSettings, Verdict
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import parsed_requirement
+from harness.packages.index_settings import NOTHING, combined
 
 Say = Callable[[str], None]
 AT_A_TIME = 8
@@ -135,7 +135,7 @@ def _answers(names: Sequence[str], settings: IndexSettings, *, offline: bool) ->
     """Ask the index about packages: a package that it lacks is None, one that it did not answer for is left out."""
     if not names:
         return {}
-    from harness import index  # noqa: PLC0415 - start-up
+    from harness.packages import index  # noqa: PLC0415 - start-up
 
     memory = _Memory(settings)
 

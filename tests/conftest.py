@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import indexsettings, wire
+from harness import wire
 from harness.model import Case, CheckReply, ProbeReply
+from harness.packages import index_settings
 
 INCELL = Path(harness.__file__).parent / "incell"
 
@@ -95,7 +96,7 @@ def pytest_configure() -> None:
     itself trusts the certificates that the harness finds in the user's settings, so that an empty environment will do.
     """
     os.environ["HARNESS_CONTROLS"] = ""
-    certificates = indexsettings.settings().certificates
+    certificates = index_settings.settings().certificates
     if certificates:
         os.environ.setdefault("SSL_CERT_FILE", certificates)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:

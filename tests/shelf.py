@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from harness import index, uv
 from harness.machine import interpreters
 from harness.model import Lock, Question
 from harness.model.errors import CouldNotTell
+from harness.packages import index, resolver
 
 REAL, AS_OF = ("gymnasium==1.2.3", "pytest==9.0.2"), "2026-01-01T00:00:00Z"
 """Packages of the real index, with all that they need themselves."""
@@ -30,7 +30,7 @@ def downloaded(kept: Path, cache: Path) -> Iterable[Path]:
         os.environ["HARNESS_CACHE"] = str(cache)
         try:
             question = Question(requirements=REAL, only_binary=(":all:",), snapshot=AS_OF)
-            lock = uv.resolve(question, host, cache.with_name("log"))
+            lock = resolver.resolve(question, host, cache.with_name("log"))
             if not isinstance(lock, Lock):
                 raise NoIndex(str(lock))
             for pin in lock.pins:

@@ -11,10 +11,9 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import catalog, checkouts, inputs, scheduler, subjects, typos
+from harness import catalog, scheduler, typos
 from harness.commands.console import tell
 from harness.exercised import OWN
-from harness.inputfiles import Inputs
 from harness.machine import interpreters
 from harness.machine.files import given_files
 from harness.machine.store import Store
@@ -23,6 +22,9 @@ from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
 from harness.model.errors import BadInput
 from harness.model.schema import located
 from harness.model.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
+from harness.packages import package_under_test
+from harness.packages.requirement_files import Inputs, inputs
+from harness.packages.sources import checkouts
 
 REUSED_FOR_HOURS = 24.0
 
@@ -81,7 +83,7 @@ def _subject(args: argparse.Namespace) -> Subject:
     source = args.subject if remote else str(Path(args.subject).resolve())
     with located("--extra, --group"):
         extras, groups = (tuple(map(PackageName.canonical, names)) for names in (args.extra, args.group))
-    return subjects.settled(Subject(source=source, extras=extras, groups=groups), offline=args.offline)
+    return package_under_test.settled(Subject(source=source, extras=extras, groups=groups), offline=args.offline)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -217,7 +219,7 @@ def _version(python: str) -> str:
 
 def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
     """The active environment's Python if it can be had, else the newest that the requirements allow."""
-    about = subjects.about(cell.subject) if cell.subject else None
+    about = package_under_test.about(cell.subject) if cell.subject else None
     allowed = SpecifierSet(given.python or "") & SpecifierSet(about.python if about else "")
     active = interpreters.active_version()
     if active and allowed.contains(active, prereleases=True) and interpreters.find(active):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, knowledge, locks, measured, moves, scheduler
+from harness import catalog, knowledge, measured, moves, scheduler
 from harness.commands import find_cell, progress, reporting
 from harness.judging.assess import assess
 from harness.machine import interpreters, store
@@ -21,6 +21,7 @@ from harness.model import Cell, Change, Interpreter, cellid
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import located
 from harness.model.vocabulary import PackageName
+from harness.packages import locks
 from harness.rootcause import candidates, certificates, guesses, proofs
 from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task

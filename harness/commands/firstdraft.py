@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from harness import catalog, drafts, firstcases, firstvalues, index, workflows
+from harness import catalog, drafts, firstcases, firstvalues, workflows
 from harness.commands import progress, reporting
 from harness.drafts import Case, Draft, Project, Range
 from harness.drafts.values import Offer, narrowed
@@ -14,6 +14,7 @@ from harness.firstcases import FirstCases, Scout
 from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
+from harness.packages import index
 
 NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
 LARGEST = 2_000_000

@@ -14,11 +14,12 @@ from time import time
 import msgspec
 from rich.filesize import decimal
 
-from harness import garbage, uvcli
+from harness import garbage
 from harness.commands.console import tell
 from harness.garbage import DAY, Disk, Item, Kind
 from harness.machine import store
 from harness.model.report_types import number
+from harness.packages import uv_command
 from harness.standalone.output import print_json
 
 HELP = (
@@ -129,7 +130,7 @@ def _pruned(places: garbage.Places, basket: _Basket, size: int) -> int:
     if basket.dry or not folder.is_dir():
         return size
     used = folder.stat().st_mtime
-    uvcli.tidy("prune")
+    uv_command.tidy("prune")
     os.utime(folder, (used, used))
     left = _total(places)
     if left < size:

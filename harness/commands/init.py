@@ -14,12 +14,12 @@ from harness import catalog, drafts, present, typos, workflows
 from harness.commands import ci, firstdraft
 from harness.commands.console import tell
 from harness.drafts import Draft, Project
-from harness.inputfiles import project
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.report_types import number
 from harness.model.vocabulary import Label
+from harness.packages.requirement_files import project
 from harness.standalone.output import print_json
 from harness.workflows import Fate, Job, Leg
 

@@ -9,11 +9,11 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import InvalidVersion, Version
 
-from harness import locks
 from harness.drafts.draft import Range
 from harness.matrix.matrix_types import RangeTable
 from harness.matrix.version_ranges import expand_range
 from harness.model import Interpreter
+from harness.packages import locks
 
 MOST_LEFT_OUT = 12
 """Releases that a range leaves out one by one; beyond that the matrix would be hard to read."""

@@ -8,11 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import bytecode, frames
+from harness import frames
 from harness.machine import process
 from harness.machine.store import now
 from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
+from harness.packages.environments import bytecode
 from harness.probes import bare_start, launch, program
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, kept

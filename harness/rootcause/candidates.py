@@ -10,13 +10,14 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, locks, moves
-from harness.index import Release
+from harness import moves
 from harness.machine import interpreters
 from harness.model import Cell, Change, Interpreter
 from harness.model.errors import BadInput
 from harness.model.schema import suggestion
 from harness.model.vocabulary import Instant, required_name
+from harness.packages import index, locks
+from harness.packages.index import Release
 
 DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 

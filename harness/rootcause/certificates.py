@@ -9,11 +9,12 @@ from typing import Any
 
 import msgspec
 
-from harness import locks, present, search
+from harness import present, search
 from harness.machine import this_machine
 from harness.machine.store import now
 from harness.model import Cell, Phase, Verdict
 from harness.model.report_types import number
+from harness.packages import locks
 from harness.rootcause.bench import Bench, Trial
 from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, Step
 from harness.rootcause.candidates import Candidate, differing

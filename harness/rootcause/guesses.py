@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import clues, moves, sitepackages
+from harness import clues, moves
 from harness.machine.store import cache_folder
+from harness.packages.environments import site_packages
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.candidates import Candidate
@@ -25,7 +26,7 @@ def _declared(base: Trial, axis: str) -> Iterator[SpecifierSet]:
     told = (text for one in base.assessed.failures for text in one.told)
     yield from clues.bounds(told, {axis}).values()
     if base.record.key:
-        yield from sitepackages.bounds(cache_folder() / "environments" / base.record.key, axis)
+        yield from site_packages.bounds(cache_folder() / "environments" / base.record.key, axis)
 
 
 def _within(bounds: Iterable[SpecifierSet], line: Sequence[Candidate]) -> Iterator[int]:

@@ -11,13 +11,14 @@ from typing import Self
 
 from packaging.version import Version
 
-from harness import clues, locks, moves
+from harness import clues, moves
 from harness.judging.identity import Failure
 from harness.machine.store import Store
 from harness.matrix import changes
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
 from harness.model.signatures import Evidence
 from harness.model.vocabulary import MISLEADING
+from harness.packages import locks
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.scheduler import Observer, Settings
 from harness.standalone.silent import PREFIX

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
-from harness import clues, knowledge, measured, moves, sitepackages
+from harness import clues, knowledge, measured, moves
 from harness.machine import interpreters, this_machine
 from harness.machine.store import cache_folder
 from harness.model import Cell, Change, Interpreter, Phase
 from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.moves import Move, Way
+from harness.packages.environments import site_packages
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, told, versions
@@ -132,7 +133,7 @@ def _declared(place: Place, module: str) -> tuple[str, ...]:
     """The name of a module where some package declares a package of that name, if only in an extra."""
     name = module.replace("_", "-").lower()
     folder = cache_folder() / "environments" / (place.trial.record.key or "none")
-    return (name,) if folder.is_dir() and sitepackages.requiring(folder, name) else ()
+    return (name,) if folder.is_dir() and site_packages.requiring(folder, name) else ()
 
 
 def overlay(place: Place) -> Iterator[Move]:

@@ -10,10 +10,11 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, locks, moves
-from harness.index import Release
+from harness import moves
 from harness.model import Cell, IndexSettings, Interpreter
 from harness.model.errors import HarnessError
+from harness.packages import index, locks
+from harness.packages.index import Release
 
 AFTER_DAYS = (0, 7, 30)
 """A release often needs another that was uploaded some days later."""

@@ -11,15 +11,15 @@ from harness.model import Brought, Cell
 from harness.scheduler.once import Once
 
 if TYPE_CHECKING:
-    from harness.bringing import Source
+    from harness.packages.sources.user_supplied import Source
 
 
 def missing(cell: Cell) -> Iterator[str]:
     """What to do about what the user has not brought, a sentence for each."""
     if cell.bring:
-        from harness import bringing  # noqa: PLC0415 - start-up
+        from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
 
-        yield from (told for bring in cell.bring if (told := bringing.absent(bring)))
+        yield from (told for bring in cell.bring if (told := user_supplied.absent(bring)))
 
 
 @dataclass(slots=True)
@@ -38,17 +38,17 @@ class Luggage:
         """The copies for a cell, by variable, and the folders that it imports modules from, in the order of both."""
         if not cell.bring:
             return {}, cell.python_path
-        from harness import bringing  # noqa: PLC0415 - start-up
+        from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
 
-        copies = [(source, bringing.copied(source)) for source in self._sources(cell)]
-        folders = (path for source, copy in copies for path in bringing.python_path(source, copy))
+        copies = [(source, user_supplied.copied(source)) for source in self._sources(cell)]
+        folders = (path for source, copy in copies for path in user_supplied.python_path(source, copy))
         return {source.bring.variable: copy for source, copy in copies}, (*cell.python_path, *folders)
 
     def _sources(self, cell: Cell) -> Iterator[Source]:
         for bring in cell.bring:
-            from harness import bringing  # noqa: PLC0415 - start-up
+            from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
 
             with self.once.turn(bring.variable):
                 if bring.variable not in self.seen:
-                    self.seen[bring.variable] = bringing.looked_at(bring, offline=self.offline)
+                    self.seen[bring.variable] = user_supplied.looked_at(bring, offline=self.offline)
             yield self.seen[bring.variable]

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
-from harness import indexsettings
 from harness.model import Lock, Question
+from harness.packages import index_settings
 
 FILE = "file://"
 
@@ -20,7 +20,7 @@ def lasts(lock: Lock, question: Question, made: int) -> bool:
     """
     if not lock.escaped:
         return True
-    links = indexsettings.combined(question.index).find_links
+    links = index_settings.combined(question.index).find_links
     sources = [pin.artifact.source for pin in lock.pins if pin.name in lock.escaped]
     if any("://" in place.removeprefix(FILE) for place in (*links, *sources)):
         return False

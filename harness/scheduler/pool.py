@@ -6,17 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from harness import warming
 from harness.machine import this_machine
 from harness.machine.store import Installed, Store, cache_folder, digest
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
+from harness.packages.environments import first_import
 from harness.scheduler.once import Once
 from harness.scheduler.settings import Observer, Settings
 
 if TYPE_CHECKING:
-    from harness.environments import Environment
+    from harness.packages.environments.environments import Environment
 
 
 class Owner(Protocol):
@@ -56,7 +56,7 @@ class Pool:
             interpreter.identity,
             question.build_constraints,
             question.build_variables,
-            *warming.marks(lock.versions, question),
+            *first_import.marks(lock.versions, question),
         )
         self.known = False
 
@@ -98,27 +98,27 @@ class Pool:
             return Installed(failed=conditioned(failure.step))
 
     def _discard(self, made: Environment) -> None:
-        from harness import environments  # noqa: PLC0415 - start-up
+        from harness.packages.environments import environments  # noqa: PLC0415 - start-up
 
         environments.discard(made)
         self.owner.environments.pop(self.key, None)
 
     def _found(self, made: Environment) -> Installed:
-        from harness import sitepackages  # noqa: PLC0415 - start-up
+        from harness.packages.environments import site_packages  # noqa: PLC0415 - start-up
 
         return Installed(
             key=made.key,
             versions=made.installed,
-            modules=sitepackages.modules(made.path),
-            speaking={api: sitepackages.requiring(made.path, api) for api in FAMILY},
-            unheld=sitepackages.unheld(made.path),
+            modules=site_packages.modules(made.path),
+            speaking={api: site_packages.requiring(made.path, api) for api in FAMILY},
+            unheld=site_packages.unheld(made.path),
             seconds=round(made.seconds, 3),
             findings=made.findings,
         )
 
     def environment(self) -> Environment:
         """The environment itself, from the pool or made now."""
-        from harness import bytecode, environments  # noqa: PLC0415 - start-up
+        from harness.packages.environments import bytecode, environments  # noqa: PLC0415 - start-up
 
         with self.owner.once.turn(("environment", self.key)):
             if self.key not in self.owner.environments:
@@ -139,7 +139,8 @@ class Pool:
         return self.owner.environments[self.key]
 
     def _ensured(self) -> Environment | Step:
-        from harness import environments, overlays  # noqa: PLC0415 - start-up
+        from harness.packages.environments import environments  # noqa: PLC0415 - start-up
+        from harness.packages.sources import overlays  # noqa: PLC0415 - start-up
 
         settings = self.owner.settings
         if settings.fetched:

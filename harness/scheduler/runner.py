@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness import cellrun, uvcli, uvsays
+from harness import cellrun
 from harness.exercised import unregistered
 from harness.machine import interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
@@ -27,6 +27,7 @@ from harness.model import (
     Step,
 )
 from harness.model.errors import BadInput, CouldNotTell
+from harness.packages import uv_command, uv_failures
 from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
@@ -40,9 +41,9 @@ from harness.scheduler.records import finished, not_reached, stopped, with_modul
 from harness.scheduler.settings import Observer, Settings
 
 if TYPE_CHECKING:
-    from harness.environments import Environment
+    from harness.packages.environments.environments import Environment
+    from harness.packages.package_under_test import Ready
     from harness.scheduler import undertest
-    from harness.subjects import Ready
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,7 +83,7 @@ class Runner:
     doubted: set[str] = field(default_factory=set)
     measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
     subjects: dict[str, Ready | Step] = field(default_factory=dict)
-    places: Mapping[str, str] = field(default_factory=uvcli.places)
+    places: Mapping[str, str] = field(default_factory=uv_command.places)
     pythons: dict[str, Interpreter] = field(default_factory=dict)
     unchanged: set[str] = field(default_factory=set)
     luggage: Luggage = field(init=False)
@@ -179,7 +180,7 @@ class Runner:
         """The answer of an earlier run, where it still holds; a lock does, however fresh the rest is to be."""
         kept = self.store.load_lock(key)
         if isinstance(kept, Step):
-            mended = uvsays.may_be_mended(kept) and not self.settings.offline
+            mended = uv_failures.may_be_mended(kept) and not self.settings.offline
             holds = not (outdated(kept) or mended or self.settings.again or self.settings.fresh)
             return (None, replace(kept, reused=True)) if holds else None
         if kept is None or (self.settings.fresh and not lasts(kept, question, self.store.locked_at(key))):
@@ -191,7 +192,7 @@ class Runner:
     ) -> tuple[Lock | None, Step]:
         if quick:
             raise Unknown
-        from harness import overlays  # noqa: PLC0415 - start-up
+        from harness.packages.sources import overlays  # noqa: PLC0415 - start-up
 
         with exclusive(self.store.claim_file(key)):
             kept = self._kept_lock(key, question)  # another process may have answered while we waited
@@ -241,13 +242,13 @@ class Runner:
         """The cell with what is to be resolved for it; and its subject, if it has one, or why there is no wheel."""
         if cell.subject is None:
             return cell, None
-        from harness import subjects  # noqa: PLC0415 - start-up
+        from harness.packages import package_under_test  # noqa: PLC0415 - start-up
         from harness.scheduler import undertest  # noqa: PLC0415 - start-up
 
         tested = undertest.ready(self, cell, interpreter, quick=quick)
         if isinstance(tested, Step):
             return cell, tested
-        question = subjects.completed(cell.question, cell.subject, tested, interpreter)
+        question = package_under_test.completed(cell.question, cell.subject, tested, interpreter)
         return replace(cell, question=question), tested
 
     def _interpreter(self, cell: Cell, *, quick: bool) -> Interpreter | str:
@@ -408,7 +409,7 @@ class Runner:
 
     def _stand(self, *used: Environment) -> bool:
         """Tell whether environments are as they were installed; if one is not, later requests get a new one."""
-        from harness import bytecode, environments  # noqa: PLC0415 - start-up
+        from harness.packages.environments import bytecode, environments  # noqa: PLC0415 - start-up
 
         if all(environments.stands(one) for one in used):
             return True

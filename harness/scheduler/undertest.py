@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from harness import environments, model, subjects, suites, uvcli
-from harness.environments import Environment
+from harness import model, suites
 from harness.judging import suite as judging
 from harness.machine import this_machine
 from harness.machine.store import Installed, Store, digest
@@ -25,13 +24,16 @@ from harness.model import (
     Step,
 )
 from harness.model.vocabulary import SELF, parsed_requirement, required_name
+from harness.packages import package_under_test, uv_command
+from harness.packages.environments import environments
+from harness.packages.environments.environments import Environment
+from harness.packages.package_under_test import Ready
 from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
 from harness.scheduler.once import Once
 from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
 from harness.scheduler.settings import Observer, Settings
-from harness.subjects import Ready
 
 
 class Owner(Protocol):
@@ -67,7 +69,7 @@ def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str, *, quic
     """A wheel that was built before, a failure that still holds, or a build now."""
     assert cell.subject
     settings = owner.settings
-    known = subjects.kept(cell.subject, interpreter, cell.question)
+    known = package_under_test.kept(cell.subject, interpreter, cell.question)
     if known:
         return known
     before = None if settings.fresh or settings.again else owner.store.load_installed(key)
@@ -76,7 +78,7 @@ def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str, *, quic
     if quick:
         raise Unknown
     owner.observer.step(cell, "build")
-    made = subjects.ready(cell.subject, interpreter, cell.question, offline=settings.offline)
+    made = package_under_test.ready(cell.subject, interpreter, cell.question, offline=settings.offline)
     if isinstance(made, Step) and made.outcome is Outcome.FAILED:
         owner.store.save_installed(key, Installed(failed=conditioned(made)))
     return made
@@ -211,7 +213,7 @@ class Suite:
             site=self.site(environment, base),
             vault=vault,
             host=Host(conditions=this_machine.conditions()),
-            places=uvcli.places(),
+            places=uv_command.places(),
         )
         while request := self._todo(known):
             self.owner.observer.step(self.cell, Phase.SUITE)

@@ -11,10 +11,12 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question
 
-from harness import builds, environments, uv
-from harness.environments import Environment
 from harness.machine import process
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Step
+from harness.packages import resolver
+from harness.packages.environments import environments
+from harness.packages.environments.environments import Environment
+from harness.packages.sources import builds
 
 pytestmark = pytest.mark.usefixtures("workplace")
 
@@ -27,7 +29,7 @@ def make(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Mak
 
     def ensure(*requirements: str, python: Interpreter = host, **more: object) -> Environment | Step:
         asked = question(*requirements, **{"index": offline_index, **more})
-        return environments.ensure(locked(uv.resolve(asked, python, tmp_path / "state" / "x")), python, asked)
+        return environments.ensure(locked(resolver.resolve(asked, python, tmp_path / "state" / "x")), python, asked)
 
     return ensure
 
@@ -95,7 +97,7 @@ def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings,
     """A second request takes the wheel from the store: no build environment is asked for."""
     made(make("fake-build-dependent"))
     asked = question("fake-build-dependent", "fake-needs-plain", index=offline_index)
-    lock = locked(uv.resolve(asked, host, tmp_path / "state" / "x"))
+    lock = locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))
     pin = next(pin for pin in lock.pins if not pin.artifact.is_wheel)
 
     def provide(*_: object) -> Step:
@@ -170,7 +172,7 @@ def test_no_sdist_without_its_file(make: Make, host: Interpreter, tmp_path: Path
     """An sdist that is gone from its place, or is another file now, is infra."""
     alone = fakes.make(tmp_path / "alone", "build-asks-more", "build-tool")
     asked = question("fake-build-asks-more", index=IndexSettings(no_index=True, find_links=(str(alone),)))
-    lock = uv.resolve(asked, host, tmp_path / "state" / "x")
+    lock = resolver.resolve(asked, host, tmp_path / "state" / "x")
     assert isinstance(lock, Lock)
     next(alone.glob("*.tar.gz")).write_bytes(b"another file")
     phase, outcome, decisive = failed(environments.ensure(lock, host, asked))
@@ -185,7 +187,7 @@ def test_no_sdist_at_all(host: Interpreter, tmp_path: Path) -> None:
     folder = tmp_path / "alone"
     fakes.make(folder, "build-circle")
     asked = question("fake-build-circle", index=IndexSettings(no_index=True, find_links=(str(folder),)))
-    lock = locked(uv.resolve(asked, host, tmp_path / "state" / "x"))
+    lock = locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))
     path = next(folder.glob("*.tar.gz"))
     path.write_bytes(b"no archive")
     pin = lock.pins[0]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import bytecode
-from harness.bytecode import Lent, Source
+from harness.packages.environments import bytecode
+from harness.packages.environments.bytecode import Lent, Source
 
 MODULE = "import os\nSEEN = os.path.basename(__cached__ or '')\n"
 

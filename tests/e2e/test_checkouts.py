@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import checkouts, subjects
 from harness.model import Subject
 from harness.model.errors import BadInput, CouldNotTell
+from harness.packages import package_under_test
+from harness.packages.sources import checkouts
 
 pytestmark = pytest.mark.usefixtures("workplace")
 
@@ -173,12 +174,12 @@ def test_files_that_git_was_told_not_to_look_at(tree: Path, git: Git) -> None:
 
 def test_source_that_changes_while_it_is_used(tree: Path, tmp_path: Path) -> None:
     """Nothing is made of a state other than the one that the run began with."""
-    settled = subjects.settled(Subject(source=str(tree)))
-    subjects.copied(settled, tmp_path / "same")
+    settled = package_under_test.settled(Subject(source=str(tree)))
+    package_under_test.copied(settled, tmp_path / "same")
     (tree / "setup.py").write_text("another")
 
     with pytest.raises(CouldNotTell) as error:
-        subjects.copied(settled, tmp_path / "other")
+        package_under_test.copied(settled, tmp_path / "other")
 
     assert str(error.value) == (
         "subject: its files were changed since this run began, the last of them setup.py; run it again, and have "

@@ -16,10 +16,11 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question, send
 
-from harness import downloads, environment_damage, environments, uv, uvcli
-from harness.environments import Environment, Wheel, environment_key
 from harness.machine.files import file_locks
 from harness.model import Artifact, IndexSettings, Interpreter, Level, Lock, Outcome, Phase, Step
+from harness.packages import download_notice, resolver, uv_command
+from harness.packages.environments import environment_damage, environments
+from harness.packages.environments.environments import Environment, Wheel, environment_key
 
 pytestmark = pytest.mark.usefixtures("workplace")
 
@@ -31,7 +32,7 @@ def lock(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Cal
     """Lock with the host's Python over the fakes."""
 
     def resolve(*requirements: str, python: Interpreter = host) -> Lock:
-        return locked(uv.resolve(question(*requirements, index=offline_index), python, tmp_path / "state" / "x"))
+        return locked(resolver.resolve(question(*requirements, index=offline_index), python, tmp_path / "state" / "x"))
 
     return resolve
 
@@ -300,7 +301,7 @@ class TestLogin:
             send(handler, 200, path.read_bytes() if name == path.name else link(path).encode())
 
         monkeypatch.setenv("UV_DEFAULT_INDEX", serve(answer).replace("//", "//me:secret@"))
-        pinned = locked(uv.resolve(question("fake-plain", index=IndexSettings()), host, tmp_path / "state" / "x"))
+        pinned = locked(resolver.resolve(question("fake-plain", index=IndexSettings()), host, tmp_path / "state" / "x"))
         environment = made(ensure(pinned, index=IndexSettings()))
 
         assert environment.installed == {"fake-plain": "1.0"}
@@ -332,7 +333,7 @@ class TestDownloads:
 
         index = IndexSettings(default=serve(answer))
         pins = [
-            locked(uv.resolve(question(name, index=index), host, tmp_path / "state" / name))
+            locked(resolver.resolve(question(name, index=index), host, tmp_path / "state" / name))
             for name in ("fake-plain", "fake-needs-plain")
         ]
         first = made(ensure(pins[0], index=index))
@@ -398,7 +399,7 @@ class TestDamage:
         """A wheel that a disk damaged in uv's cache is unpacked anew, and looked at again."""
         first = made(ensure(lock("fake-plain")))
         good = (site(first) / "fake_plain.py").read_bytes()
-        for kept in (uvcli.shared_cache() / "archive-v0").glob("*/fake_plain.py"):
+        for kept in (uv_command.shared_cache() / "archive-v0").glob("*/fake_plain.py"):
             kept.unlink()
             kept.write_bytes(b"#" * len(good))
         environments.discard(first)
@@ -413,7 +414,7 @@ class TestDamage:
     ) -> None:
         """An install that fails is tried once more from fresh downloads."""
         first = made(ensure(lock("fake-plain")))
-        for kept in (uvcli.shared_cache() / "archive-v0").glob("*/*.dist-info/WHEEL"):
+        for kept in (uv_command.shared_cache() / "archive-v0").glob("*/*.dist-info/WHEEL"):
             kept.unlink()
         environments.discard(first)
 
@@ -442,7 +443,7 @@ class TestDamage:
         other.replace(wheel)
         assert wheel.read_bytes() != content
         asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
-        environment = made(ensure(locked(uv.resolve(asked, host, tmp_path / "state" / "x"))))
+        environment = made(ensure(locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))))
 
         assert [(found.check, found.level) for found in environment.findings] == [("install.record", Level.NOTE)]
         assert environments.stands(environment, thorough=True)
@@ -454,7 +455,7 @@ class TestDamage:
         text = "include-system-site-packages = true\n"
         wheel = fakes.wheel(tmp_path, "1.0", {"odd-1.0.data/data/pyvenv.cfg": text}, {"name": "odd"})
         asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
-        step = ensure(locked(uv.resolve(asked, host, tmp_path / "state" / "x")))
+        step = ensure(locked(resolver.resolve(asked, host, tmp_path / "state" / "x")))
 
         assert isinstance(step, Step)
         assert (step.phase, step.outcome) == (Phase.INSTALL, Outcome.FAILED)
@@ -468,7 +469,7 @@ class TestTrouble:
         """A wheel that is another file than the one locked is infra: no verdict about the package."""
         folder = fakes.make(tmp_path / "wheels", "undeclared")
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(uv.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
+        pinned = locked(resolver.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
         about = {"name": "fake-undeclared"}
         fakes.wheel(folder, "1.0", {"fake_undeclared.py": "another = 1\n"}, about)
         shutil.rmtree(tmp_path / "cache")
@@ -482,7 +483,7 @@ class TestTrouble:
         """A wheel that is not in its place any more is infra, and leaves no environment behind."""
         folder = fakes.make(tmp_path / "wheels", "undeclared")
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(uv.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
+        pinned = locked(resolver.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
         shutil.rmtree(folder)
         shutil.rmtree(tmp_path / "cache")
 
@@ -497,7 +498,7 @@ class TestTrouble:
         folder.mkdir()
         path = fakes.wheel(folder, "1.0", {"fake_odd.py": ""}, {"name": "fake-odd"})
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(uv.resolve(question("fake-odd", index=index), host, tmp_path / "state" / "x"))
+        pinned = locked(resolver.resolve(question("fake-odd", index=index), host, tmp_path / "state" / "x"))
         odd = path.rename(folder / "fake_odd-2.0-py3-none-any.whl")
         artifact = replace(pinned.pins[0].artifact, filename=odd.name, source=odd.as_uri())
         phase, outcome, decisive = failed(
@@ -518,7 +519,7 @@ class TestTrouble:
         metadata = "Metadata-Version: 2.1\nName: fake-plain\nVersion: 9.9\n"
         fakes.wheel(folder, "1.0", {"fake_sneaky.py": "", stowaway: metadata}, {"name": "fake-sneaky"})
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(uv.resolve(question("fake-sneaky", index=index), host, tmp_path / "state" / "x"))
+        pinned = locked(resolver.resolve(question("fake-sneaky", index=index), host, tmp_path / "state" / "x"))
 
         assert failed(ensure(pinned, index=index)) == (
             Phase.INSTALL,
@@ -551,9 +552,9 @@ class TestAnnouncement:
             return Artifact(filename=f"{name}.whl", sha256=name, source=f"http://127.0.0.1:9/{name}.whl", size=size)
 
         files = [artifact("big", 900_000_000), artifact("small", 100_000_000), artifact("known", 900_000_000)]
-        downloads.announce(files[1:], frozenset({"known"}))
+        download_notice.announce(files[1:], frozenset({"known"}))
         quiet = caplog.messages.copy()
-        downloads.announce(files, frozenset({"known"}))
+        download_notice.announce(files, frozenset({"known"}))
 
         assert quiet == []
         assert caplog.messages == ["about to download 1.0 GB (big.whl alone 0.9 GB)"]

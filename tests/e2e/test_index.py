@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from harness import index
-from harness.index import IndexUnreachable, Release, UnknownPackage, fetch, releases
 from harness.machine import process
 from harness.model import Artifact, IndexSettings
+from harness.packages import index
+from harness.packages.index import IndexUnreachable, Release, UnknownPackage, fetch, releases
 
 JSON_PAGE = {
     "meta": {"api-version": "1.1"},

@@ -9,9 +9,9 @@ import pytest
 import wheelhouse as fakes
 from asking import failed, locked, question, send
 
-from harness import uv
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.model.errors import BadInput
+from harness.packages import resolver
 
 pytestmark = pytest.mark.usefixtures("workplace")
 
@@ -30,7 +30,9 @@ def ask(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Call
     """Resolve with the host's Python over the fakes."""
 
     def resolve(*requirements: str, python: Interpreter = host, **more: object) -> Lock | Step:
-        return uv.resolve(question(*requirements, **{"index": offline_index, **more}), python, tmp_path / "state" / "x")
+        return resolver.resolve(
+            question(*requirements, **{"index": offline_index, **more}), python, tmp_path / "state" / "x"
+        )
 
     return resolve
 
@@ -264,7 +266,7 @@ class TestIndexTrouble:
         """What is not in the cache cannot be told of without the network."""
         asked = question("fake-plain", index=IndexSettings(default="http://127.0.0.1:9/simple"))
 
-        assert failed(uv.resolve(asked, host, tmp_path / "state" / "x", offline=True)) == (
+        assert failed(resolver.resolve(asked, host, tmp_path / "state" / "x", offline=True)) == (
             Phase.RESOLVE,
             Outcome.INFRA,
             "Packages were unavailable because the network was disabled. "
@@ -276,7 +278,7 @@ class TestIndexTrouble:
         places = IndexSettings(default="http://127.0.0.1:9/simple")
         asked = question("fake-plain", index=places, snapshot="2026-11-20T23:59:59Z")
 
-        phase, outcome, decisive = failed(uv.resolve(asked, host, tmp_path / "state" / "x", offline=True))
+        phase, outcome, decisive = failed(resolver.resolve(asked, host, tmp_path / "state" / "x", offline=True))
         assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
         assert decisive
 
@@ -384,7 +386,7 @@ class TestRestore:
     def restored(self, lock: str, host: Interpreter, index: IndexSettings, tmp_path: Path) -> Lock | Step:
         """Find the files of a lock again."""
         asked: Question = question("anything", index=index)
-        return uv.restore(lock, asked, host, tmp_path / "state" / "x")
+        return resolver.restore(lock, asked, host, tmp_path / "state" / "x")
 
     def test_same_lock(
         self,

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 import recipes
 
-from harness import environments, mending, overlays
 from harness.machine import interpreters
 from harness.matrix import overlay_recipes
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.packages.environments import environments
+from harness.packages.sources import overlays, wheel_patch
 
 INVALID, NARROW, NEW = recipes.WHEELS
 
@@ -139,8 +140,8 @@ def test_the_indexs_own_wheel_is_no_choice_beside_the_repaired_one(
     (own,) = wheelhouse.glob("fake_new_python-1.0-*.whl")
     assert pin.hashes == (recipes.WHEELS[NEW],)
     assert Path(pin.artifact.source).name == own.name
-    assert mending.sha256(Path(pin.artifact.source).read_bytes()) == recipes.WHEELS[NEW]
-    assert mending.sha256(own.read_bytes()) == asked.overlay[2].origin != recipes.WHEELS[NEW]
+    assert wheel_patch.sha256(Path(pin.artifact.source).read_bytes()) == recipes.WHEELS[NEW]
+    assert wheel_patch.sha256(own.read_bytes()) == asked.overlay[2].origin != recipes.WHEELS[NEW]
     assert not list((tmp_path / "cache" / "wheels" / "requests").glob("*.txt"))
 
 

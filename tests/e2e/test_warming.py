@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from asking import failed, locked, question
 
-from harness import environments, uv, warming
-from harness.environments import Environment
 from harness.machine import debian_packages
 from harness.model import IndexSettings, Interpreter, Outcome, Phase, Step
+from harness.packages import resolver
+from harness.packages.environments import environments, first_import
+from harness.packages.environments.environments import Environment
 
 pytestmark = [
     pytest.mark.usefixtures("workplace"),
@@ -32,7 +33,7 @@ def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The fake is known to compile."""
     file = tmp_path / "warming.toml"
     file.write_text(RECIPES)
-    monkeypatch.setattr(warming, "FILE", file)
+    monkeypatch.setattr(first_import, "FILE", file)
     debian_packages._installed.cache_clear()
     yield
     debian_packages._installed.cache_clear()
@@ -44,7 +45,7 @@ def ensure(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> E
 
     def make(requirement: str, **variables: str) -> Environment | Step:
         asked = question(requirement, index=offline_index, build_variables=variables)
-        lock = locked(uv.resolve(asked, host, tmp_path / "state" / "x"))
+        lock = locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))
         return environments.ensure(lock, host, asked)
 
     return make
@@ -115,8 +116,8 @@ def test_a_system_without_dpkg(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_recipes_that_are_shipped(monkeypatch: pytest.MonkeyPatch) -> None:
     """free-mujoco-py is known to compile."""
-    monkeypatch.setattr(warming, "FILE", Path(warming.__file__).with_suffix(".toml"))
-    (recipe,) = warming.recipes({"free-mujoco-py", "numpy"})
+    monkeypatch.setattr(first_import, "FILE", Path(first_import.__file__).with_suffix(".toml"))
+    (recipe,) = first_import.recipes({"free-mujoco-py", "numpy"})
 
     assert (recipe.modules, recipe.system) == (("mujoco_py",), ("libosmesa6-dev", "libglew-dev", "patchelf"))
-    assert warming.marks({"numpy"}, question("x", index=IndexSettings())) == ()
+    assert first_import.marks({"numpy"}, question("x", index=IndexSettings())) == ()

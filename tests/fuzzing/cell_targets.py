@@ -16,12 +16,13 @@ import numpy as np
 from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
-from harness import environment_damage, frames, normalise, sitepackages, upstream, wire
+from harness import frames, normalise, upstream, wire
 from harness.judging import failure_texts
 from harness.judging.check import Ending, check_record, found_beside
 from harness.machine.store import Installed, Store
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.model.hostile_data import Unreadable
+from harness.packages.environments import environment_damage, site_packages
 
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}
@@ -149,10 +150,10 @@ def _read_metadata(words: list[str]) -> int:
     list(environment_damage.damaged(environment, thorough=True))
     environment_damage.replacing(environment)
     try:
-        sitepackages.versions(environment)
-        sitepackages.modules(environment)
-        sitepackages.requiring(environment, "numpy")
-        sitepackages.unheld(environment)
+        site_packages.versions(environment)
+        site_packages.modules(environment)
+        site_packages.requiring(environment, "numpy")
+        site_packages.unheld(environment)
     except Unreadable:
         return 2
     return 0

@@ -21,9 +21,9 @@ from pathlib import Path
 import pypi_simple  # noqa: F401 - urllib3 makes a socket when it is imported
 from fuzzing.mutating import ATOMS, content, mutated, mutated_json
 
-from harness import inputs
 from harness.__main__ import VERBS, main
 from harness.model.errors import HarnessError
+from harness.packages.requirement_files import inputs
 
 ROOT = Path(__file__).parents[2]
 LARGEST_SEED = 12_000

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from harness import environments, locks, uv, uvcli
-from harness.environments import Environment
 from harness.machine import interpreters, process
 from harness.model import Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.packages import locks, resolver, uv_command
+from harness.packages.environments import environments
+from harness.packages.environments.environments import Environment
 
 SNAPSHOT = "2026-11-15T00:00:00Z"
 
@@ -37,7 +38,7 @@ def ask(places: Path) -> Callable[..., tuple[Question, Lock | Step]]:
 
     def resolve(python: Interpreter, *requirements: str, **more: object) -> tuple[Question, Lock | Step]:
         question = Question(requirements=requirements, **{"snapshot": SNAPSHOT, **more})  # type: ignore[arg-type]
-        return question, uv.resolve(question, python, places / "state" / "x")
+        return question, resolver.resolve(question, python, places / "state" / "x")
 
     return resolve
 
@@ -91,12 +92,12 @@ def test_chosen_files_are_those_that_uv_takes(
     assert isinstance(ours, Environment)
     folder = tmp_path / "work"
     folder.mkdir()
-    call = uvcli.Call(index=question.index, folder=folder, log=tmp_path / "log", cache=uvcli.shared_cache())
-    assert uvcli.create(call, tmp_path / "theirs", python).ok
+    call = uv_command.Call(index=question.index, folder=folder, log=tmp_path / "log", cache=uv_command.shared_cache())
+    assert uv_command.create(call, tmp_path / "theirs", python).ok
     whole = places / "state" / "x" / "pylock.toml"
     settings = folder / "uv.toml"
     settings.touch()
-    installed = uvcli.install(call, tmp_path / "theirs" / "bin" / "python", whole, settings, "copy")
+    installed = uv_command.install(call, tmp_path / "theirs" / "bin" / "python", whole, settings, "copy")
 
     assert installed.ok, installed.text
     assert marks(tmp_path / "theirs") == marks(ours.path)
@@ -140,7 +141,7 @@ def test_reinstall_from_a_committed_lock(
     first = environments.ensure(before, python, question)
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
-    after = uv.restore(before.requirements, question, python, tmp_path / "state" / "x")
+    after = resolver.restore(before.requirements, question, python, tmp_path / "state" / "x")
     assert isinstance(after, Lock), after
     second = environments.ensure(after, python, question)
     assert isinstance(first, Environment)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from harness import catalog, environments, overlays
+from harness import catalog
 from harness.machine import interpreters, process
 from harness.model import Lock, Outcome, Phase, Question, Step
+from harness.packages.environments import environments
+from harness.packages.sources import overlays
 
 SNAPSHOT = "2026-11-20T23:59:59Z"
 

@@ -13,12 +13,13 @@ from typing import Any
 import msgspec
 from packaging.utils import canonicalize_name
 
-from harness import document, entry_failures, knowledge, locks
+from harness import document, entry_failures, knowledge
 from harness.judging.known_failures import counted
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
 from harness.model.signatures import Around, Evidence, diagnose
 from harness.model.vocabulary import parsed_requirement, required_name
+from harness.packages import locks
 
 ROOT = Path(__file__).parents[2]
 WELL = frozenset({Outcome.PASSED, Outcome.SKIPPED})

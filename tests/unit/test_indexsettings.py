@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import indexsettings
-from harness.indexsettings import UserIndex, combined, settings
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
+from harness.packages import index_settings
+from harness.packages.index_settings import UserIndex, combined, settings
 
 
 @pytest.fixture(autouse=True)
@@ -18,7 +18,7 @@ def home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         if variable.startswith(("UV_", "PIP_", "XDG_", "SSL_CERT", "REQUESTS_", "CURL_", "VIRTUAL_", "CONDA_", "ALL_")):
             monkeypatch.delenv(variable)
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(indexsettings, "ETC", tmp_path / "etc")
+    monkeypatch.setattr(index_settings, "ETC", tmp_path / "etc")
     return tmp_path
 
 

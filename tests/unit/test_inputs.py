@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from packaging.specifiers import SpecifierSet
 
-from harness.inputfiles.asked import Inputs
-from harness.inputs import newest_python, read
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
+from harness.packages.requirement_files.asked import Inputs
+from harness.packages.requirement_files.inputs import newest_python, read
 
 
 @pytest.fixture(autouse=True)

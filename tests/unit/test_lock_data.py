@@ -5,9 +5,9 @@ import tomllib
 import pytest
 from builders import SHA, interpreter, lock, pin
 
-from harness import locks
 from harness.model import Artifact
 from harness.model.errors import BadInput, CouldNotTell
+from harness.packages import locks
 
 A, B, C = "a" * 64, "b" * 64, "c" * 64
 INSTANT = "2026-01-01T00:00:00Z"

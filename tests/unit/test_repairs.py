@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import mending
 from harness.matrix import overlay_recipes
 from harness.model import Edit, Question, Repair
 from harness.model.errors import BadInput
+from harness.packages.sources import wheel_patch
 
 RECIPE = """
 package = "Gym"
@@ -190,7 +190,7 @@ class TestMending:
 
     def test_only_the_named_lines_change(self) -> None:
         """Each line of the field that begins so, whatever follows; requirements and extras come in order."""
-        made = opened(mending.mended(wheel(), read()[1]))
+        made = opened(wheel_patch.mended(wheel(), read()[1]))
 
         assert made["gym-0.21.0.dist-info/METADATA"].decode() == (
             "Metadata-Version: 2.1\nName: gym\nVersion: 0.21.0\nRequires-Python: >=3.6\nLicense-File: LICENSE.md\n"
@@ -206,7 +206,7 @@ class TestMending:
 
     def test_its_record_is_right(self) -> None:
         """Every file with hash and size, and itself without; it is the last file, as the standard wants."""
-        made = opened(mending.mended(wheel(), read()[1]))
+        made = opened(wheel_patch.mended(wheel(), read()[1]))
         record = "gym-0.21.0.dist-info/RECORD"
         rows = list(csv.reader(made[record].decode().splitlines()))
 
@@ -220,14 +220,14 @@ class TestMending:
     def test_it_is_the_same_to_the_byte(self) -> None:
         """Whatever times, order of files and order of requirements the build has, since some take them from a set."""
         other = wheel(LINES[::-1], day=2, order=-1)
-        made = mending.mended(wheel(), read()[1])
+        made = wheel_patch.mended(wheel(), read()[1])
 
-        assert made == mending.mended(other, read()[1])
-        assert mending.sha256(made) == "271f04a53041bb8e39899aff00d02db1a7e367054f30645e6c2dd5d70bfa543e"
+        assert made == wheel_patch.mended(other, read()[1])
+        assert wheel_patch.sha256(made) == "271f04a53041bb8e39899aff00d02db1a7e367054f30645e6c2dd5d70bfa543e"
 
     def test_scripts_stay_executable(self) -> None:
         """Other modes are those of the one who built it, and go."""
-        with zipfile.ZipFile(io.BytesIO(mending.mended(wheel(), read()[1]))) as archive:
+        with zipfile.ZipFile(io.BytesIO(wheel_patch.mended(wheel(), read()[1]))) as archive:
             modes = {info.filename: oct(info.external_attr >> 16) for info in archive.infolist()}
 
         assert modes.pop("gym-0.21.0.data/scripts/run") == "0o100755"
@@ -235,8 +235,8 @@ class TestMending:
 
     def test_an_edit_that_finds_nothing_is_refused(self) -> None:
         """The recipe was written for another wheel."""
-        with pytest.raises(mending.Unrepairable) as caught:
-            mending.mended(wheel(LINES[:2]), read()[1])
+        with pytest.raises(wheel_patch.Unrepairable) as caught:
+            wheel_patch.mended(wheel(LINES[:2]), read()[1])
 
         assert str(caught.value) == (
             "gym 0.21.0: its metadata has no line that begins with `Requires-Dist: opencv-python (>=3.)`"
@@ -244,8 +244,8 @@ class TestMending:
 
     def test_a_wheel_for_one_machine_is_refused(self) -> None:
         """What was compiled cannot have one hash everywhere."""
-        with pytest.raises(mending.Unrepairable) as caught:
-            mending.mended(wheel(pure=False), read()[1])
+        with pytest.raises(wheel_patch.Unrepairable) as caught:
+            wheel_patch.mended(wheel(pure=False), read()[1])
 
         assert str(caught.value) == "gym 0.21.0: only a wheel that fits every machine can be repaired"
 

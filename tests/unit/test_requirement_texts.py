@@ -11,10 +11,10 @@ from packaging.requirements import InvalidRequirement
 from packaging.specifiers import InvalidSpecifier
 from packaging.version import InvalidVersion
 
-from harness import inputs
 from harness.model import requirement_texts, vocabulary
 from harness.model.errors import BadInput
 from harness.model.vocabulary import Kind
+from harness.packages.requirement_files import inputs
 
 DEEP = "numpy; " + "(" * 2000 + 'python_version > "3"' + ")" * 2000
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, plain, record
 
-from harness import document, model, subjects, suites
+from harness import document, model, suites
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
 from harness.judging.pytest_report import Report, outcome_of
@@ -29,6 +29,7 @@ from harness.model import (
 )
 from harness.model.errors import BadInput
 from harness.model.vocabulary import SELF
+from harness.packages import package_under_test
 
 AXES = 'axes = { python = ["3.11"] }\n'
 PYTHON = interpreter()
@@ -168,9 +169,9 @@ def test_mistakes_are_one_sentence(text: str, sentence: str) -> None:
 # --- what is resolved for it -----------------------------------------------------------------------------------
 
 
-def ready(*requires: str, groups: dict[str, list[object]] | None = None) -> subjects.Ready:
+def ready(*requires: str, groups: dict[str, list[object]] | None = None) -> package_under_test.Ready:
     """The wheel of a package `own` with these requirements."""
-    return subjects.Ready(
+    return package_under_test.Ready(
         path=Path("own-1.0-py3-none-any.whl"),
         tested=model.Tested(name="own", version="1.0", sha256="0", content="0"),
         requires=requires,
@@ -194,7 +195,7 @@ OWN = ready(
 
 def asked(subject: Subject, question: Question | None = None) -> Question:
     """What is resolved for the package `own`."""
-    return subjects.completed(question or Question(requirements=("numpy==1.26.4",)), subject, OWN, PYTHON)
+    return package_under_test.completed(question or Question(requirements=("numpy==1.26.4",)), subject, OWN, PYTHON)
 
 
 @pytest.mark.parametrize(

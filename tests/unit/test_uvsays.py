@@ -3,9 +3,9 @@
 
 import pytest
 
-from harness import uvsays
 from harness.model import Outcome, Phase, Step
 from harness.model.errors import BadInput
+from harness.packages import uv_failures
 
 NO_SOLUTION = """\
 error: No solution found when resolving dependencies
@@ -255,7 +255,7 @@ OLDER = """\
 )
 def test_whose_failure(text: str, asked: Phase, phase: Phase, outcome: Outcome, decisive: str) -> None:
     """A message of uv means a phase, an outcome and a decisive line; what is not known is never the packages' fault."""
-    step = uvsays.failure(text, asked)
+    step = uv_failures.failure(text, asked)
 
     assert (step.phase, step.outcome, step.decisive) == (phase, outcome, decisive)
 
@@ -312,7 +312,7 @@ def test_what_is_wrong_in_a_whole_archive_is_its_package_s(
 ) -> None:
     """Uv refuses to unpack what no index and no disk can have made: the package is uninstallable, in uv's words."""
     text = f"error: {headline}\n" + "".join(f"  cause: {cause}\n" for cause in causes)
-    step = uvsays.failure(text, asked)
+    step = uv_failures.failure(text, asked)
 
     assert (step.phase, step.outcome) == (Phase.INSTALL, Outcome.FAILED)
     assert step.decisive == ": ".join((headline, *causes))
@@ -336,7 +336,7 @@ def test_what_is_wrong_in_a_whole_archive_is_its_package_s(
 )
 def test_random_names_of_folders_are_not_told(cause: str, told: str) -> None:
     """Folders that uv's cache holds for a moment have no name of their own in a decisive line."""
-    step = uvsays.failure(f"error: Failed to download and build `odd==1.0`\n  cause: {cause}\n", Phase.RESOLVE)
+    step = uv_failures.failure(f"error: Failed to download and build `odd==1.0`\n  cause: {cause}\n", Phase.RESOLVE)
 
     assert step.outcome is Outcome.FAILED
     assert step.decisive == f"Failed to download and build `odd==1.0`: {told}"
@@ -355,7 +355,7 @@ def test_an_archive_that_is_not_whole_is_nobody_s(cause: str) -> None:
     """A cut download, a broken mirror or a login page says nothing of a package."""
     text = f"error: Failed to download `odd==1.0`\n  cause: Failed to extract archive: odd.whl\n  cause: {cause}\n"
 
-    assert uvsays.failure(text, Phase.INSTALL).outcome is Outcome.INFRA
+    assert uv_failures.failure(text, Phase.INSTALL).outcome is Outcome.INFRA
 
 
 def test_another_package_s_file_is_nobody_s() -> None:
@@ -366,7 +366,7 @@ def test_another_package_s_file_is_nobody_s() -> None:
         "hint: The structure of `odd` (v1.0) was invalid:\n"
         "  The .dist-info directory `other-1.0` does not start with the normalized package name: odd\n"
     )
-    step = uvsays.failure(text, Phase.RESOLVE)
+    step = uv_failures.failure(text, Phase.RESOLVE)
 
     assert (step.phase, step.outcome) == (Phase.RESOLVE, Outcome.INFRA)
     assert step.decisive == ("the index hands out another package's file as odd (it holds other-1.0); try again later")
@@ -378,7 +378,7 @@ def test_metadata_of_another_package_blame_nobody() -> None:
         "error: The index returned metadata for the wrong package: "
         "expected distribution metadata for odd, got distribution metadata for other\n"
     )
-    step = uvsays.failure(text, Phase.RESOLVE)
+    step = uv_failures.failure(text, Phase.RESOLVE)
 
     assert (step.phase, step.outcome) == (Phase.RESOLVE, Outcome.INFRA)
     assert step.decisive == (
@@ -391,7 +391,7 @@ def test_an_address_within_a_package_is_its_own_fault() -> None:
     cause = (
         "Package `other` was included as a URL dependency. URL dependencies must be expressed as direct requirements"
     )
-    step = uvsays.failure(
+    step = uv_failures.failure(
         f"error: Failed to resolve dependencies for package `odd==1.0`\n  cause: {cause}\n", Phase.RESOLVE
     )
 
@@ -411,7 +411,7 @@ def test_what_an_index_may_have_mended_is_asked_again(decisive: str, mended: boo
     """A page that was missing and a broken file may be there today; a version that was never released is not."""
     step = Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=decisive)
 
-    assert uvsays.may_be_mended(step) is mended
+    assert uv_failures.may_be_mended(step) is mended
 
 
 @pytest.mark.parametrize(
@@ -438,13 +438,13 @@ def test_what_an_index_may_have_mended_is_asked_again(decisive: str, mended: boo
 def test_bad_input(text: str, told: str) -> None:
     """What the user gave and uv cannot read is said in one sentence."""
     with pytest.raises(BadInput) as raised:
-        uvsays.failure(text, Phase.RESOLVE)
+        uv_failures.failure(text, Phase.RESOLVE)
 
     assert str(raised.value) == f"uv cannot use what it was given: {told}; correct the requirement or setting"
 
 
 def test_met_source() -> None:
     """uv's log tells whether an sdist was looked into."""
-    assert uvsays.met_source("DEBUG Preparing metadata for: gym==0.26.2\n")
-    assert uvsays.met_source("DEBUG Downloading source distribution: gym==0.26.2\n")
-    assert not uvsays.met_source("warning: source distribution\nResolved 3 packages\n")
+    assert uv_failures.met_source("DEBUG Preparing metadata for: gym==0.26.2\n")
+    assert uv_failures.met_source("DEBUG Downloading source distribution: gym==0.26.2\n")
+    assert not uv_failures.met_source("warning: source distribution\nResolved 3 packages\n")

@@ -19,12 +19,13 @@ from commandline import Desk, Measured, Ran
 from filelock import FileLock
 from PIL import Image
 
-from harness import cameras, index, pages, tables, uv
+from harness import cameras, pages, tables
 from harness.cameras import Pair
 from harness.machine import interpreters
 from harness.model import Lock, Question
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import CellEntry, Document
+from harness.packages import index, resolver
 
 STANDINS = Path(__file__).parents[2] / "standins"
 NUMPY, AS_OF = ("numpy<1.24",), "2026-01-01T00:00:00Z"
@@ -55,7 +56,7 @@ def numpies(together: Path, pytestconfig: pytest.Config) -> Path:
         if not kept.exists():
             patch.setenv("HARNESS_CACHE", str(together / "downloads"))
             question = Question(requirements=NUMPY, only_binary=(":all:",), snapshot=AS_OF)
-            lock = uv.resolve(question, python, together / "log")
+            lock = resolver.resolve(question, python, together / "log")
             try:
                 for pin in lock.pins if isinstance(lock, Lock) else ():
                     index.fetch(pin.artifact, together / "numpy")

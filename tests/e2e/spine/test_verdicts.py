@@ -8,10 +8,12 @@ import shutil
 import pytest
 from commandline import Desk, Measured
 
-from harness import cellrun, environments, uv
+from harness import cellrun
 from harness.judging.assess import assess
 from harness.machine import interpreters, process, this_machine
 from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
+from harness.packages import resolver
+from harness.packages.environments import environments
 from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
@@ -155,7 +157,7 @@ def _probed(
     assert host
     index = IndexSettings(no_index=True, find_links=(str(desk.wheels),))
     question = Question(requirements=("fake-memory-hog",), index=index)
-    lock = uv.resolve(question, host, desk.folder / "lock")
+    lock = resolver.resolve(question, host, desk.folder / "lock")
     assert not isinstance(lock, Step)
     made = environments.ensure(lock, host, question)
     assert not isinstance(made, Step)

@@ -5,9 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
-from harness.inputfiles.asked import Include, Inputs, Parsed, Source, check_number, requirement, shortened
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
+from harness.packages.requirement_files.asked import (
+    Include,
+    Inputs,
+    Parsed,
+    Source,
+    check_number,
+    requirement,
+    shortened,
+)
 
 COMMENT = re.compile(r"(?:^|(?<=\s))#")
 UNQUOTED = re.compile(r"""(?:[^\s"'\\]|\\.|'[^']*'|"(?:[^"\\]|\\.)*")+""")

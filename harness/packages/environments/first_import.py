@@ -12,7 +12,6 @@ from typing import Annotated
 
 import msgspec
 
-from harness import uvcli
 from harness.machine import debian_packages, process, this_machine
 from harness.machine.files.guarded_files import log_text
 from harness.machine.store import digest, open_store, own_folders, write_atomic
@@ -20,6 +19,7 @@ from harness.model import Finding, Level, Outcome, Phase, Question, Step
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.schema import load_toml
 from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
+from harness.packages import uv_command
 from harness.standalone.lines import bounded, death, decisive_line, normalise
 
 FILE = Path(__file__).with_suffix(".toml")
@@ -70,7 +70,7 @@ def warm(path: Path, names: Collection[str], question: Question) -> Step | tuple
 
 def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
     base = this_machine.base_environment()
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         home = work / "home"
         home.mkdir()
         completed = process.run(
@@ -93,7 +93,7 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
             )
         )
         places = {
-            **uvcli.places(),
+            **uv_command.places(),
             str(path): "$ENV",
             str(home): "$HOME",
             str(process.temporary(home)): "$TMP",

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from packaging.pylock import Package, Pylock, PylockValidationError
 
-from harness.inputfiles.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
 from harness.model import schema
 from harness.model.errors import BadInput
+from harness.packages.requirement_files.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
 
 
 def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[str]) -> Parsed:

@@ -17,11 +17,11 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness.inputfiles import pip, project, pylock
-from harness.inputfiles.asked import Include, Inputs, Parsed, Source
 from harness.machine.files import given_files
 from harness.model import schema
 from harness.model.errors import BadInput
+from harness.packages.requirement_files import pip, project, pylock
+from harness.packages.requirement_files.asked import Include, Inputs, Parsed, Source
 
 FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "uv.lock", "conda-lock.yml"}
 """Formats that people have and that are not read."""
@@ -63,7 +63,7 @@ def _parsed(path: Path, text: str, extras: Sequence[str], groups: Sequence[str])
         )
         return (pylock.pylock if is_lock else project.pyproject)(text, source, extras, groups)
     if path.suffix in {".yml", ".yaml"}:
-        from harness.inputfiles import conda  # noqa: PLC0415  (the YAML library is for this format alone)
+        from harness.packages.requirement_files import conda  # noqa: PLC0415  (the YAML library is for this format alone)
 
         return conda.environment_yml(text, source)
     return pip.requirements_txt(text, source)

@@ -20,10 +20,10 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, indexsettings, locks, uvcli, uvsays
 from harness.machine.store import cache_folder, digest
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.model.errors import CouldNotTell
+from harness.packages import index, index_settings, locks, uv_command, uv_failures
 
 TORCH = ("torch", "torchvision", "torchaudio")
 """Packages whose CPU builds are releases of their own, with a local version (`+cpu`)."""
@@ -62,7 +62,7 @@ def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offli
     that is none.
     """
     started = monotonic()
-    with uvcli.scratch() as scratch:
+    with uv_command.scratch() as scratch:
         asking = _Asking(question=question, interpreter=interpreter, scratch=scratch, folder=folder, offline=offline)
         answer = _answer(asking)
         if isinstance(answer, Lock):
@@ -88,7 +88,7 @@ def restore(
         prerelease="allow",
         snapshot=None,
     )
-    with uvcli.scratch() as scratch:
+    with uv_command.scratch() as scratch:
         asking = _Asking(
             question=exact,
             interpreter=interpreter,
@@ -119,20 +119,20 @@ def _answer(asking: _Asking) -> Lock | Step:
 
 def _attempt(asking: _Asking) -> Lock | Step:
     """Ask uv once; again, in a cache that belongs to the build inputs, where an sdist was looked into."""
-    said = _compile(asking, uvcli.shared_cache())
+    said = _compile(asking, uv_command.shared_cache())
     answer = _read(said, asking)
     has_source = isinstance(answer, Lock) and not all(pin.artifact.is_wheel for pin in answer.pins)
     in_doubt = isinstance(answer, Lock) or answer.outcome is not Outcome.INFRA
-    if has_source or (in_doubt and uvsays.met_source(said.text)):
+    if has_source or (in_doubt and uv_failures.met_source(said.text)):
         answer = _read(_compile(asking, _build_cache(asking)), asking)
     return answer
 
 
-def _compile(asking: _Asking, cache: Path) -> uvcli.Said:
+def _compile(asking: _Asking, cache: Path) -> uv_command.Said:
     question = asking.question
     output = asking.scratch / "pylock.toml"
     output.unlink(missing_ok=True)
-    call = uvcli.Call(
+    call = uv_command.Call(
         index=question.index,
         folder=asking.scratch,
         log=asking.scratch / "uv.log",
@@ -140,7 +140,7 @@ def _compile(asking: _Asking, cache: Path) -> uvcli.Said:
         offline=asking.offline,
         variables=question.build_variables,
     )
-    return uvcli.compile_lock(call, asking.interpreter, (*_options(asking), "--format", "pylock.toml"), output)
+    return uv_command.compile_lock(call, asking.interpreter, (*_options(asking), "--format", "pylock.toml"), output)
 
 
 def _options(asking: _Asking) -> Iterator[str]:
@@ -166,9 +166,9 @@ def _options(asking: _Asking) -> Iterator[str]:
     yield from asking.options
 
 
-def _read(said: uvcli.Said, asking: _Asking) -> Lock | Step:
-    kept = uvcli.keep_log(said, asking.folder / "uv.log")
-    trouble = said.trouble or uvsays.unreadable(said.text)
+def _read(said: uv_command.Said, asking: _Asking) -> Lock | Step:
+    kept = uv_command.keep_log(said, asking.folder / "uv.log")
+    trouble = said.trouble or uv_failures.unreadable(said.text)
     if trouble:
         return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=trouble, log=kept)
     if not said.ok:
@@ -179,16 +179,16 @@ def _read(said: uvcli.Said, asking: _Asking) -> Lock | Step:
         return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error), log=kept)
 
 
-def _failure(said: uvcli.Said, asking: _Asking) -> Step:
+def _failure(said: uv_command.Said, asking: _Asking) -> Step:
     """What uv's failure means: an index that lists no file at all of a package (a login page, say) is no verdict.
 
     Nor is what the caches hold, of which uv does not always say that it was all it looked at.
     """
-    step = uvsays.failure(said.text, Phase.RESOLVE)
+    step = uv_failures.failure(said.text, Phase.RESOLVE)
     if step.outcome is Outcome.FAILED and asking.offline and _is_remote(asking.question.index):
         told = f"offline, what the caches hold does not tell; run without --offline: {step.decisive}"
         return replace(step, outcome=Outcome.INFRA, decisive=told)
-    name = uvsays.unlisted(said.text)
+    name = uv_failures.unlisted(said.text)
     if step.outcome is not Outcome.FAILED or name is None or asking.offline:
         return step
     try:
@@ -203,7 +203,7 @@ def _failure(said: uvcli.Said, asking: _Asking) -> Step:
 
 def _is_remote(settings: IndexSettings) -> bool:
     """Whether packages are looked for on the network."""
-    places = indexsettings.combined(settings)
+    places = index_settings.combined(settings)
     indexes = () if places.no_index else (*places.extra, places.default or "https://")
     return any("://" in place and not place.startswith("file:") for place in (*places.find_links, *indexes))
 
@@ -259,7 +259,7 @@ def _found_builds(asking: _Asking) -> list[Version]:
     """CPU builds of torch that lie in find-links folders and fit the interpreter, newest first."""
     known = locks.tags(asking.interpreter)
     found = set()
-    for folder in map(Path, indexsettings.combined(asking.question.index).find_links):
+    for folder in map(Path, index_settings.combined(asking.question.index).find_links):
         for path in folder.glob("torch-*+cpu*.whl"):
             _, version, _, tags = parse_wheel_filename(path.name)
             if any(tag in known for tag in tags):
@@ -285,15 +285,15 @@ def _askers(name: str, asking: _Asking) -> str:
     if any(_name(line) == name for line in asking.question.requirements):
         return "the requirements name"
     output = asking.scratch / "requirements.txt"
-    call = uvcli.Call(
+    call = uv_command.Call(
         index=asking.question.index,
         folder=asking.scratch,
         log=asking.scratch / "askers.log",
-        cache=uvcli.shared_cache(),
+        cache=uv_command.shared_cache(),
         offline=asking.offline,
         variables=asking.question.build_variables,
     )
-    uvcli.compile_lock(call, asking.interpreter, (*_options(asking), "--annotation-style", "line"), output)
+    uv_command.compile_lock(call, asking.interpreter, (*_options(asking), "--annotation-style", "line"), output)
     text = output.read_text(encoding="utf-8") if output.exists() else ""
     note = re.search(rf"(?m)^{re.escape(name)}==\S+\s+# via (.+)$", text)
     by = [part.strip() for part in note[1].split(",")] if note else ["another package"]

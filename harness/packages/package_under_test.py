@@ -20,8 +20,6 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name, parse_wheel_filename
 
-from harness import builds, checkouts, environments, locks
-from harness.inputfiles import project
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model import (
@@ -39,6 +37,10 @@ from harness.model import (
 )
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
+from harness.packages import locks
+from harness.packages.environments import environments
+from harness.packages.requirement_files import project
+from harness.packages.sources import builds, checkouts
 
 WHEEL = ".whl"
 PURE = "-none-any"

@@ -9,11 +9,11 @@ from dataclasses import replace
 import yaml
 from packaging.specifiers import InvalidSpecifier
 
-from harness.inputfiles.asked import Inputs, Parsed, Source, check_number
-from harness.inputfiles.pip import read_lines
 from harness.model import requirement_texts
 from harness.model.errors import BadInput
-from harness.yaml_texts import readable_yaml
+from harness.packages.requirement_files.asked import Inputs, Parsed, Source, check_number
+from harness.packages.requirement_files.pip import read_lines
+from harness.packages.requirement_files.yaml_texts import readable_yaml
 
 
 def environment_yml(text: str, source: Source) -> Parsed:

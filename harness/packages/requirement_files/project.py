@@ -11,9 +11,9 @@ import msgspec
 from packaging.dependency_groups import resolve_dependency_groups
 from packaging.utils import canonicalize_name
 
-from harness.inputfiles.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
 from harness.model import IndexSettings, requirement_texts, schema
 from harness.model.errors import BadInput
+from harness.packages.requirement_files.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
 
 
 class _Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):

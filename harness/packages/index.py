@@ -29,10 +29,10 @@ from packaging.utils import (
 )
 from packaging.version import Version
 
-from harness.answers import MOST_PAGE, Overdue, Watch, in_time
-from harness.indexsettings import NOTHING, UserIndex, combined
 from harness.model import Artifact, IndexSettings
 from harness.model.errors import BadInput, CouldNotTell
+from harness.packages.index_settings import NOTHING, UserIndex, combined
+from harness.packages.network_bounds import MOST_PAGE, Overdue, Watch, in_time
 
 if TYPE_CHECKING:
     import requests

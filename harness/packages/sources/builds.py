@@ -20,7 +20,6 @@ from warnings import simplefilter
 from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-from harness import index, locks, sdists, uv, uvcli
 from harness.machine import process, this_machine
 from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import exclusive, use
@@ -30,6 +29,8 @@ from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Ques
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
 from harness.model.machine_trouble import SHOT, machine_trouble
+from harness.packages import index, locks, resolver, uv_command
+from harness.packages.sources import sdists
 from harness.standalone.lines import bounded, death, decisive_line, normalise
 
 LIMITS = process.Limits(seconds=1800.0)
@@ -238,7 +239,7 @@ def _sound(wheel: Path) -> str:
 
 
 def _made(job: _Job) -> Built:
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         try:
             source = job.unpack(work / "source") if job.unpack else _unpacked(job, work)
             system = sdists.build_system(source)
@@ -290,7 +291,7 @@ def _place(job: _Job, requires: Sequence[str]) -> Place:
     )
     folder = open_store().evidence(f"build-{job.request}")
     try:
-        lock = uv.resolve(question, job.interpreter, folder, offline=job.offline)
+        lock = resolver.resolve(question, job.interpreter, folder, offline=job.offline)
     except BadInput as error:
         raise job.stopped(Outcome.FAILED, f"{job.title}: its build requirements cannot be read: {error}") from None
     place = job.provide(lock, question, job.chain) if isinstance(lock, Lock) else lock
@@ -352,7 +353,7 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
         completed = process.run(command)
     text = guarded_files.log_text(log)
     hooks = Path(argv[1]).parent  # the script that calls the build backend
-    places = {**uvcli.places(), str(place.path): "$ENV", str(bench.work): "$BUILD", str(hooks): "$HOOKS"}
+    places = {**uv_command.places(), str(place.path): "$ENV", str(bench.work): "$BUILD", str(hooks): "$HOOKS"}
     write_atomic(log, normalise(text, places).encode())
     if completed.exit_code != 0:
         raise _HookFailed(completed)

@@ -16,8 +16,6 @@ from time import monotonic
 import msgspec
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
-from harness import builds, downloads, locks, sdists, sitepackages, uvcli, uvsays, warming
-from harness.environment_damage import CONFIG, PYTHON, damaged, foundation, replacing
 from harness.machine import process
 from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import alone, exclusive, use
@@ -25,6 +23,10 @@ from harness.machine.files.scratch_folders import removed
 from harness.machine.store import cache_folder, digest, open_store, write_atomic
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.model.hostile_data import Unreadable
+from harness.packages import download_notice, locks, uv_command, uv_failures
+from harness.packages.environments import first_import, site_packages
+from harness.packages.environments.environment_damage import CONFIG, PYTHON, damaged, foundation, replacing
+from harness.packages.sources import builds, sdists
 
 STAMP = "stamp.json"
 MOST_STAMP = 16 << 20
@@ -106,7 +108,7 @@ def ensure(
     wheels = wheels_of(lock, interpreter, question, offline=offline, chain=chain)
     if isinstance(wheels, Step):
         return replace(wheels, seconds=monotonic() - started)
-    compiled = warming.marks({one.name for one in wheels}, question)
+    compiled = first_import.marks({one.name for one in wheels}, question)
     key = environment_key(interpreter, wheels, compiled)
     how = _How(offline=offline, thorough=thorough)
     made = _provided(key, lambda path: _make(path, wheels, interpreter, question, how))
@@ -175,7 +177,7 @@ def _key(path: Path) -> str:
 def _cleared(path: Path) -> bool:
     """Make room for an environment, unless another process uses what stands there, or it is not ours to move."""
     if path.exists():
-        with uvcli.scratch() as aside, alone(path) as free, suppress(PermissionError):
+        with uv_command.scratch() as aside, alone(path) as free, suppress(PermissionError):
             if free:
                 path.rename(aside / "old")  # in one step: nobody finds half of it
     return not path.exists()
@@ -239,7 +241,7 @@ def _built_here(lock: Lock) -> Iterator[Finding]:
 
 def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
     """uv takes no notice of an upper bound in Requires-Python; pip does."""
-    for one in sitepackages.packages(path):
+    for one in site_packages.packages(path):
         asked = str(one.metadata["Requires-Python"]) if "Requires-Python" in one.metadata else ""
         with suppress(InvalidSpecifier):
             if not SpecifierSet(asked).contains(interpreter.version, prereleases=True):
@@ -265,7 +267,7 @@ def _usable(path: Path) -> _Stamp | None:
         return None
     stable = foundation(path) if stamp.foundation else ""
     try:
-        return stamp if stable == stamp.foundation and stamp.installed == sitepackages.versions(path) else None
+        return stamp if stable == stamp.foundation and stamp.installed == site_packages.versions(path) else None
     except Unreadable:
         return None
 
@@ -285,15 +287,15 @@ def _make(
     """Make it in its own place, since scripts name their interpreter by path."""
     names = {one.name for one in wheels}
     odd: Mapping[str, str] = {}
-    link_mode = "copy" if warming.recipes(names) else mode()  # what compiles there may not write through links
+    link_mode = "copy" if first_import.recipes(names) else mode()  # what compiles there may not write through links
     if not how.offline:
-        downloads.announce([one.artifact for one in wheels], _known_hashes(path.parent))
-    with uvcli.scratch() as scratch:
-        call = uvcli.Call(
+        download_notice.announce([one.artifact for one in wheels], _known_hashes(path.parent))
+    with uv_command.scratch() as scratch:
+        call = uv_command.Call(
             index=question.index,
             folder=scratch,
             log=scratch / "uv.log",
-            cache=uvcli.shared_cache(),
+            cache=uv_command.shared_cache(),
             offline=how.offline,
         )
         log = open_store().evidence(f"install-{path.name}") / "uv.log"
@@ -304,24 +306,24 @@ def _make(
         failed = fill()
         if failed and failed.outcome is Outcome.FAILED and (named := _named(failed, wheels)) and not how.offline:
             removed(path)  # uv may have kept a wheel that a disk has spoiled since
-            failed = fill() if uvcli.forget(named) else failed
-        if not failed and (odd := damaged(path, thorough=how.thorough)) and uvcli.forget({*odd.values()}):
+            failed = fill() if uv_command.forget(named) else failed
+        if not failed and (odd := damaged(path, thorough=how.thorough)) and uv_command.forget({*odd.values()}):
             removed(path)
             failed = fill()  # from fresh downloads: what is odd in them is so in the wheels
             odd = damaged(path, thorough=True)
     try:
-        found = sitepackages.versions(path)
+        found = site_packages.versions(path)
     except Unreadable as error:
         decisive = f"after the install the metadata of a package cannot be read: {error}"
         return failed or Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
-    failed = failed or _difference(found, {one.name: sitepackages.plain(one.version) for one in wheels})
-    warmed = failed or warming.warm(path, names, question)
+    failed = failed or _difference(found, {one.name: site_packages.plain(one.version) for one in wheels})
+    warmed = failed or first_import.warm(path, names, question)
     if isinstance(warmed, Step):
         removed(path)
         return warmed
     if how.below:
-        (site,), (more,) = (list(sitepackages.folders(one)) for one in (path, how.below))
-        (site / sitepackages.LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
+        (site,), (more,) = (list(site_packages.folders(one)) for one in (path, how.below))
+        (site / site_packages.LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
         key=_key(path),
         link_mode=link_mode,
@@ -341,12 +343,12 @@ def _named(failed: Step, wheels: Iterable[Wheel]) -> set[str]:
 
 
 def _fill(
-    call: uvcli.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path, how: str
+    call: uv_command.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path, how: str
 ) -> Step | None:
-    said = uvcli.create(call, path, interpreter)
+    said = uv_command.create(call, path, interpreter)
     if not said.ok:
-        line = said.trouble or uvsays.failure(said.text, Phase.INSTALL).decisive
-        kept = uvcli.keep_log(said, log)
+        line = said.trouble or uv_failures.failure(said.text, Phase.INSTALL).decisive
+        kept = uv_command.keep_log(said, log)
         decisive = f"no environment could be made for Python {interpreter.version}: {line}"
         return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive, log=kept)
     if not wheels:
@@ -356,13 +358,13 @@ def _fill(
     pylock.write_text(locks.to_install((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
     settings = call.folder / "uv.toml"
     settings.write_text(locks.to_keep(one.artifact for one in wheels), encoding="utf-8")
-    said = uvcli.install(call, path / "bin" / "python", pylock, settings, how)
+    said = uv_command.install(call, path / "bin" / "python", pylock, settings, how)
     if said.ok:
         return None if before == foundation(path) else _replaced(path)
-    kept = uvcli.keep_log(said, log)
+    kept = uv_command.keep_log(said, log)
     if said.trouble:
         return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=said.trouble, log=kept)
-    return replace(uvsays.failure(said.text, Phase.INSTALL), log=kept)
+    return replace(uv_failures.failure(said.text, Phase.INSTALL), log=kept)
 
 
 def _replaced(path: Path) -> Step:

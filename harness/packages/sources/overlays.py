@@ -12,19 +12,23 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import builds, environments, index, locks, mending, uv, uvcli
 from harness.machine import interpreters
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import cache_folder, digest, write_atomic
 from harness.matrix import overlay_recipes
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
 from harness.model.errors import CouldNotTell
+from harness.packages import index, locks, resolver, uv_command
+from harness.packages.environments import environments
+from harness.packages.sources import builds, wheel_patch
 
 
 def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:
     """As `uv.resolve`, with the repaired releases of the question to choose from."""
     led = _led(question, offline=offline)
-    return led if isinstance(led, Step) else _dated(uv.resolve(led, interpreter, folder, offline=offline), question)
+    return (
+        led if isinstance(led, Step) else _dated(resolver.resolve(led, interpreter, folder, offline=offline), question)
+    )
 
 
 def restore(
@@ -35,7 +39,7 @@ def restore(
     led = _led(replace(question, overlay=overlay_recipes.used(question.overlay, hashes)), offline=offline)
     if isinstance(led, Step):
         return led
-    return _dated(uv.restore(requirements, led, interpreter, folder, offline=offline), question)
+    return _dated(resolver.restore(requirements, led, interpreter, folder, offline=offline), question)
 
 
 def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock | Step:
@@ -80,10 +84,10 @@ def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[st
         return original
     name, wheel, told = original
     try:
-        content = mending.mended(wheel, repair)
-    except mending.Unrepairable as error:
+        content = wheel_patch.mended(wheel, repair)
+    except wheel_patch.Unrepairable as error:
         return _failed(repair, str(error))
-    found = mending.sha256(content)
+    found = wheel_patch.sha256(content)
     if found != repair.wheel:
         return _failed(repair, f"the SHA-256 is {found}{told}, and the recipe says {repair.wheel}")
     return name, content
@@ -93,7 +97,7 @@ def _fetched(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple
     """File name and content of the index's own wheel."""
     try:
         artifact = index.find(repair.name, repair.origin, settings, offline=offline)
-        with uvcli.scratch() as folder:
+        with uv_command.scratch() as folder:
             content = index.fetch(artifact, folder, settings, offline=offline).read_bytes()
     except CouldNotTell as error:
         return _failed(repair, str(error))

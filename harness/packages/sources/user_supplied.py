@@ -13,11 +13,11 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import checkouts
 from harness.machine.files.file_locks import exclusive, use
 from harness.machine.store import cache_folder, digest
 from harness.model import Bring, Brought
 from harness.model.errors import BadInput
+from harness.packages.sources import checkouts
 
 WHOLE = "copied"
 """The name of the copy in its folder: it is renamed to it once it is whole."""

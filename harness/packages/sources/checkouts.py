@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qs, urldefrag, urlsplit
 
-from harness import uvcli
 from harness.machine import process
 from harness.machine.files.file_locks import exclusive, use
 from harness.machine.store import cache_folder, digest
 from harness.model.errors import BadInput, CouldNotTell
+from harness.packages import uv_command
 
 REPOSITORY = "git+"
 DEADLINE = 600.0
@@ -101,7 +101,7 @@ class Repository:
 
 def of_folder(folder: Path) -> State:
     """The state of a folder, in a git checkout or not."""
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         if _git(LOOK, work, str(folder)) is not None:
             files = sorted(_files(folder))
             return State(mark=digest("folder", [(path.as_posix(), _hash(folder / path)) for path in files]))
@@ -124,7 +124,7 @@ def of_repository(source: str, *, offline: bool = False) -> State:
         message = f"subject: {wanted.reference} of the repository was never fetched; run without --offline"
         raise CouldNotTell(message)
     if commit is None:
-        with exclusive(wanted.mirror.with_suffix(".lock")), uvcli.scratch() as work:
+        with exclusive(wanted.mirror.with_suffix(".lock")), uv_command.scratch() as work:
             said = _git(MIRROR, work, str(wanted.mirror), wanted.address)
         if said is not None:
             message = f"subject: the repository cannot be fetched: {said}"
@@ -142,7 +142,7 @@ def text(source: str, commit: str | None, name: str) -> str:
         path = Path(source, name)
         return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
     wanted = Repository.parse(source)
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         _git(SHOW, work, str(wanted.mirror), commit or "", f"{wanted.subfolder}/{name}".lstrip("/"))
         return (work / "content").read_text(encoding="utf-8", errors="replace")
 
@@ -150,7 +150,7 @@ def text(source: str, commit: str | None, name: str) -> str:
 def _commit(wanted: Repository) -> str | None:
     if not wanted.mirror.is_dir():
         return None
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         _git(AT, work, str(wanted.mirror), wanted.reference)
         return (work / "commit").read_text().strip() or None
 
@@ -165,7 +165,7 @@ def _is_commit(reference: str) -> bool:
 def copy_folder(folder: Path, target: Path) -> Path:
     """Copy a folder, with the whole checkout that it lies in; returns where it lies below the target."""
     target.mkdir(parents=True)
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         if _git(LOOK, work, str(folder)) is not None:
             _copy(folder, target, _files(folder))
             return target
@@ -184,7 +184,7 @@ def copy_folder(folder: Path, target: Path) -> Path:
 def copy_commit(source: str, commit: str, target: Path) -> Path:
     """Check out a commit of a repository that was fetched; returns where the package lies below the target."""
     wanted = Repository.parse(source)
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         said = _git(CHECK_OUT, work, str(wanted.mirror), commit)
         if said is not None:
             message = f"subject: commit {commit} cannot be checked out: {said}"
@@ -208,7 +208,7 @@ def _copy(folder: Path, target: Path, names: Iterable[Path]) -> None:
 
 def _listed(top: Path, below: Path = Path()) -> list[Path]:
     """What a checkout holds besides leftovers, relative to it; the project lies in its folder `below`."""
-    with uvcli.scratch() as work:
+    with uv_command.scratch() as work:
         said = _git(LIST, work, str(top))
         if said is not None:
             message = f"{top}: git cannot list it: {said}"

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from harness import indexsettings
 from harness.machine import process
 from harness.machine.files.file_locks import use
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import cache_folder, state_folder, write_atomic
 from harness.model import IndexSettings, Interpreter
+from harness.packages import index_settings
 from harness.standalone.lines import normalise
 
 DEADLINE = 600.0
@@ -73,7 +73,7 @@ def scratch() -> Iterator[Path]:
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
     """Resolve for an interpreter; uv logs to its output when it looks into an sdist, or cannot read a file."""
     use(call.cache)
-    asked = indexsettings.combined(call.index)
+    asked = index_settings.combined(call.index)
     no_index = ("--no-index",) if asked.no_index else ()
     options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
     variables = {"RUST_LOG": "uv_distribution=debug,uv_resolver=warn"}
@@ -162,7 +162,7 @@ def _trouble(completed: process.Completed) -> str | None:
 
 
 def _environment(call: Call) -> dict[str, str]:
-    asked = indexsettings.combined(call.index)
+    asked = index_settings.combined(call.index)
     variables = {**asked.trust, **{name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}}
     given = {
         "UV_DEFAULT_INDEX": asked.default,
