@@ -12,13 +12,14 @@ from typing import Any
 
 from PIL import Image
 
-from harness import cellrun, wire
+from harness import cellrun
 from harness.judging.fold import Folded, after
 from harness.judging.todo import todo
 from harness.machine import interpreters, this_machine
 from harness.machine.store import Installed, Store, digest, question_key
 from harness.model import Artifact, Cell, CellRecord, Interpreter, Lock, Pin, Question
 from harness.model.vocabulary import APIS
+from harness.probes import wire
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun, Request
 from harness.probes.vault import kept
 from harness.scheduler import Observer, Runner, Settings

@@ -26,11 +26,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from harness import wire
 from harness.machine import interpreters
 from harness.matrix import matrix_file, plan
 from harness.model import Case
-from harness.probes import launch
+from harness.probes import launch, wire
 
 HERE = Path(__file__).parent
 MATRIX = HERE / "peers" / "probes.toml"

@@ -23,10 +23,9 @@ from pathlib import Path
 import plan_10k
 from uv import find_uv_bin
 
-from harness import wire
 from harness.model import Case
 from harness.model.vocabulary import CHECKS, STANDARD
-from harness.probes import launch
+from harness.probes import launch, wire
 
 HERE = Path(__file__).parent
 ASKED = tuple(check for check in CHECKS if check in STANDARD)

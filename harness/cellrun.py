@@ -19,8 +19,8 @@ from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRe
 from harness.probes import program
 from harness.probes.evidence import Request
 from harness.probes.measure import Laboratory
+from harness.probes.wire import followers_of
 from harness.standalone.adapters import carried
-from harness.wire import followers_of
 
 JUDGING = ("harness.judging.case", "harness.judging.todo")
 

@@ -21,9 +21,9 @@ from harness.model import FAILING, Case, Cell, Outcome, Phase
 from harness.model.report_types import CellEntry, DiagnosisEntry, word
 from harness.model.vocabulary import required_name
 from harness.model.words import VIOLATION, in_words
+from harness.probes.wire import plain_records
 from harness.standalone.control_characters import visible
 from harness.tables import settings
-from harness.wire import plain_records
 
 LONGEST = 60
 """Lines of a traceback that are quoted, the last ones."""

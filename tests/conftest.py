@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import wire
 from harness.model import Case, CheckReply, ProbeReply
 from harness.packages import index_settings
+from harness.probes import wire
 
 INCELL = Path(harness.__file__).parent / "incell"
 

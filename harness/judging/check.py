@@ -7,10 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from harness import normalise, wire
+from harness import normalise
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.model.machine_trouble import FULL, MACHINE_TROUBLE, ROOMY_MB, SHOT
 from harness.model.vocabulary import MISLEADING
+from harness.probes import wire
 from harness.probes.evidence import STACKS, STARTUP_SECONDS, Reading
 from harness.probes.facts import plain
 from harness.standalone.adapters import adapters

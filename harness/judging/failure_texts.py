@@ -11,7 +11,7 @@ from harness.judging.counted_phases import observed
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
 from harness.model.signatures import Evidence, Sighting
 from harness.model.words import in_words
-from harness.wire import plain_records
+from harness.probes.wire import plain_records
 
 KILLED = re.compile(r"\bkilled by (SIG[A-Z]+)")
 

@@ -12,7 +12,7 @@ from functools import cache
 from itertools import islice
 from types import MappingProxyType
 
-from harness import nativesays, normalise, wire
+from harness import nativesays, normalise
 from harness.judging.check import TAKEN_AWAY, check_record, ending_of, found_beside, phase_of, shot
 from harness.model import (
     CASE_PHASES,
@@ -27,6 +27,7 @@ from harness.model import (
 )
 from harness.model.machine_trouble import CUT_SHORT, SHOT
 from harness.model.vocabulary import MISLEADING
+from harness.probes import wire
 from harness.probes.evidence import Reading, Request
 
 DEFAULT_SECONDS = 120.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness import misleading, wire
+from harness import misleading
 from harness.judging.check import (
     phase_of,
     reachable,
@@ -21,6 +21,7 @@ from harness.model import (
     Phase,
     worst,
 )
+from harness.probes import wire
 from harness.probes.evidence import Request
 
 

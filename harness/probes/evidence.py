@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from signal import SIGKILL
 
-from harness import wire
 from harness.model import Case, ProbeReply, Suite
+from harness.probes import wire
 
 LOG, REPLY, STACKS = "log.txt", "reply.jsonl", "stacks.txt"
 JUNIT, MODULES = "junit.xml", "modules.txt"

@@ -16,7 +16,6 @@ from time import monotonic
 
 import msgspec
 
-from harness import wire
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
 from harness.machine.files.scratch_folders import scratch_folder
@@ -25,7 +24,7 @@ from harness.model import Case, Phase, ProbeReply, ProbeRequest
 from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.packages.environments import bytecode
 from harness.packages.environments.site_packages import LEADS_ON
-from harness.probes import program
+from harness.probes import program, wire
 from harness.probes.evidence import LOG, REPLY, STACKS, STARTUP_SECONDS
 
 INCELL = Path(__file__).parent.parent / "incell"

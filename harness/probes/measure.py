@@ -8,13 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import frames
 from harness.machine import process
 from harness.machine.store import now
 from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import bytecode
-from harness.probes import bare_start, launch, program
+from harness.probes import bare_start, launch, program, thumbnails
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, kept
 from harness.standalone.lines import normalise
@@ -130,6 +129,6 @@ def _pictures(ran: launch.Ran) -> Iterator[tuple[str, bytes]]:
     drawn = dict.fromkeys(name for _, name in ran.reply.frames)
     for name in list(drawn)[:MOST_FRAMES]:
         with suppress(Unreadable):
-            picture = frames.thumbnail(ran.left.head(name, frames.LARGEST + 1))
+            picture = thumbnails.thumbnail(ran.left.head(name, thumbnails.LARGEST + 1))
             if picture:
                 yield f"{Path(name).stem}{PICTURE}", picture

@@ -16,13 +16,14 @@ import numpy as np
 from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
-from harness import frames, normalise, upstream, wire
+from harness import normalise, upstream
 from harness.judging import failure_texts
 from harness.judging.check import Ending, check_record, found_beside
 from harness.machine.store import Installed, Store
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import environment_damage, site_packages
+from harness.probes import thumbnails, wire
 
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}
@@ -132,7 +133,7 @@ def _frame(chance: random.Random) -> list[str]:
 
 
 def _keep_frame(words: list[str]) -> int:
-    return 0 if frames.thumbnail(Path("frame.npy").read_bytes()) else 2
+    return 0 if thumbnails.thumbnail(Path("frame.npy").read_bytes()) else 2
 
 
 def _metadata(chance: random.Random) -> list[str]:

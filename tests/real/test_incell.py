@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from uv import find_uv_bin
 
-from harness import wire
 from harness.machine import interpreters
 from harness.model import Case, Outcome
-from harness.probes import program
+from harness.probes import program, wire
 
 ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array")
 HERE = Path(__file__).parent / "environments"

@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 
-from harness import wire
 from harness.judging.fold import Asked, wanted_of
 from harness.model import CASE_PHASES, Case
+from harness.probes import wire
 from harness.probes.evidence import LOG, REPLY, End, Host, ProbeRun, Reading, Request
 
 PYTHON = "3.11.7"

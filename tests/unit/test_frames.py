@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness import frames
+from harness.probes import thumbnails
 
 
 def _npy(array: object) -> bytes:
@@ -33,11 +33,11 @@ GOOD = np.random.default_rng(0).integers(0, 255, (30, 400, 3), np.uint8)
 @pytest.mark.parametrize("array", [GOOD, np.asfortranarray(GOOD), GOOD.transpose(1, 0, 2), GOOD[:1, :1]])
 def test_a_frame_becomes_a_picture(array: np.ndarray) -> None:
     """In whichever order its bytes lie, every pixel is where it was."""
-    made = frames.thumbnail(_npy(array))
+    made = thumbnails.thumbnail(_npy(array))
     assert made
     with Image.open(io.BytesIO(made)) as picture:
         expected = Image.fromarray(np.ascontiguousarray(array))
-        expected.thumbnail((frames.WIDTH, frames.WIDTH))
+        expected.thumbnail((thumbnails.WIDTH, thumbnails.WIDTH))
         assert np.array_equal(np.asarray(picture), np.asarray(expected))
 
 
@@ -63,9 +63,9 @@ def test_a_frame_becomes_a_picture(array: np.ndarray) -> None:
 )
 def test_anything_else_is_no_frame(content: bytes) -> None:
     """Archives, pickles, headers that promise terabytes or nest without end make no picture and raise nothing."""
-    assert frames.thumbnail(content) is None
+    assert thumbnails.thumbnail(content) is None
 
 
 def test_an_extreme_shape() -> None:
     """One pixel by twenty million is drawn, or refused, and raises nothing."""
-    frames.thumbnail(_npy(np.zeros((1, 20_000_000, 3), np.uint8)))
+    thumbnails.thumbnail(_npy(np.zeros((1, 20_000_000, 3), np.uint8)))

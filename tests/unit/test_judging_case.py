@@ -9,7 +9,7 @@ import pytest
 import readings
 from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, asked, passed, reading
 
-from harness import normalise, wire
+from harness import normalise
 from harness.judging import check as judging_check
 from harness.judging.case import phases
 from harness.judging.check import TAKEN_AWAY
@@ -17,6 +17,7 @@ from harness.judging.fold import Asked, Folded, after, fold
 from harness.judging.todo import todo
 from harness.model import Outcome, Phase, PhaseRecord
 from harness.model.machine_trouble import SHOT
+from harness.probes import wire
 from harness.probes.evidence import End, Host, Reading, Request
 
 ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array")

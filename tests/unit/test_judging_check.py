@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from builders import warning
 
-from harness import wire
 from harness.judging.check import Ending, check_record, found_beside, reachable, shot
 from harness.model import CheckReply, Finding, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.words import sentence
+from harness.probes import wire
 
 PASSED = Outcome.PASSED
 NOT_REACHED = "not looked at: the process ended before"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import firstcases, wire
+from harness import firstcases
 from harness.model.vocabulary import APIS, CHECKS, INCELL
-from harness.probes import program
+from harness.probes import program, wire
 
 FOLLOWERS = tuple(name for names in wire.FOLLOWERS.values() for name in names)
 ALL = (*CHECKS, *FOLLOWERS, "single.repeat", firstcases.LISTING)

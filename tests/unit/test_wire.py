@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from harness import wire
 from harness.model import (
     Case,
     CheckReply,
@@ -24,6 +23,7 @@ from harness.model import (
     ProbeRequest,
     Raised,
 )
+from harness.probes import wire
 
 HELLO = {"kind": "hello", "python": "3.9.1", "implementation": "CPython", "executable": "/python"}
 START = {"kind": "start", "check": "single.loop"}
