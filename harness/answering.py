@@ -6,9 +6,9 @@ import shlex
 from collections.abc import Iterable, Sequence
 
 from harness import tables
-from harness.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
 from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
+from harness.judging.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
 from harness.matrix import changes, overlay_recipes
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import word

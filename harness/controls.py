@@ -17,8 +17,8 @@ from typing import Annotated, Any
 from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
-from harness.exercised import unregistered
 from harness.judging.assess import assess
+from harness.judging.exercised import unregistered
 from harness.machine.files import given_files
 from harness.matrix.matrix_types import Table
 from harness.model import (

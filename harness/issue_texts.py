@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from harness import known_issues
-from harness.known_issues import Issue
+from harness.judging import known_issues
+from harness.judging.known_issues import Issue
 from harness.machine import store
 from harness.signature_files import files
 
@@ -24,6 +24,6 @@ def load() -> tuple[Issue, ...]:
 
 def _made() -> bytes:
     from harness import knowledge  # noqa: PLC0415 - start-up
-    from harness.known_issues import of  # noqa: PLC0415 - start-up
+    from harness.judging.known_issues import of  # noqa: PLC0415 - start-up
 
     return msgspec.json.encode(tuple(map(of, knowledge.known())))

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness import normalise
+from harness.judging import decisive_line
 from harness.judging.suite import CHECK, SOURCE
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
@@ -92,7 +92,7 @@ def not_run(decisive: str, step: Step) -> PhaseRecord:
     return PhaseRecord(
         phase=Phase.SUITE,
         outcome=outcome,
-        decisive=normalise.bounded(decisive),
+        decisive=decisive_line.bounded(decisive),
         checks=(check,),
         evidence=step.log,
         reused=step.reused,
@@ -142,7 +142,7 @@ class Bench:
         places = {**self.places, str(source): SOURCE, str(scratch): "$SCRATCH", **environments, **shown}
 
         def clean(text: str) -> str:
-            return normalise.normalise(text, places)
+            return decisive_line.normalise(text, places)
 
         texts = {name: HOST.sub("", _text(left, name)) for name in (LOG, JUNIT, MODULES)}
         end = end_of(completed, clean, lost=lost)

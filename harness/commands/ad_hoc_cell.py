@@ -13,7 +13,7 @@ from packaging.version import Version
 
 from harness import catalog, scheduler, typos
 from harness.commands.console import tell
-from harness.exercised import OWN
+from harness.judging.exercised import OWN
 from harness.machine import interpreters
 from harness.machine.files import given_files
 from harness.machine.store import Store

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import msgspec
 
-from harness import issue_texts, knowledge, known_issues, measured
+from harness import issue_texts, knowledge, measured
+from harness.judging import known_issues
 from harness.machine import store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import DiagnosisEntry, FindingEntry

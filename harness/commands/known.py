@@ -12,8 +12,9 @@ import msgspec
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import issue_texts, known_issues, measured, measured_cells
-from harness.known_issues import Issue
+from harness import issue_texts, measured, measured_cells
+from harness.judging import known_issues
+from harness.judging.known_issues import Issue
 from harness.measured_cells import Known
 from harness.model.errors import BadInput
 from harness.model.report_types import number

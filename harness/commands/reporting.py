@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 from harness import document, knowledge, packs, pages, present, tables, terminal
 from harness.commands import standing
-from harness.exercised import unregistered
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
+from harness.judging.exercised import unregistered
 from harness.machine import store, this_machine
 from harness.machine.files import given_files
 from harness.machine.files.file_locks import exclusive

@@ -8,8 +8,8 @@ from harness import document, knowledge, scheduler
 from harness.answering import answer
 from harness.commands import ad_hoc_cell, progress, reporting
 from harness.commands.select_cells import VERIFYING
-from harness.exercised import unregistered
 from harness.judging.assess import assess
+from harness.judging.exercised import unregistered
 from harness.machine import store, this_machine
 from harness.model import Verdict
 from harness.model.errors import BadInput

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from harness import misleading
+from harness.judging import misleading
 from harness.judging.counted_phases import counts, reason
 from harness.model import CaseRecord, CheckRecord, Outcome, PhaseRecord, worst
 from harness.standalone import silent

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from harness import misleading
+from harness.judging import misleading
 from harness.judging.check import (
     phase_of,
 )

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from harness import normalise
+from harness.judging import decisive_line
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.model.machine_trouble import FULL, MACHINE_TROUBLE, ROOMY_MB, SHOT
 from harness.model.vocabulary import MISLEADING
@@ -120,7 +120,7 @@ def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str
         decisive=decisive,
         masked_by=mask,
         facts={**plain(reply.facts), **drawing},
-        observed=normalise.observed_of_check(reply),
+        observed=decisive_line.observed_of_check(reply),
     )
 
 
@@ -151,10 +151,10 @@ def _last_gasp(ending: Ending, *, complete: bool) -> str | None:
     if ending.overran is not None:
         return f"Python did not end within {ending.overran:g} s of the last check"
     if ending.signal or ending.exit_code:
-        return f"after the last check: {normalise.death(ending.exit_code, ending.signal, ending.stacks)}"
+        return f"after the last check: {decisive_line.death(ending.exit_code, ending.signal, ending.stacks)}"
     ignored = IGNORED.search(ending.afterwards)
     if ignored:
-        return f"at the end of Python, the environment left open: {normalise.decisive_line(ignored[0])}"
+        return f"at the end of Python, the environment left open: {decisive_line.decisive_line(ignored[0])}"
     return None if complete else "Python ended before its exit handlers had run"
 
 
@@ -177,7 +177,7 @@ def _outcome(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -
 
 
 def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
-    decisive, mask = normalise.decisive_of_check(reply)
+    decisive, mask = decisive_line.decisive_of_check(reply)
     told = decisive or ""
     if reply.raised and reply.raised.blame == "harness":
         return Outcome.INFRA, f"a fault of the harness, not of the packages: {told}", mask
@@ -204,7 +204,7 @@ def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
     told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
     if not ending.shares_memory and SHARED_MEMORY.search(told):
         return f"this machine has no /dev/shm that can be written to: {decisive}"
-    silent = decisive.endswith(normalise.SILENT)
+    silent = decisive.endswith(decisive_line.SILENT)
     found = MACHINE_TROUBLE.search(ending.stacks if silent else decisive)
     if not found or (found[0] in FULL and _made_up(reply, ending)):
         return None
@@ -256,11 +256,11 @@ def _draws(reply: CheckReply, ending: Ending) -> bool:
 
 def _died(reply: CheckReply, ending: Ending) -> Said:
     """A check that was started and never ended: its process died, or was ended."""
-    child, mask = normalise.decisive_of_check(reply)
+    child, mask = decisive_line.decisive_of_check(reply)
     if ending.trouble:
         return Outcome.INFRA, ending.trouble, None
     if ending.overran is not None:
-        where = normalise.innermost_frame(ending.stacks)
+        where = decisive_line.innermost_frame(ending.stacks)
         told = child or f"no end within {ending.overran:g} s" + (f", in {where}" if where else "")
         return Outcome.TIMED_OUT, told, mask
-    return Outcome.CRASHED, child or normalise.death(ending.exit_code, ending.signal, ending.stacks), mask
+    return Outcome.CRASHED, child or decisive_line.death(ending.exit_code, ending.signal, ending.stacks), mask

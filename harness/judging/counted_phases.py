@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import replace
 from functools import cache
 
-from harness import misleading
+from harness.judging import misleading
 from harness.judging.discount import trusted
 from harness.model import (
     CASE_PHASES,

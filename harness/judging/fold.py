@@ -12,7 +12,7 @@ from functools import cache
 from itertools import islice
 from types import MappingProxyType
 
-from harness import nativesays, normalise
+from harness.judging import decisive_line, native_errors
 from harness.judging.check import TAKEN_AWAY, check_record, ending_of, found_beside, phase_of, shot
 from harness.model import (
     CASE_PHASES,
@@ -211,7 +211,7 @@ class _Told:
 
     def _ended(self, record: CheckRecord, frames: tuple[str, ...] = ()) -> Ended:
         run = self.reading.run
-        decisive = record.decisive and normalise.normalise(record.decisive, {})
+        decisive = record.decisive and decisive_line.normalise(record.decisive, {})
         return Ended(
             record=replace(record, decisive=decisive),
             reading=self.reading.name,
@@ -254,10 +254,10 @@ class _Told:
         of_run += [*beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
         found = [*zip(reply.during, reply.findings, strict=True)]
         found += [(one.check if one.check in followers else None, one) for one in of_run]
-        return tuple((during, replace(one, text=normalise.normalise(one.text, {}))) for during, one in found)
+        return tuple((during, replace(one, text=decisive_line.normalise(one.text, {}))) for during, one in found)
 
     def _native(self, phase: Phase) -> list[Finding]:
-        lines = nativesays.errors(self.reading.printed)
+        lines = native_errors.errors(self.reading.printed)
         return [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from harness import normalise
+from harness.judging import decisive_line
 from harness.judging.check import Ending
 from harness.model import Outcome
 from harness.model.machine_trouble import MACHINE_TROUBLE, SHOT
@@ -66,7 +66,7 @@ def outcome_of(report: Report, ending: Ending, text: str) -> tuple[Outcome, str 
     if ending.signal == signal.SIGKILL:
         return Outcome.INFRA, SHOT
     if ending.signal:
-        return Outcome.CRASHED, normalise.death(ending.exit_code, ending.signal, text)
+        return Outcome.CRASHED, decisive_line.death(ending.exit_code, ending.signal, text)
     found, decisive = _by_code(ending.exit_code or 0, report, text)
     if found is Outcome.FAILED and MACHINE_TROUBLE.search(decisive or ""):
         return Outcome.INFRA, decisive
@@ -98,7 +98,7 @@ def _last(text: str) -> str:
     """The last line that tells of an error, else the last one."""
     lines = [line.strip() for line in text.splitlines() if line.strip(" =-_")]
     errors = [line for line in lines if line.startswith(("ERROR", "E  ", "INTERNALERROR>", "FAIL"))]
-    told = (errors or lines or [normalise.SILENT])[-1]
+    told = (errors or lines or [decisive_line.SILENT])[-1]
     return told.removeprefix("E  ").removeprefix("INTERNALERROR>").removeprefix("ERROR:").strip()
 
 
@@ -109,4 +109,4 @@ def _message(element: ElementTree.Element) -> str:
         return message.splitlines()[0]
     text = element.text or ""
     marked = [line[1:].strip() for line in text.splitlines() if line.startswith("E ")]  # pytest's mark of an exception
-    return normalise.decisive_line("\n".join(marked) or text) or message or normalise.SILENT
+    return decisive_line.decisive_line("\n".join(marked) or text) or message or decisive_line.SILENT

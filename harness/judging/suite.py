@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from harness import normalise
+from harness.judging import decisive_line
 from harness.judging.check import TAKEN_AWAY, Ending
 from harness.judging.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, beside
 from harness.judging.pytest_report import Report, outcome_of
@@ -130,7 +130,7 @@ def _ended(reading: Reading) -> Ended:
     return Ended(
         reading=reading,
         outcome=outcome,
-        decisive=normalise.bounded(normalise.normalise(decisive, {})) if decisive else None,
+        decisive=decisive_line.bounded(decisive_line.normalise(decisive, {})) if decisive else None,
         report=report,
         findings=findings,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness import misleading
+from harness.judging import misleading
 from harness.judging.check import (
     phase_of,
     reachable,

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import harness
-from harness import normalise
+from harness.judging import decisive_line
 from harness.machine import process
 from harness.machine.store import Store, digest, write_atomic
 from harness.model import Cell, Outcome, Phase, Step
@@ -47,9 +47,9 @@ def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
     if isinstance(error, BrokenPipeError) or (isinstance(error, BadInput) and not of_matrix) or process.stopped():
         raise error
     if of_matrix:
-        return Step(phase=phase, outcome=Outcome.FAILED, decisive=normalise.bounded(str(error)))
+        return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive_line.bounded(str(error)))
     if isinstance(error, CouldNotTell):
-        return Step(phase=phase, outcome=Outcome.INFRA, decisive=normalise.bounded(str(error)))
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=decisive_line.bounded(str(error)))
     places = {**owner.places, str(Path(harness.__file__).parent): "$HARNESS", sys.base_prefix: "$PYTHON"}
     said = f"{type(error).__name__}: {error}"[:1000]
     log = _kept(owner, cell, error, places)
@@ -59,11 +59,11 @@ def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
     else:
         told = f"a fault of simmatrix, not of the packages: {said}"
         where = f"; please report it with {log}" if log else "; please report it"
-        owner.observer.say(f"{cell.id}: {normalise.bounded(told)}{where}")
+        owner.observer.say(f"{cell.id}: {decisive_line.bounded(told)}{where}")
     return Step(
         phase=phase,
         outcome=Outcome.INFRA,
-        decisive=normalise.bounded(normalise.normalise(told, places)),
+        decisive=decisive_line.bounded(decisive_line.normalise(told, places)),
         log=log,
     )
 
@@ -73,6 +73,6 @@ def _kept(owner: Owner, cell: Cell, error: Exception, places: Mapping[str, str])
     with suppress(Exception):
         text = "".join(traceback.format_exception(error, limit=-FRAMES))
         file = owner.store.evidence(f"fault-{digest(cell.id)[:16]}") / "traceback.txt"
-        write_atomic(file, normalise.normalise(text, places).encode(errors="replace"))
+        write_atomic(file, decisive_line.normalise(text, places).encode(errors="replace"))
         return owner.store.relative(file)
     return None

@@ -8,7 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from harness import cellrun
-from harness.exercised import unregistered
+from harness.judging.exercised import unregistered
 from harness.machine import interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
 from harness.machine.store import Installed, Store, digest, question_key

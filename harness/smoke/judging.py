@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from harness import misleading
+from harness.judging import misleading
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import NEEDS
 from harness.judging.counted_phases import observed, reason, step_outcome, suite_phase

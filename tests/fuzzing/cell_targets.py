@@ -16,8 +16,8 @@ import numpy as np
 from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
-from harness import normalise, upstream
-from harness.judging import failure_texts
+from harness import upstream
+from harness.judging import decisive_line, failure_texts
 from harness.judging.check import Ending, check_record, found_beside
 from harness.machine.store import Installed, Store
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
@@ -110,7 +110,7 @@ def _read_reply(words: list[str]) -> int:
     reply = wire.read_reply(whole.splitlines(keepends=True), files)
     for check in (one for one in reply.checks if one.check in ASKED):
         record = check_record(check, ENDING, {})
-        normalise.normalise(record.decisive or "", {"/python": "$ENV"})
+        decisive_line.normalise(record.decisive or "", {"/python": "$ENV"})
         msgspec.json.decode(msgspec.json.encode(record))
     list(found_beside(reply, ENDING, wire.followers_of(wire.FOLLOWERS)))
     text = whole.decode("utf-8", "replace")

@@ -16,8 +16,9 @@ from typing import Any
 
 import pytest
 
-from harness import cameras, nativesays
+from harness import cameras
 from harness.cameras import Pair, Seen, Way
+from harness.judging import native_errors
 from harness.model import Outcome
 from harness.model.report_types import CaseEntry
 
@@ -85,8 +86,8 @@ def test_native_code_is_heard_among_other_output() -> None:
     tensor = "Failed to fill rigid body state tensor"
     log = f"Not connected to PVD\n{MAPPED}\n{MAPPED}\nphysics: [Error] no line of its own\n{tensor}\n"
 
-    assert nativesays.errors(log) == (MAPPED, tensor)
-    assert len(nativesays.errors("\n".join(f"[Error] [carb] number {n}" for n in range(50)))) == nativesays.MOST
+    assert native_errors.errors(log) == (MAPPED, tensor)
+    assert len(native_errors.errors("\n".join(f"[Error] [carb] number {n}" for n in range(50)))) == native_errors.MOST
 
 
 # --- the stand-in ----------------------------------------------------------------------------------------------------
@@ -154,7 +155,7 @@ def test_every_failure_that_is_played_names_its_source() -> None:
 
     assert [name for name, failure in played.items() if not failure["source"].startswith("https://")] == []
     assert [name for name, failure in played.items() if not failure["says"] or "reported" not in failure] == []
-    assert nativesays.errors("\n".join(printed)) == tuple(dict.fromkeys(printed))
+    assert native_errors.errors("\n".join(printed)) == tuple(dict.fromkeys(printed))
 
 
 # --- the matrix ------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from harness import nativesays
+from harness.judging import native_errors
 from harness.judging.check import Ending, check_record
 from harness.matrix.plan import speaking
 from harness.model import CheckReply, Outcome, Raised
@@ -96,7 +96,7 @@ def test_native_errors_are_declared_lines() -> None:
     """Whole lines that an adapter declares are told, and Mesa's own."""
     lines = ["[Error] [carb.gym.plugin] no GPU", "Failed to fill root state tensor", "all is well, [Error] or not"]
     lavapipe = "WARNING: lavapipe is not a conformant vulkan implementation, testing use only."
-    assert nativesays.errors("\n".join([*lines, lavapipe])) == (*lines[:2], lavapipe)
+    assert native_errors.errors("\n".join([*lines, lavapipe])) == (*lines[:2], lavapipe)
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,11 @@ import pytest
 from readings import CASE, DIED, FAILED, GOOD, HERE, Check, asked, lines, passed
 from specimens import GENERATED, MACHINES, cell, record
 
-from harness import catalog, document, normalise, packs
+from harness import catalog, document, packs
 from harness.__main__ import main
 from harness.commands import reporting
 from harness.judging import case as judging
+from harness.judging import decisive_line
 from harness.judging.fold import Folded, after
 from harness.judging.todo import todo
 from harness.machine.store import Store
@@ -120,7 +121,7 @@ def test_a_crash_is_judged_anew_by_a_later_reading(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each alteration is said, cell by cell; written, the report bears the instant at which it was judged."""
-    monkeypatch.setattr(normalise, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+    monkeypatch.setattr(decisive_line, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
 
     assert main(["report", "--judge-again", str(folder)]) == 1
     said = capsys.readouterr().out.splitlines()

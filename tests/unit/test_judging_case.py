@@ -9,8 +9,8 @@ import pytest
 import readings
 from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, asked, passed, reading
 
-from harness import normalise
 from harness.judging import check as judging_check
+from harness.judging import decisive_line
 from harness.judging.case import phases
 from harness.judging.check import TAKEN_AWAY
 from harness.judging.fold import Asked, Folded, after, fold
@@ -331,7 +331,7 @@ def test_a_crash_is_judged_anew_without_a_process(monkeypatch: pytest.MonkeyPatc
     dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
     assert came_to(asked(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
 
-    monkeypatch.setattr(normalise, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+    monkeypatch.setattr(decisive_line, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
     assert came_to(asked(), dead)[Phase.SINGLE].decisive == "signal 11, read better"
 
 

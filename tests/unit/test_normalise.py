@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness import normalise
+from harness.judging import decisive_line
 from harness.model import CheckReply, Outcome, Raised, WorkerRecord
 
 PLACES = {"/home/ada/.cache/sim/env/abc": "$ENV", "/home/ada": "$HOME", "/tmp": "$TMP"}
@@ -37,14 +37,14 @@ MACHINE_SPECIFIC = {
 @pytest.mark.parametrize(("text", "expected"), MACHINE_SPECIFIC.values(), ids=MACHINE_SPECIFIC.keys())
 def test_normalise(text: str, expected: str) -> None:
     """What differs between machines and runs is replaced, all else is kept."""
-    assert normalise.normalise(text, PLACES) == expected
+    assert decisive_line.normalise(text, PLACES) == expected
 
 
 def test_normalise_twice() -> None:
     """Text that was normalised stays as it is."""
-    once = normalise.normalise("\n".join(text for text, _ in MACHINE_SPECIFIC.values()), PLACES)
+    once = decisive_line.normalise("\n".join(text for text, _ in MACHINE_SPECIFIC.values()), PLACES)
 
-    assert normalise.normalise(once, PLACES) == once
+    assert decisive_line.normalise(once, PLACES) == once
 
 
 LINES = {
@@ -297,12 +297,12 @@ hint: another
 @pytest.mark.parametrize(("text", "line"), LINES.values(), ids=LINES.keys())
 def test_decisive_line(text: str, line: str | None) -> None:
     """Of a log, the line that a person would quote."""
-    assert normalise.decisive_line(text) == line
+    assert decisive_line.decisive_line(text) == line
 
 
 def test_decisive_line_is_bounded() -> None:
     """A long message is cut at its end, and says so."""
-    line = normalise.decisive_line("error: " + "x" * 1000) or ""
+    line = decisive_line.decisive_line("error: " + "x" * 1000) or ""
 
     assert (len(line), line[-2:]) == (300, "x…")
 
@@ -384,7 +384,7 @@ CHECKED = {
 @pytest.mark.parametrize(("told", "expected"), CHECKED.values(), ids=CHECKED.keys())
 def test_decisive_of_check(told: CheckReply, expected: tuple[str | None, str | None]) -> None:
     """What a worker met first comes before what its parent saw of it."""
-    assert normalise.decisive_of_check(told) == expected
+    assert decisive_line.decisive_of_check(told) == expected
 
 
 def test_original_of_a_raised_chain() -> None:
@@ -395,7 +395,7 @@ def test_original_of_a_raised_chain() -> None:
         'Traceback (most recent call last):\n  File "a.py", line 1, in g\nImportError: no OpenGL\n'
     )
 
-    assert normalise.exception_line(
+    assert decisive_line.exception_line(
         Raised(type="ImportError", message="no OpenGL", traceback=chain, blame="library")
     ) == ("OSError: no libGL")
 
@@ -417,10 +417,10 @@ def test_original_of_a_raised_chain() -> None:
 )
 def test_death(exit_code: int | None, number: int | None, stacks: str, expected: str) -> None:
     """The end of a process in words: signal or exit code, what it said, and where."""
-    assert normalise.death(exit_code, number, stacks) == expected
+    assert decisive_line.death(exit_code, number, stacks) == expected
 
 
 def test_innermost_frame_of_the_main_thread() -> None:
     """Without a thread that crashed the last one is told, which is the main thread."""
-    assert normalise.innermost_frame(WAITING + "\n" + HANGING) == "step, fake_env/core.py line 12"
-    assert normalise.innermost_frame("no stacks") is None
+    assert decisive_line.innermost_frame(WAITING + "\n" + HANGING) == "step, fake_env/core.py line 12"
+    assert decisive_line.innermost_frame("no stacks") is None
