@@ -12,7 +12,6 @@ from typing import Any
 
 from PIL import Image
 
-from harness import cellrun
 from harness.judging.fold import Folded, after
 from harness.judging.todo import todo
 from harness.machine import interpreters, this_machine
@@ -22,8 +21,9 @@ from harness.model.vocabulary import APIS
 from harness.probes import wire
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun, Request
 from harness.probes.vault import kept
-from harness.scheduler import Observer, Runner, Settings
-from harness.scheduler.pool import Pool
+from harness.running import case_run
+from harness.running.scheduler import Observer, Runner, Settings
+from harness.running.scheduler.pool import Pool
 
 PER_LOCK = 5
 """Cells that share a question: they differ in a variable."""
@@ -133,7 +133,7 @@ def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) 
                 files=files,
                 measured=INSTANT,
             )
-            folded = after(asked, folded, vault.reading(vault.put(run, cellrun.claim(context, case))))
+            folded = after(asked, folded, vault.reading(vault.put(run, case_run.claim(context, case))))
 
 
 def _reply(request: Request) -> bytes:

@@ -27,14 +27,15 @@ from pathlib import Path
 
 import fakecells
 
-from harness import catalog, document
+from harness import document
 from harness.__main__ import GARBAGE
 from harness.commands import progress, reporting
 from harness.machine import store, this_machine
 from harness.model import Cell, CellRecord
-from harness.scheduler import Prepared, Runner, Settings
-from harness.scheduler.flow import Flow
-from harness.scheduler.past import Past
+from harness.running import open_matrix
+from harness.running.scheduler import Prepared, Runner, Settings
+from harness.running.scheduler.flow import Flow
+from harness.running.scheduler.past import Past
 
 HERE = Path(__file__).parent
 SIZES = (10, 100, 500, 1_000, 3_000, 10_000)
@@ -117,7 +118,7 @@ def called(command: Sequence[str], env: Mapping[str, str], cwd: Path) -> tuple[f
 def prepare(matrix: Path) -> None:
     """Store what a run of the matrix would have measured."""
     opened = store.open_store()
-    plan = catalog.dated(catalog.load(str(matrix), print), opened)
+    plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
     fakecells.fill(plan.cells, opened, progress.Progress(len(plan.cells), 2, reporting.headline))
 
 
@@ -135,7 +136,7 @@ def stages(matrix: Path) -> dict[str, float]:
         timed[stage] = time.process_time() - start
 
     with timing("plan"):
-        plan = catalog.dated(catalog.load(str(matrix), print), opened)
+        plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         board = progress.Progress(len(plan.cells), 2, reporting.headline)
         first = Runner(opened, Settings(), board)

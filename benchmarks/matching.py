@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from harness import knowledge
-from harness.knowledge import HEAD, TAIL
+from harness.running import shipped_signatures
+from harness.running.shipped_signatures import HEAD, TAIL
 from harness.standalone import matching
 from harness.standalone.explain.keeping import HEAD as FIRST
 from harness.standalone.explain.keeping import TAIL as LAST
@@ -31,8 +31,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
-    patterns = [str(one.pattern) for one in knowledge.known() if one.pattern]
-    examples = "\n".join(text for one in knowledge.known() for text in one.examples)
+    patterns = [str(one.pattern) for one in shipped_signatures.known() if one.pattern]
+    examples = "\n".join(text for one in shipped_signatures.known() for text in one.examples)
     rows = [
         _row("what is kept of a cell's log, nothing in it", _log(HEAD + TAIL), patterns, runs),
         _row("what `explain` keeps of a long log, nothing in it", _log(FIRST + LAST), patterns, runs),

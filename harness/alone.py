@@ -13,9 +13,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from harness import distilling, knowledge, measured
+from harness import distilling, measured
 from harness.machine import store
 from harness.model.signatures import Signature
+from harness.running import shipped_signatures
 from harness.standalone import adapters
 
 PACKAGE = Path(__file__).parent / "standalone"
@@ -41,7 +42,7 @@ EXECUTABLE = 0o755
 
 def write(path: Path) -> None:
     """Write it to a path, atomically. Raises BadInput where signatures or results cannot be read."""
-    store.write_atomic(path, content(knowledge.known(), measured.shipped()))
+    store.write_atomic(path, content(shipped_signatures.known(), measured.shipped()))
     path.chmod(EXECUTABLE)
 
 

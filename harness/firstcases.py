@@ -22,7 +22,7 @@ from harness.model.report_types import number
 from harness.model.vocabulary import HOST
 from harness.packages import package_under_test
 from harness.probes import launch
-from harness.scheduler import Observer, Runner, Settings
+from harness.running.scheduler import Observer, Runner, Settings
 
 LISTING = "list.environments"
 LIMIT = 300.0

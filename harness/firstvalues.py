@@ -10,7 +10,7 @@ from harness.machine import interpreters
 from harness.machine.store import Store
 from harness.model import Cell, Interpreter, Outcome, Phase
 from harness.model.vocabulary import required_name
-from harness.scheduler import Observer, Runner, Settings
+from harness.running.scheduler import Observer, Runner, Settings
 
 PYTHON = "python"
 

@@ -108,11 +108,12 @@ def _own() -> Iterator[Layer]:
     """What this store measured, judged and diagnosed as of now; no store is made where there is none."""
     if not (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
         return
-    from harness import document, knowledge  # noqa: PLC0415 - start-up
+    from harness import document  # noqa: PLC0415 - start-up
+    from harness.running import shipped_signatures  # noqa: PLC0415 - start-up
 
     opened = store.open_store()
     records = [record for record in opened.cells() if record.measured]
     planned = Plan(matrix="", cells=tuple({record.cell.id: record.cell for record in records}.values()), axes=())
     machines: Mapping[str, Mapping[str, Any]] = {one.machine: opened.load_machine(one.machine) for one in records}
-    made = document.build(records, [planned], machines, store.now(), known=knowledge.beside(opened.folder))
+    made = document.build(records, [planned], machines, store.now(), known=shipped_signatures.beside(opened.folder))
     yield distilling.layer(json.loads(document.encode(made)), partial(_text, opened.folder))

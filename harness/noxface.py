@@ -21,11 +21,12 @@ from dataclasses import dataclass
 
 import nox
 
-from harness import catalog, document
+from harness import document
 from harness.commands import reporting
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import CellEntry, number, word
+from harness.running import open_matrix
 
 VARIABLE = "HARNESS_MATRICES"
 MOST = 100
@@ -66,7 +67,7 @@ def offered(names: Iterable[str]) -> Iterator[Offer]:
     known: dict[str, Plan] = {}
     for name in names:
         try:
-            plan = catalog.load(name, _say, offline=True)
+            plan = open_matrix.load(name, _say, offline=True)
             if known.setdefault(plan.matrix, plan) != plan:
                 message = f"{name}: another matrix is called {plan.matrix} as well, and so are its cells; rename it"
                 raise BadInput(message)

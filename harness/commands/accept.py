@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from harness import accepting, catalog, document, knowledge
+from harness import accepting, document
 from harness.commands import report, reporting
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
@@ -18,6 +18,7 @@ from harness.model import Cell, Plan
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import UNTOLD, CellEntry, number
 from harness.model.vocabulary import Instant
+from harness.running import open_matrix, shipped_signatures
 
 HELP = "Write expectations for cells that are red now, each with its reason, into the matrix file."
 
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Write the tables; 1 where a red cell cannot be expected to be what it is."""
     path = _editable(args.matrix)
-    plan = catalog.load(args.matrix, tell, offline=True)
+    plan = open_matrix.load(args.matrix, tell, offline=True)
     chosen = choose(plan.cells, args.k)
     entries = _reported(args.report, plan) if args.report else _measured(plan)
     today = store.now()
@@ -71,7 +72,7 @@ def _check(name: str, plan: Plan, accepted: Sequence[str], entries: dict[str, li
     def judged(cell: Cell) -> list[Any]:
         return [accepting.as_expected(cell, entry, today) for entry in entries[cell.id]]
 
-    after = catalog.load(name, lambda _: None, offline=True)
+    after = open_matrix.load(name, lambda _: None, offline=True)
     wrong = accepting.trouble(plan.cells, after.cells, accepted, judged)
     if wrong or len(after.stale) > len(plan.stale):
         message = (
@@ -86,13 +87,13 @@ def _check(name: str, plan: Plan, accepted: Sequence[str], entries: dict[str, li
 def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
     """The last results of this machine."""
     opened = store.open_store()
-    dated = catalog.dated(plan, opened)
+    dated = open_matrix.dated(plan, opened)
     here = this_machine.facts()
     known = [found for cell in dated.cells if (found := reporting.kept(opened, here.id, cell))]
     if not known:
         message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
         raise BadInput(message)
-    causes = knowledge.beside(opened.folder)
+    causes = shipped_signatures.beside(opened.folder)
     return _by_id(document.build(known, [dated], {here.id: here.facts}, store.now(), known=causes).cells)
 
 
@@ -134,8 +135,8 @@ def _standing(chosen: Sequence[Cell], entries: dict[str, list[CellEntry]]) -> st
 
 def _editable(name: str) -> Path:
     """The file of a matrix; one inside an installed package belongs to that package."""
-    path = catalog.locate(name).resolve()
-    if path.is_relative_to((catalog.PACKAGE / "matrices").resolve()):
+    path = open_matrix.locate(name).resolve()
+    if path.is_relative_to((open_matrix.PACKAGE / "matrices").resolve()):
         message = f"{name}: belongs to the installed simmatrix; copy it and accept in the copy: cp {path} {path.name}"
         raise BadInput(message)
     return path

@@ -11,7 +11,7 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import catalog, scheduler, typos
+from harness import typos
 from harness.commands.console import tell
 from harness.judging.exercised import OWN
 from harness.machine import interpreters
@@ -25,6 +25,7 @@ from harness.model.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPa
 from harness.packages import package_under_test
 from harness.packages.requirement_files import Inputs, inputs
 from harness.packages.sources import checkouts
+from harness.running import open_matrix, scheduler
 
 REUSED_FOR_HOURS = 24.0
 
@@ -160,7 +161,7 @@ def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]
     """The repairs that `--overlay` asks for; and requirements, which follow it where it names no package."""
     if not given:
         return (), ()
-    known = catalog.recipes(Path("matrices"))
+    known = open_matrix.recipes(Path("matrices"))
     names = [text for text in given if re.fullmatch(r"[A-Za-z0-9._-]+", text)]
     with located("--overlay"):
         wanted = [PackageName.canonical(name) for name in names]

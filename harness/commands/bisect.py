@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, knowledge, measured, moves, scheduler
+from harness import measured, moves
 from harness.commands import find_cell, progress, reporting
 from harness.judging.assess import assess
 from harness.machine import interpreters, store
@@ -27,6 +27,7 @@ from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
 from harness.rootcause.candidates import Candidate, Candidates, Kept
 from harness.rootcause.certificates import BisectDocument
+from harness.running import open_matrix, scheduler, shipped_signatures
 from harness.standalone.output import print_json
 from harness.standalone.silent import plainly_good
 
@@ -166,7 +167,7 @@ def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
         hints=tuple(_hints(asked, line, bad, base)),
         any=args.any,
         confidence=args.confidence,
-        recipes=catalog.recipes(Path("matrices")),
+        recipes=open_matrix.recipes(Path("matrices")),
         base=base,
     )
 
@@ -225,7 +226,7 @@ def _hints(asked: Asked, line: Candidates, bad: int, base: Trial | None) -> Iter
 def _green(asked: Asked) -> Iterator[str]:
     """Versions of the package in cells of the same environments that work: in this store, and as measured before."""
     envs = {case.env for case in asked.cell.cases if case.env}
-    known = knowledge.beside(asked.opened.folder)
+    known = shipped_signatures.beside(asked.opened.folder)
     for record in asked.opened.cells():
         alike = envs & {case.env for case in record.cell.cases}
         if alike and record.installed:

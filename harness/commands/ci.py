@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import distribution, version
 from pathlib import Path
 
-from harness import catalog, notices, pipelines
+from harness import notices, pipelines
 from harness.commands import reporting, select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import selected
@@ -20,6 +20,7 @@ from harness.model import Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
 from harness.pipelines import Pipeline, Provider
+from harness.running import open_matrix
 
 HELP = (
     "Print a workflow that runs a matrix on GitHub, on GitLab, or on a Slurm cluster: plan, balanced shards, a merge"
@@ -69,7 +70,7 @@ def main(args: argparse.Namespace) -> int:
     if args.check and args.out:
         message = "--check compares and --out writes: name one of them"
         raise BadInput(message)
-    plan = catalog.load(args.matrix, tell, offline=True)
+    plan = open_matrix.load(args.matrix, tell, offline=True)
     selected(plan.cells, None)
     count = _shards(args, plan)
     match args.emit:
@@ -104,7 +105,7 @@ def _shards(args: argparse.Namespace, plan: Plan) -> int:
         raise BadInput(message)
     if args.shards:
         return int(args.shards)
-    committed = select_cells.committed_report(catalog.locate(args.matrix), plan.matrix)
+    committed = select_cells.committed_report(open_matrix.locate(args.matrix), plan.matrix)
     seconds = select_cells.durations([*([committed] if committed else []), *args.durations])
     return pipelines.shard_count([cell.id for cell in plan.cells], seconds, args.minutes, most)
 

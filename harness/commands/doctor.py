@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from harness import alone, knowledge, measured
+from harness import alone, measured
 from harness.commands import drawn, inplace, proved
 from harness.commands.drawn import Rendering
 from harness.commands.inplace import Tried
@@ -19,6 +19,7 @@ from harness.commands.proved import Proof
 from harness.matrix import changes
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry, FindingEntry
+from harness.running import shipped_signatures
 from harness.standalone import matching, wrapping
 from harness.standalone.doctor import doctor
 from harness.standalone.doctor.choosing import NoEnvironment
@@ -165,7 +166,7 @@ def main(args: argparse.Namespace) -> int:
 
 def signatures() -> list[Any]:
     """The known failures as what stands alone reads them."""
-    return [matching.read(one.as_file) for one in knowledge.known()]
+    return [matching.read(one.as_file) for one in shipped_signatures.known()]
 
 
 def _lines(plain: Mapping[str, Any], made: Doctored) -> list[str]:

@@ -8,13 +8,14 @@ from typing import Any
 
 import msgspec
 
-from harness import document, knowledge
+from harness import document
 from harness.devices import egl_advice, gl_inventory
 from harness.devices.egl_advice import LIBRARIES, Advice, Drawn, Here
 from harness.devices.egl_rules import OLD_EGL_ID
 from harness.devices.gl_inventory import Answer, Ways
 from harness.model import Level, signatures
 from harness.model.report_types import DiagnosisEntry, FindingEntry
+from harness.running import shipped_signatures
 
 
 class Selected(msgspec.Struct, frozen=True, kw_only=True):
@@ -122,7 +123,9 @@ def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable
         evidence = [signatures.Evidence(phase=None, told=(error,))]
         for who in failing:
             installed = {who.library.replace("_", "-"): who.release, "mujoco": who.mujoco}
-            for one in signatures.diagnose(knowledge.known(), evidence, signatures.Around(installed=installed)):
+            for one in signatures.diagnose(
+                shipped_signatures.known(), evidence, signatures.Around(installed=installed)
+            ):
                 known.setdefault(str(one.signature.id), document.diagnosis_entry(one))
     return known.values()
 

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import msgspec
 
-from harness import issue_texts, knowledge, measured
+from harness import measured
 from harness.judging import known_issues
 from harness.machine import store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.recommended_text import wrapped
+from harness.running import issue_texts, shipped_signatures
 from harness.standalone import matching
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
@@ -73,7 +74,7 @@ def _open(identifier: str) -> int:
 
 def known() -> list[matching.Known]:
     """The known failures as what stands alone reads them."""
-    return [matching.read(one.as_file) for one in knowledge.known()]
+    return [matching.read(one.as_file) for one in shipped_signatures.known()]
 
 
 def _output(command: Sequence[str]) -> str | None:

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, controls, fetched, fetching, scheduler
 from harness.commands import progress
 from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, committed_report, durations, jobs, selected
-from harness.fetched import FetchedCell, FetchedMatrix, Manifest
 from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
+from harness.running import controls, offline_bundle, offline_collect, open_matrix, scheduler
+from harness.running.offline_bundle import FetchedCell, FetchedMatrix, Manifest
 from harness.standalone.output import print_json
 
 HELP = (
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Fetch; exit 3 when something could not be had, 0 when all is there, be it the reason why a cell has no lock."""
-    planned = catalog.load(args.matrix, tell)
+    planned = open_matrix.load(args.matrix, tell)
     _check_no_subject(args.matrix, selected(planned.cells, args.k))
     opened = store.open_store()
     folder = store.writable(args.to).absolute()
@@ -53,16 +53,16 @@ def main(args: argparse.Namespace) -> int:
             settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE)
             records = scheduler.run([replace(cell, needs=(), system=()) for cell in cells], opened, settings, board)
         beside = scheduler.run(_controls(records, opened), opened, settings, scheduler.Beside(board))
-        bringing = fetching.Bringing(folder, opened, tell)
+        bringing = offline_collect.Bringing(folder, opened, tell)
         found, known_good = bringing.cells(records), bringing.cells(beside)
         manifest = _manifest(bringing, args.matrix, plan, earlier, (*found, *known_good))
-        fetching.write(folder, manifest)
+        offline_collect.write(folder, manifest)
     _tell_pythons(manifest, found)
     for one in known_good:
         if one.lock is None:
             tell(f"{one.id}: not fetched, and so cannot be run when a cell fails: {one.decisive}")
     if args.json:
-        print_json((folder / fetched.MANIFEST).read_bytes())
+        print_json((folder / offline_bundle.MANIFEST).read_bytes())
     else:
         _summary(found, folder, bringing.brought)
     return 0 if all(cell.complete for cell in found) else 3
@@ -84,13 +84,13 @@ def _controls(records: Sequence[CellRecord], opened: store.Store) -> tuple[Cell,
 
 def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
     """What is there of earlier fetches; of a matrix that was changed since, nothing."""
-    old = fetching.intact(folder)
+    old = offline_collect.intact(folder)
     mine = next((one for one in old.matrices if one.name == matrix), None) if old else None
     if old is None or mine is None:
         return old
-    now = {f"matrices/{matrix}/{inner}": path for inner, path in catalog.files(name).items()}
+    now = {f"matrices/{matrix}/{inner}": path for inner, path in open_matrix.files(name).items()}
     if now.keys() == {mine.file, *mine.beside} and all(
-        fetched.hash_of(path) == old.files[file].sha256 for file, path in now.items()
+        offline_bundle.hash_of(path) == old.files[file].sha256 for file, path in now.items()
     ):
         return old
     tell(f"{name}: was changed since it was fetched; its cells are fetched anew")
@@ -100,7 +100,7 @@ def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
         cells=tuple(one for one in old.cells if one.matrix != matrix),
         files={file: known for file, known in old.files.items() if file not in {mine.file, *mine.beside}},
     )
-    fetching.write(folder, kept)
+    offline_collect.write(folder, kept)
     return kept
 
 
@@ -108,14 +108,14 @@ def _dated(planned: Plan, earlier: Manifest | None, opened: store.Store) -> Plan
     """The plan as of the instant of the earlier fetch, so that all cells of the folder are as of one."""
     instants = {one.name: one.instant for one in earlier.matrices} if earlier else {}
     instant = instants.get(planned.matrix)
-    return catalog.as_of(planned, instant) if instant else catalog.dated(planned, opened)
+    return open_matrix.as_of(planned, instant) if instant else open_matrix.dated(planned, opened)
 
 
 def _manifest(
-    bringing: fetching.Bringing, name: str, plan: Plan, earlier: Manifest | None, found: Sequence[FetchedCell]
+    bringing: offline_collect.Bringing, name: str, plan: Plan, earlier: Manifest | None, found: Sequence[FetchedCell]
 ) -> Manifest:
-    mine = bringing.files(plan.matrix, catalog.files(name), plan.cells[0].question.snapshot)
-    report = committed_report(catalog.locate(name), plan.matrix)
+    mine = bringing.files(plan.matrix, open_matrix.files(name), plan.cells[0].question.snapshot)
+    report = committed_report(open_matrix.locate(name), plan.matrix)
     mine = msgspec.structs.replace(mine, seconds=durations([report] if report else []))
     before: tuple[FetchedMatrix, ...] = earlier.matrices if earlier else ()
     matrices = {one.name: one for one in (*before, mine)}

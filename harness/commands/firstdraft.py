@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from harness import catalog, drafts, firstcases, firstvalues, workflows
+from harness import drafts, firstcases, firstvalues, workflows
 from harness.commands import progress, reporting
 from harness.drafts import Case, Draft, Project, Range
 from harness.drafts.values import Offer, narrowed
@@ -15,6 +15,7 @@ from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 from harness.packages import index
+from harness.running import open_matrix
 
 NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
 LARGEST = 2_000_000
@@ -63,7 +64,7 @@ def without_clashes(draft: Draft, path: Path) -> Draft:
         return draft
     opened = store.open_store()
     try:
-        planned = catalog.dated(catalog.load(str(path), lambda _: None), opened)
+        planned = open_matrix.dated(open_matrix.load(str(path), lambda _: None), opened)
     except HarnessError:  # it is loaded again right after, and says it then
         return draft
     with progress.Progress(0, 1, reporting.headline) as board:

@@ -14,12 +14,12 @@ from time import time
 import msgspec
 from rich.filesize import decimal
 
-from harness import garbage
 from harness.commands.console import tell
-from harness.garbage import DAY, Disk, Item, Kind
 from harness.machine import store
 from harness.model.report_types import number
 from harness.packages import uv_command
+from harness.running import cleanup
+from harness.running.cleanup import DAY, Disk, Item, Kind
 from harness.standalone.output import print_json
 
 HELP = (
@@ -69,13 +69,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Remove it and say what went."""
-    places = garbage.Places(cache=store.cache_folder(), state=_state(), evidence=args.evidence)
+    places = cleanup.Places(cache=store.cache_folder(), state=_state(), evidence=args.evidence)
     before = time() - args.older_than * DAY if args.older_than is not None else None
     size_before = _total(places)
     basket = _Basket(dry=args.dry_run, cache=places.cache)
     size = _pruned(places, basket, size_before)
     items, disk = _known(places)
-    basket.take(garbage.chosen(items, disk, size, before=before, most=args.max_size), disk)
+    basket.take(cleanup.chosen(items, disk, size, before=before, most=args.max_size), disk)
     if Kind.RECORD in basket.numbers and not args.dry_run:  # what only they named is waste now
         items, disk = _known(places)
         basket.take([item for item in items if item.waste], disk)
@@ -114,7 +114,7 @@ class _Basket:
         """Remove these, those in use apart."""
         left = Disk(sizes=disk.sizes)
         for item in items:
-            if self.dry or garbage.remove(item, self.cache):
+            if self.dry or cleanup.remove(item, self.cache):
                 self.count(item.kind, left.without(item.inodes))
             else:
                 self.in_use += 1
@@ -124,7 +124,7 @@ class _Basket:
         self.freed[kind] = self.freed.get(kind, 0) + freed
 
 
-def _pruned(places: garbage.Places, basket: _Basket, size: int) -> int:
+def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
     """Let uv remove what it will not look at again; the size then. What environments share with it frees nothing."""
     folder = places.cache / "uv"
     if basket.dry or not folder.is_dir():
@@ -143,12 +143,12 @@ def _state() -> Path:
     return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
 
 
-def _known(places: garbage.Places) -> tuple[list[Item], Disk]:
+def _known(places: cleanup.Places) -> tuple[list[Item], Disk]:
     disk = Disk()
-    return garbage.find(places, disk), disk
+    return cleanup.find(places, disk), disk
 
 
-def _total(places: garbage.Places) -> int:
+def _total(places: cleanup.Places) -> int:
     return _size_of([places.cache, places.state])
 
 
@@ -168,10 +168,10 @@ def _print(made: Collected) -> None:
     print(f"{decimal(made.freed)} {verb}, {decimal(made.size_after)} left in cache and state{used}")
 
 
-def _suggest(places: garbage.Places) -> None:
+def _suggest(places: cleanup.Places) -> None:
     """What a limit would free."""
     items, disk = _known(places)
-    old = garbage.chosen(items, disk, 0, before=time() - EXAMPLE * DAY, most=None)
+    old = cleanup.chosen(items, disk, 0, before=time() - EXAMPLE * DAY, most=None)
     every = Disk(sizes=disk.sizes)
     some = Disk(sizes=disk.sizes)
     could = sum(every.without(item.inodes) for item in items)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, drafts, present, typos, workflows
+from harness import drafts, present, typos, workflows
 from harness.commands import ci, firstdraft
 from harness.commands.console import tell
 from harness.drafts import Draft, Project
@@ -20,6 +20,7 @@ from harness.model.errors import BadInput, CouldNotTell
 from harness.model.report_types import number
 from harness.model.vocabulary import Label
 from harness.packages.requirement_files import project
+from harness.running import open_matrix
 from harness.standalone.output import print_json
 from harness.workflows import Fate, Job, Leg
 
@@ -157,7 +158,7 @@ def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, f
 def _planned(path: Path, args: argparse.Namespace, files: _Files) -> None:
     """Expand the ranges of a matrix and count its cells; without the index that waits."""
     try:
-        files.cells[path] = len(catalog.load(str(path), tell, offline=args.offline).cells)
+        files.cells[path] = len(open_matrix.load(str(path), tell, offline=args.offline).cells)
     except CouldNotTell as error:
         files.open.append(str(error))
 

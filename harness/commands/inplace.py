@@ -11,11 +11,9 @@ from typing import Any
 
 import msgspec
 
-from harness import cellrun
 from harness.commands import drawn
 from harness.commands.drawn import Looked
 from harness.judging.failure_texts import KILLED, written
-from harness.knowledge import texts
 from harness.machine import process, this_machine
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import Store
@@ -25,6 +23,8 @@ from harness.probes import launch
 from harness.probes.evidence import REPLY, Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
+from harness.running import case_run
+from harness.running.shipped_signatures import texts
 from harness.standalone import adapters
 from harness.standalone.doctor.choosing import Choice
 from harness.standalone.doctor.declared import NOTE, WARNING, Finding
@@ -98,7 +98,7 @@ class Looks:
         with scratch_folder() as scratch:
             store = Store(scratch)
             until = Phase.RENDER if self.rendering else Phase.SINGLE
-            record = cellrun.run_case(_context(store, facts, scratch, until), case)
+            record = case_run.run_case(_context(store, facts, scratch, until), case)
             self.tried = _tried(env, case, record)
             failed = [phase for phase in record.phases if phase.outcome in FAILING]
             self.seen += [_seen(phase, store) for phase in failed]
@@ -138,7 +138,7 @@ def _case(env: str, api: str | None, installed: Mapping[str, str]) -> Case:
     return case
 
 
-def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase) -> cellrun.Context:
+def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase) -> case_run.Context:
     python = facts["python"]
     prefix = Path(python["prefix"])
     executable = Path(python["executable"])
@@ -147,7 +147,7 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
     site = launch.Site(
         folder=prefix, python=executable, pycache=scratch / "pycache", variables=dict(os.environ), files={}
     )
-    return cellrun.Context(
+    return case_run.Context(
         laboratory=Laboratory(
             vault=Vault(store.folder),
             site=lambda: site,

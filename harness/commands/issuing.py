@@ -10,11 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from harness import knowledge, redacting, upstream
+from harness import redacting, upstream
 from harness.machine.store import Store
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
+from harness.running import shipped_signatures
 
 NOBODY = frozenset({"root", "user", "admin", "ubuntu", "debian", "runner", "nobody", "localhost", "home", "test"})
 """Names that say nothing of anybody, and words that a message may well have."""
@@ -61,7 +62,7 @@ def _texts(record: CellRecord, entry: CellEntry, state: Path) -> Iterator[tuple[
     phases.sort(key=lambda phase: phase.decisive != entry.decisive)
     places += [phase.evidence or "" for phase in phases[:1]]
     for place in places:
-        yield from knowledge.texts(state / place).items()
+        yield from shipped_signatures.texts(state / place).items()
 
 
 def _read(path: Path) -> str | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from harness import catalog, document, knowledge, packs
+from harness import document, packs
 from harness.commands import reporting
 from harness.commands.console import tell
 from harness.judging import case as judging
@@ -27,6 +27,7 @@ from harness.model.hostile_data import Unreadable
 from harness.model.report_types import CellEntry, Document, number
 from harness.packs import Index, Packed
 from harness.probes.vault import Vault
+from harness.running import open_matrix, shipped_signatures
 from harness.standalone.output import print_json
 
 NAME = "report.json"
@@ -90,7 +91,7 @@ def judged(folder: Path, index: Index, opened: Store) -> Again:
         plans,
         {name: facts for one in packed for name, facts in one.machines.items()},
         probes={name: probe for one in packed for name, probe in one.probes.items()},
-        known=knowledge.beside(opened.folder),
+        known=shipped_signatures.beside(opened.folder),
         locate=reporting.place(records, opened, folder),
     )
     again = Again(folder=folder, index=index, plans=plans, document=made(generated=index.judged))
@@ -125,11 +126,11 @@ def _plans(packed: Iterable[Packed]) -> tuple[Plan, ...]:
 
 def _today(kept: Plan) -> Plan:
     try:
-        catalog.locate(kept.matrix)
+        open_matrix.locate(kept.matrix)
     except HarnessError:  # the matrix is not here
         return kept
     try:
-        today = catalog.load(kept.matrix, lambda _: None, offline=True)
+        today = open_matrix.load(kept.matrix, lambda _: None, offline=True)
     except HarnessError as error:
         tell(f"{kept.matrix} is judged as it was planned, not as its matrix is today: {error}")
         return kept

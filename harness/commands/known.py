@@ -12,7 +12,7 @@ import msgspec
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import issue_texts, measured, measured_cells
+from harness import measured, measured_cells
 from harness.judging import known_issues
 from harness.judging.known_issues import Issue
 from harness.measured_cells import Known
@@ -20,6 +20,7 @@ from harness.model.errors import BadInput
 from harness.model.report_types import number
 from harness.model.vocabulary import required_name
 from harness.recommended_text import wrapped
+from harness.running import issue_texts
 from harness.standalone.output import print_json
 
 HELP = "List the packages that were measured and the issues that are known, or open one of them."

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, resolving, scheduler, typos
+from harness import typos
 from harness.commands import progress, reporting
 from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, jobs, selected
@@ -17,6 +17,7 @@ from harness.machine import store
 from harness.machine.files import given_files
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.report_types import UNTOLD
+from harness.running import open_matrix, resolving, scheduler
 from harness.standalone.output import print_json
 
 HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."
@@ -56,8 +57,8 @@ def main(args: argparse.Namespace) -> int:
     settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
     opened = store.open_store()
     ask = resolving.asking(opened, settings)
-    planned = catalog.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
-    plan = catalog.dated(planned, opened, renew=args.upgrade, offline=args.offline)
+    planned = open_matrix.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
+    plan = open_matrix.dated(planned, opened, renew=args.upgrade, offline=args.offline)
     cells = selected(plan.cells, args.k)
     typos.check_cells(cells, tell, offline=args.offline)
     with progress.Progress(len(cells), args.jobs, _headline) as board:

@@ -6,11 +6,12 @@ import argparse
 
 import msgspec
 
-from harness import catalog, typos
+from harness import typos
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
 from harness.model import Cell, Plan
 from harness.model.report_types import number
+from harness.running import open_matrix
 from harness.standalone.output import print_json
 
 HELP = "List the cells of a matrix, and the combinations left out, each with its reason."
@@ -55,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Print the plan."""
-    plan = catalog.load(args.matrix, tell, offline=args.offline)
+    plan = open_matrix.load(args.matrix, tell, offline=args.offline)
     cells = choose(plan.cells, args.k)
     typos.check_cells(cells, tell, offline=args.offline)
     if args.json:

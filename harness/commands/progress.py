@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 from harness.model import Cell, CellRecord
 from harness.model.report_types import number
-from harness.scheduler import WAITING
+from harness.running.scheduler import WAITING
 from harness.standalone.control_characters import visible
 from harness.standalone.output import styled
 from harness.terminal import bounded

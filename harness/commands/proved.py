@@ -16,7 +16,7 @@ from harness.model import Cell, Verdict
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import UNTOLD, word
 from harness.rootcause.bench import Bench, Trial
-from harness.scheduler import Settings
+from harness.running.scheduler import Settings
 from harness.standalone.keys import SIMULATORS, weight
 from harness.standalone.versions import is_version
 

@@ -107,7 +107,7 @@ def _write(path: Path, best: Combination | None, query: Query, *, offline: bool)
     if best is None:
         print(f"recommend: nothing good was measured of {' '.join(query.names)}: no lock was written", file=sys.stderr)
         return
-    from harness import lock_files  # noqa: PLC0415 - start-up
+    from harness.running import lock_files  # noqa: PLC0415 - start-up
 
     handed = lock_files.Handed(
         lock=best.lock,

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog, scheduler
 from harness.commands import ad_hoc_cell, find_cell, progress, reporting
 from harness.machine import store
 from harness.machine.store import Store
@@ -24,7 +23,8 @@ from harness.rootcause.bench import Bounds
 from harness.rootcause.lab import Lab
 from harness.rootcause.proofs import RepairDocument
 from harness.rootcause.repairing import Repaired, Search, Status
-from harness.scheduler import Beside
+from harness.running import open_matrix, scheduler
+from harness.running.scheduler import Beside
 from harness.standalone.output import print_json
 
 HELP = (
@@ -134,7 +134,7 @@ def _lab(base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds
         settings=settings,
         observer=Beside(board),
         bounds=bounds,
-        recipes=catalog.recipes(Path("matrices")) | catalog.recipes(Path()),
+        recipes=open_matrix.recipes(Path("matrices")) | open_matrix.recipes(Path()),
     )
 
 

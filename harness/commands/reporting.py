@@ -15,7 +15,7 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
-from harness import document, knowledge, packs, pages, present, tables, terminal
+from harness import document, packs, pages, present, tables, terminal
 from harness.commands import standing
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
@@ -29,6 +29,7 @@ from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, number
 from harness.probes import launch
+from harness.running import shipped_signatures
 from harness.standalone.output import print_json
 from harness.tabletypes import Report
 
@@ -100,7 +101,7 @@ def publish(
             made_of = standing.mark(plan, known, here, folder, (used, wanted.pivot))
             report, shown = standing.read(note, made_of, folder), None
             if report is None:
-                facts, causes = {here.id: here.facts}, knowledge.beside(opened.folder)
+                facts, causes = {here.id: here.facts}, shipped_signatures.beside(opened.folder)
                 making = partial(document.build, known, [plan], facts, store.now(), probes=used, known=causes)
                 try:
                     report = making(locate=place(known, opened, folder))

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import catalog, knowledge, proving, scheduler, tables, typos
+from harness import tables, typos
 from harness.commands import progress, reporting, select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import VERIFYING
@@ -17,9 +17,10 @@ from harness.machine import store
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
+from harness.running import open_matrix, remedy_trials, scheduler, shipped_signatures
 
 if TYPE_CHECKING:
-    from harness.fetched import Fetched
+    from harness.running.offline_bundle import Fetched
 
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 
@@ -78,7 +79,7 @@ def main(args: argparse.Namespace) -> int:
         option = "--prove" if args.prove else "--repair"
         message = f"{option}: what a remedy installs is not in a folder of `fetch`; run it with the network"
         raise BadInput(message)
-    planned = [catalog.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
+    planned = [open_matrix.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
     select_cells.check_distinct(planned)
     cells = select_cells.selected([cell for plan in planned for cell in plan.cells], args.k)
     if layer is None:
@@ -87,7 +88,7 @@ def main(args: argparse.Namespace) -> int:
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
-    plans = [catalog.dated(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
+    plans = [open_matrix.dated(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
     chosen = _chosen(args, plans, opened, layer)
     with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
@@ -104,16 +105,16 @@ def _proved(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
     """The plans with the remedied cells of what is red, and what came of those."""
-    known, recipes = knowledge.beside(opened.folder), partial(catalog.recipes, Path())
+    known, recipes = shipped_signatures.beside(opened.folder), partial(open_matrix.recipes, Path())
     assessed = {plan.matrix: [assess(record, known) for record in _of(plan, records)] for plan in plans}
-    found = [cell for plan in plans for cell in proving.untried(plan.cells, assessed[plan.matrix], recipes)]
+    found = [cell for plan in plans for cell in remedy_trials.untried(plan.cells, assessed[plan.matrix], recipes)]
     if not found:
         tell("no remedy of a known failure is left to be tried")
         return list(plans), ()
     tell(f"{number(len(found), 'red cell')} to be run again, each with the remedy of a known failure")
     with progress.Progress(len(found), settings.jobs, reporting.headline) as board:
         more = scheduler.run(found, opened, settings, board)
-    return [proving.beside(plan, [cell for cell in found if cell.matrix == plan.matrix]) for plan in plans], more
+    return [remedy_trials.beside(plan, [cell for cell in found if cell.matrix == plan.matrix]) for plan in plans], more
 
 
 def _repaired(
@@ -125,7 +126,7 @@ def _repaired(
     with progress.Progress(0, 1, reporting.headline) as board:
         more = repair.every(records, opened, settings, board)
     cells = [record.cell for record in more]
-    return [proving.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
+    return [remedy_trials.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
 
 
 def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:
@@ -152,7 +153,7 @@ def _chosen(
 def _committed(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:
     """Seconds of cells in the reports that are committed for these matrices."""
     files = (
-        select_cells.committed_report(catalog.locate(name), plan.matrix)
+        select_cells.committed_report(open_matrix.locate(name), plan.matrix)
         for name, plan in zip(names, plans, strict=True)
     )
     return select_cells.durations(file for file in files if file)

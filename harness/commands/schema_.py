@@ -27,7 +27,7 @@ def _expansion() -> type:
 
 
 def _controls() -> type:
-    from harness.controls import ControlsFile  # noqa: PLC0415
+    from harness.running.controls import ControlsFile  # noqa: PLC0415
 
     return ControlsFile
 
@@ -63,7 +63,7 @@ def _signatures() -> type:
 
 
 def _manifest() -> type:
-    from harness.fetched import Manifest  # noqa: PLC0415
+    from harness.running.offline_bundle import Manifest  # noqa: PLC0415
 
     return Manifest
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document, knowledge
+from harness import document
 from harness.commands import reporting
 from harness.judging.assess import assess
 from harness.machine import store, this_machine
@@ -15,11 +15,12 @@ from harness.machine.files import given_files
 from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
-from harness.scheduler import AUTO
+from harness.running import shipped_signatures
+from harness.running.scheduler import AUTO
 
 if TYPE_CHECKING:
-    from harness import shards
-    from harness.fetched import Fetched
+    from harness.running import shards
+    from harness.running.offline_bundle import Fetched
 
 VERIFYING = "one process per check, failures confirmed, environments checked file by file"
 JOBS = "cells at a time, or auto: as many as there are cores and memory for [cores]"
@@ -37,7 +38,7 @@ def jobs(text: str) -> int:
 
 def shard(text: str) -> shards.Shard:
     """The value of `--shard`."""
-    from harness import shards  # noqa: PLC0415 - start-up
+    from harness.running import shards  # noqa: PLC0415 - start-up
 
     try:
         return shards.Shard.parse(text)
@@ -47,9 +48,9 @@ def shard(text: str) -> shards.Shard:
 
 def fetched_folder(folder: Path) -> Fetched:
     """The value of `--fetched`."""
-    from harness import fetched  # noqa: PLC0415 - start-up
+    from harness.running import offline_bundle  # noqa: PLC0415 - start-up
 
-    return fetched.open_folder(folder)
+    return offline_bundle.open_folder(folder)
 
 
 def committed_report(matrix: Path, name: str) -> Path | None:
@@ -62,7 +63,7 @@ def committed_report(matrix: Path, name: str) -> Path | None:
 
 def durations(files: Iterable[Path]) -> dict[str, float]:
     """Seconds of cells by their ids, from report documents; a later one counts over an earlier one."""
-    from harness import shards  # noqa: PLC0415 - start-up
+    from harness.running import shards  # noqa: PLC0415 - start-up
 
     seconds: dict[str, float] = {}
     for file in files:
@@ -102,7 +103,7 @@ def check_distinct(plans: Sequence[Plan]) -> None:
 
 def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, float]) -> tuple[Cell, ...]:
     """The cells of one shard, none where there are more shards than cells."""
-    from harness import shards  # noqa: PLC0415 - start-up
+    from harness.running import shards  # noqa: PLC0415 - start-up
 
     return shards.split(cells, wanted.count, seconds)[wanted.number - 1]
 
@@ -117,5 +118,5 @@ def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
     record = reporting.kept(opened, here, cell)
     if record is None:
         return False
-    found = assess(record, knowledge.beside(opened.folder), today)
+    found = assess(record, shipped_signatures.beside(opened.folder), today)
     return found.verdict is Verdict.INCONCLUSIVE or found.as_expected is False

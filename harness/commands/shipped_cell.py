@@ -12,7 +12,7 @@ from harness.model.errors import BadInput
 from harness.model.report_types import Document
 
 if TYPE_CHECKING:
-    from harness import lock_files
+    from harness.running import lock_files
 
 
 def ids(pattern: str) -> list[str]:
@@ -34,7 +34,8 @@ def lock_of(cell: str) -> lock_files.Handed:
     if not found:
         message = f"{cell}: has no lock"
         raise BadInput(message)
-    from harness import distilling, lock_files  # noqa: PLC0415 - start-up
+    from harness import distilling  # noqa: PLC0415 - start-up
+    from harness.running import lock_files  # noqa: PLC0415 - start-up
 
     one = found[0]
     return lock_files.Handed(

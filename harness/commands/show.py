@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from harness import catalog, document, entry_failures, knowledge, tables
+from harness import document, entry_failures, tables
 from harness.commands import issuing, reporting, shipped_cell
 from harness.machine import store
 from harness.machine.store import Store
@@ -26,6 +26,7 @@ from harness.model.report_types import (
     SuiteEntry,
     word,
 )
+from harness.running import open_matrix, shipped_signatures
 from harness.standalone.output import print_json
 
 HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
@@ -53,7 +54,7 @@ def main(args: argparse.Namespace) -> int:
     records = _matching(known, args.cell)
     made = _document(records, known, opened) if records else shipped_cell.load(_shipped(known, args.cell))
     if args.lock_out:
-        from harness import lock_files  # noqa: PLC0415 - start-up
+        from harness.running import lock_files  # noqa: PLC0415 - start-up
 
         command = lock_files.write(args.lock_out, shipped_cell.lock_of(made.cells[0].id))
         print(f"lock: {args.lock_out}\ninstall: {command}", file=sys.stderr)
@@ -126,7 +127,7 @@ def _document(records: Sequence[CellRecord], known: Sequence[CellRecord], opened
     planned = Plan(matrix=cell.matrix, cells=tuple(cells.values()), axes=tuple(cell.axes))
     machines = {record.machine: opened.load_machine(record.machine) for record in records}
     locate = reporting.seen_from_here(opened.folder)
-    causes = knowledge.beside(opened.folder)
+    causes = shipped_signatures.beside(opened.folder)
     made = document.build(together, [planned], machines, store.now(), locate, known=causes)
     return document.only(made, {cell.id})
 
@@ -265,7 +266,7 @@ def _again(cell: Cell) -> str:
     if cell.matrix != plan.TRY_MATRIX:
         files = [f"{cell.matrix}.toml", f"matrices/{cell.matrix}.toml"]
         near = next((file for file in files if Path(file).is_file()), files[0])
-        name = cell.matrix if cell.matrix in catalog.built_in() else near
+        name = cell.matrix if cell.matrix in open_matrix.built_in() else near
         return shlex.join(["simmatrix", "run", name, "-k", cell.label, "--fresh"])
     question = cell.question
     options = {

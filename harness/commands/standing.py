@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import document, present, signature_files
+from harness import document, present
 from harness.machine import source_digests, store
 from harness.machine.files import given_files, guarded_files
 from harness.machine.this_machine import Machine
@@ -16,6 +16,7 @@ from harness.model import CellRecord, Plan
 from harness.model.errors import HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import Document
+from harness.running import signature_files
 
 FILES = ("report.json", "report.md")
 WORDS = "README.md"

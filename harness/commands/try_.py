@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from harness import document, knowledge, scheduler
+from harness import document
 from harness.answering import answer
 from harness.commands import ad_hoc_cell, progress, reporting
 from harness.commands.select_cells import VERIFYING
@@ -13,6 +13,7 @@ from harness.judging.exercised import unregistered
 from harness.machine import store, this_machine
 from harness.model import Verdict
 from harness.model.errors import BadInput
+from harness.running import scheduler, shipped_signatures
 from harness.standalone.output import print_json
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."
@@ -38,7 +39,7 @@ def main(args: argparse.Namespace) -> int:
     wrong = unregistered(record)
     if wrong:
         raise BadInput(wrong)
-    known = knowledge.beside(opened.folder)
+    known = shipped_signatures.beside(opened.folder)
     assessed = assess(record, known)
     if args.json:
         here = this_machine.facts()

@@ -22,7 +22,7 @@ IMPORT = re.compile(
 
 @cache
 def digest(module: str) -> str:
-    """Return a digest of the sources of a module (`harness.cellrun`) and all of ours that it imports, itself or not."""
+    """Return a digest of the sources of a module and all of ours that it imports, itself or not."""
     combined = hashlib.sha256()
     for name, path in sorted(imported(module).items()):
         combined.update(name.encode() + b"\0" + path.read_bytes() + b"\0" + _data(path) + b"\0")

@@ -9,14 +9,14 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from harness import knowledge
 from harness.judging.assess import Assessed, assess
 from harness.judging.identity import Failure
 from harness.machine import interpreters, process, this_machine
 from harness.machine.store import Store, cache_folder
 from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
-from harness.scheduler import Beside, Controlled, Observer, Runner, Settings
-from harness.scheduler.pool import Pool, Unknown
+from harness.running import shipped_signatures
+from harness.running.scheduler import Beside, Controlled, Observer, Runner, Settings
+from harness.running.scheduler.pool import Pool, Unknown
 
 
 class Spent(Exception):
@@ -199,7 +199,7 @@ class Bench:
         self.built |= made
 
     def _trial(self, record: CellRecord, began: float, *, at_hand: bool) -> Trial:
-        assessed = assess(record, knowledge.beside(self.store.folder))
+        assessed = assess(record, shipped_signatures.beside(self.store.folder))
         failed = assessed.failure
         return Trial(assessed=assessed, failure=failed, seconds=round(monotonic() - began, 3), at_hand=at_hand)
 

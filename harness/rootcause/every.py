@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from harness import knowledge
 from harness.judging.assess import assess
 from harness.judging.identity import Failure
 from harness.machine.store import Store
@@ -14,6 +13,7 @@ from harness.model import Cell, CellRecord, Change
 from harness.model.vocabulary import required_name
 from harness.rootcause.lab import Lab
 from harness.rootcause.repairing import Repaired, Search, Status
+from harness.running import shipped_signatures
 
 REPAIR = "repair"
 
@@ -49,7 +49,7 @@ class Ended:
 def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[Ended]:
     """Repair the red cells among these, expected or not; `lab` makes a place to try things in for each."""
     solved: list[Solved] = []
-    known = knowledge.beside(opened.folder)
+    known = shipped_signatures.beside(opened.folder)
     for record in records:
         failed = assess(record, known).failure
         if failed is None or record.cell.base:

@@ -20,7 +20,7 @@ from harness.model.signatures import Evidence
 from harness.model.vocabulary import MISLEADING
 from harness.packages import locks
 from harness.rootcause.bench import Bench, Bounds, Trial
-from harness.scheduler import Observer, Settings
+from harness.running.scheduler import Observer, Settings
 from harness.standalone.silent import PREFIX
 
 ORDER = list(Phase)

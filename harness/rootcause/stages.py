@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
-from harness import clues, knowledge, measured, moves
+from harness import clues, measured, moves
 from harness.machine import interpreters, this_machine
 from harness.machine.store import cache_folder
 from harness.model import Cell, Change, Interpreter, Phase
@@ -20,6 +20,7 @@ from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, told, versions
 from harness.rootcause.narrowing import Suspect
+from harness.running import shipped_signatures
 from harness.standalone.silent import PREFIX, plainly_good
 
 TOOLS = ("setuptools", "wheel", "cython", "numpy", "packaging", "setuptools-scm", "pybind11", "cmake",
@@ -110,7 +111,7 @@ def known(place: Place) -> Iterator[Move]:
 def _silent(trial: Trial) -> Iterator[Diagnosis]:
     """Yield the silent issues that a cell which works leaves open."""
     left = {name.removeprefix(PREFIX) for name in trial.assessed.unverified if name.startswith(PREFIX)}
-    known = (one for one in knowledge.known() if one.id in left)
+    known = (one for one in shipped_signatures.known() if one.id in left)
     yield from (Diagnosis(signature=one, phase=None, seen="", told=False) for one in known)
 
 

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from xdist.scheduler import LoadGroupScheduling  # type: ignore[import-untyped]
 
-from harness import scheduler
 from harness.machine.store import digest
 from harness.model import Cell
 from harness.model.errors import HarnessError
-from harness.scheduler import Runner
+from harness.running import scheduler
+from harness.running.scheduler import Runner
 
 Group = Callable[[Iterable[Cell]], Mapping[str, str]]
 

@@ -17,7 +17,7 @@ from harness.judging.assess import assess
 from harness.machine import this_machine
 from harness.model import Cell, CellRecord, Phase, cellid
 from harness.model.errors import HarnessError
-from harness.scheduler import Runner
+from harness.running.scheduler import Runner
 from harness.smoke import PLUGIN, SUITE, frozen, junit
 from harness.smoke import items as tree
 from harness.smoke.measuring import Measuring, Quiet

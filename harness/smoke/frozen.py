@@ -8,11 +8,11 @@ from pathlib import Path
 
 import msgspec
 
-from harness import catalog
 from harness.commands import select_cells
 from harness.machine.store import Store, open_store
 from harness.model import CASE_PHASES, Cell, Phase, Plan
-from harness.scheduler import Settings
+from harness.running import open_matrix
+from harness.running.scheduler import Settings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -53,11 +53,11 @@ def freeze(
 
     What is only `listed` is planned from files alone.
     """
-    planned = [catalog.load(name, say, offline=offline or listed) for name in matrices]
+    planned = [open_matrix.load(name, say, offline=offline or listed) for name in matrices]
     select_cells.check_distinct(planned)
     select_cells.selected([cell for plan in planned for cell in plan.cells], None)
     store = open_store()
-    plans = tuple(plan if listed else catalog.dated(plan, store, offline=offline) for plan in planned)
+    plans = tuple(plan if listed else open_matrix.dated(plan, store, offline=offline) for plan in planned)
     return Frozen(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)
 
 

@@ -10,12 +10,12 @@ from typing import Any, Protocol
 
 import pytest
 
-from harness import knowledge
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
 from harness.machine import store
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan, cellid
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
+from harness.running import shipped_signatures
 from harness.smoke import judging, junit
 from harness.smoke.frozen import Frozen
 from harness.smoke.judging import Ended, Kind
@@ -166,7 +166,7 @@ class VerdictItem(CellItem):
         """How the cell is judged."""
         measuring = self.config.stash[SESSION].measuring
         self.record = measuring.whole(self.cell)
-        found = assess(self.record, knowledge.beside(measuring.store.folder), store.now())
+        found = assess(self.record, shipped_signatures.beside(measuring.store.folder), store.now())
         self.facts = {**self.told_of(self.record), "verdict": found.verdict.value}
         return judging.judged(found)
 

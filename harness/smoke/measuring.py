@@ -11,7 +11,7 @@ from harness.machine import interpreters
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
 from harness.probes import launch
-from harness.scheduler import Controlled, Runner, ways
+from harness.running.scheduler import Controlled, Runner, ways
 from harness.smoke import judging
 from harness.smoke.frozen import Frozen
 

@@ -49,9 +49,9 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     """With `-n auto` a worker per core, and no more than the free memory has room for."""
     if not config.getoption("matrix"):
         return None
-    from harness import scheduler  # noqa: PLC0415 - loaded by every pytest there is
     from harness.machine import free_memory  # noqa: PLC0415 - loaded by every pytest there is
-    from harness.scheduler.past import UNKNOWN_MB  # noqa: PLC0415
+    from harness.running import scheduler  # noqa: PLC0415 - loaded by every pytest there is
+    from harness.running.scheduler.past import UNKNOWN_MB  # noqa: PLC0415
 
     free, cores = free_memory.free_mb(), scheduler.default_jobs()
     return cores if free is None else max(1, min(cores, free // UNKNOWN_MB))

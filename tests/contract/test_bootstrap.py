@@ -10,9 +10,9 @@ from textwrap import dedent
 
 import pytest
 
-from harness import suites
 from harness.machine import interpreters
 from harness.model import Case, Level, Outcome
+from harness.running import own_suites
 
 HERE = sys.executable
 
@@ -266,7 +266,7 @@ def test_the_door_of_suites_tells_of_every_module(tmp_path: Path) -> None:
     write(tmp_path / "spc", own="A = 1\n")
     command = (
         HERE,
-        str(suites.DOOR),
+        str(own_suites.DOOR),
         str(tmp_path / "told"),
         "spc,absent",
         "-q",

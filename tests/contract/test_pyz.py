@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import alone, knowledge, measured
+from harness import alone, measured
 from harness.commands import explain as verb
 from harness.machine import interpreters
+from harness.running import shipped_signatures
 from harness.standalone.explain import explain, explaining, keeping
 
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
@@ -134,7 +135,7 @@ def test_bad_input_is_told(pyz: Path, tmp_path: Path) -> None:
 
 def test_equal_contents_make_an_equal_file(pyz: Path) -> None:
     """Byte for byte, small, and without a path of this machine."""
-    made = alone.content(knowledge.known(), measured.shipped())
+    made = alone.content(shipped_signatures.known(), measured.shipped())
     assert made == pyz.read_bytes()
     assert len(made) < BOUND
     with zipfile.ZipFile(pyz) as archive:

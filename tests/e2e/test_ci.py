@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import catalog, document, pipelines
+from harness import document, pipelines
 from harness.__main__ import main
 from harness.model import CellRecord
+from harness.running import open_matrix
 
 ROOT = Path(__file__).parents[2]
 WORKFLOW = ROOT / ".github" / "workflows" / "simmatrix.yml"
@@ -59,7 +60,7 @@ def linted(*command: str | Path) -> subprocess.CompletedProcess[str]:
 
 def report(file: Path, seconds: float, cells: slice = slice(None)) -> None:
     """A report in which these cells took so long."""
-    plan = catalog.load("matrices/mine.toml", print, offline=True)
+    plan = open_matrix.load("matrices/mine.toml", print, offline=True)
     records = [CellRecord(cell=cell, machine="here", seconds=seconds) for cell in plan.cells[cells]]
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(document.encode(document.build(records, [plan], {"here": {}}, "2026-11-21T12:00:00Z")))

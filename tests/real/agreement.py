@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import present, scheduler
+from harness import present
 from harness.commands.progress import Progress
 from harness.commands.reporting import headline
 from harness.judging.assess import assess
 from harness.machine import store, this_machine
 from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Phase
+from harness.running import scheduler
 
 HERE = Path(__file__).parent
 GOAL = 0.97

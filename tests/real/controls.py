@@ -19,11 +19,11 @@ from urllib.parse import unquote
 from packaging.utils import parse_wheel_filename
 from uv import find_uv_bin
 
-from harness import controls, scheduler
-from harness.controls import ControlTable
 from harness.judging.assess import assess
 from harness.machine import store
 from harness.model import Cell, CellRecord, Verdict
+from harness.running import controls, scheduler
+from harness.running.controls import ControlTable
 
 
 def lock(table: ControlTable, snapshot: str) -> str:

@@ -17,12 +17,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness import catalog, resolving
 from harness.machine import interpreters, store
 from harness.model import Cell, CellRecord, Level, Outcome, Phase, words
 from harness.model.vocabulary import APIS, MISLEADING
 from harness.probes import launch
-from harness.scheduler import Controlled, Runner, Settings
+from harness.running import open_matrix, resolving
+from harness.running.scheduler import Controlled, Runner, Settings
 from harness.smoke.tried import CellUnderTest
 
 HERE = Path(__file__).parent
@@ -72,7 +72,7 @@ def cell(release: dict[str, Any], folder: Path) -> Cell:
     path = folder / "adapters.toml"
     (folder / "modules").symlink_to(HERE.parents[1] / "matrices" / "modules")
     path.write_text("".join(f"{key} = {toml(value)}\n" for key, value in table.items()), encoding="utf-8")
-    (found,) = catalog.load(str(path), print).cells
+    (found,) = open_matrix.load(str(path), print).cells
     return found
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from test_adapters import runner  # noqa: F401 - a fixture
 
-from harness import catalog, knowledge
 from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Outcome, Verdict
-from harness.scheduler import Controlled
+from harness.running import open_matrix, shipped_signatures
+from harness.running.scheduler import Controlled
 
 MATRIX = Path(__file__).parents[2] / "matrices" / "kitchen-twin.toml"
 WHOLE = "py3.9_gymnasium-absent_gym-0.21.0_dm-control-1.0.20_mujoco-3.2.0_whole"
@@ -23,7 +23,7 @@ MASKS = {"ConnectionResetError: [Errno 104] Connection reset by peer", "BrokenPi
 @pytest.fixture(scope="module")
 def cells() -> dict[str, Cell]:
     """The cells of the matrix by their labels."""
-    return {cell.label: cell for cell in catalog.load(str(MATRIX), print).cells}
+    return {cell.label: cell for cell in open_matrix.load(str(MATRIX), print).cells}
 
 
 def checks(record: CellRecord) -> dict[tuple[str, str], tuple[Outcome, str | None, str | None]]:
@@ -51,7 +51,7 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
     mended = {check: ended[0] for (case, check), ended in found.items() if case == "mended"}
     assert {mended["single.loop"], mended["vector.async.fork"]} == {Outcome.PASSED}
     assert set(mended.values()) <= {Outcome.PASSED, Outcome.SKIPPED}
-    judged = assess(record, knowledge.beside(tmp_path))
+    judged = assess(record, shipped_signatures.beside(tmp_path))
     assert (judged.verdict, judged.decisive) == (Verdict.PARTIAL, XML)
     first, *_ = judged.diagnoses
     assert first.signature.id == "mujoco-top-level-default-class"

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from harness import catalog
 from harness.machine import interpreters, process
 from harness.model import Lock, Outcome, Phase, Question, Step
 from harness.packages.environments import environments
 from harness.packages.sources import overlays
+from harness.running import open_matrix
 
 SNAPSHOT = "2026-11-20T23:59:59Z"
 
@@ -39,7 +39,7 @@ def test_gym_021_is_what_its_recipe_says(tmp_path: Path) -> None:
         "strings containing valid project/version requirement specifiers.",
     )
 
-    (recipe,) = [one for one in catalog.recipes(tmp_path)["gym"] if one.version == "0.21.0"]
+    (recipe,) = [one for one in open_matrix.recipes(tmp_path)["gym"] if one.version == "0.21.0"]
     asked = Question(requirements=bare.requirements, constraints=bare.constraints, snapshot=SNAPSHOT, overlay=(recipe,))
     lock = overlays.resolve(asked, python, tmp_path / "state" / "repaired")
     assert isinstance(lock, Lock), lock.decisive

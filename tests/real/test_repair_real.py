@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from harness import catalog, scheduler
 from harness.__main__ import main
 from harness.commands.repair import MINUTES, RUNS, repair
 from harness.machine import interpreters, store
@@ -20,6 +19,7 @@ from harness.model import Cell
 from harness.rootcause.bench import Bounds
 from harness.rootcause.proofs import RepairDocument
 from harness.rootcause.repairing import Status
+from harness.running import open_matrix, scheduler
 
 MATRIX = Path(__file__).parents[2] / "matrices" / "breakages.toml"
 LONG = pytest.mark.skipif("ENDURANCE" not in os.environ, reason="unavailable: ENDURANCE=1, in which it is looked for")
@@ -51,7 +51,7 @@ def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def cells() -> dict[str, Cell]:
     """The cells of the matrix by their labels."""
-    return {cell.label: cell for cell in catalog.load(str(MATRIX), print).cells}
+    return {cell.label: cell for cell in open_matrix.load(str(MATRIX), print).cells}
 
 
 def repaired(cell: Cell) -> RepairDocument:

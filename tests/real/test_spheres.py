@@ -13,7 +13,7 @@ from test_adapters import RELEASES, cell, name, runner  # noqa: F401 - a fixture
 
 from harness.model import Phase
 from harness.probes import launch
-from harness.scheduler import Controlled, Settings
+from harness.running.scheduler import Controlled, Settings
 from harness.smoke.tried import CellUnderTest
 
 HEIGHT, FALLEN = 1.0, 9.81 * 0.002**2 * 50 * 51 / 2

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from harness import catalog, resolving
 from harness.machine import interpreters, store
 from harness.model import CaseRecord, CellRecord, Outcome
-from harness.scheduler import Controlled, Runner, Settings
+from harness.running import open_matrix, resolving
+from harness.running.scheduler import Controlled, Runner, Settings
 
 MODULES = Path(__file__).parents[2] / "matrices" / "modules"
 GYM, GYM_TENSOR, ISAACLAB = WRAPPERS = tuple(f"interop.torchrl.{name}" for name in ("gym", "gym_tensor", "isaaclab"))
@@ -58,7 +58,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> CellRecord:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HARNESS_STATE", str(folder / "state"))
         patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
-        (cell,) = catalog.load(str(folder / "m.toml"), print).cells
+        (cell,) = open_matrix.load(str(folder / "m.toml"), print).cells
         found = Controlled(Runner(store.open_store(), Settings(), resolving.Unobserved())).measure(cell)
     assert found.resolve
     if found.resolve.outcome is Outcome.UNAVAILABLE and "build of torch" in (found.resolve.decisive or ""):

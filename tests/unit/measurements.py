@@ -13,13 +13,14 @@ from typing import Any
 import msgspec
 from packaging.utils import canonicalize_name
 
-from harness import document, entry_failures, knowledge
+from harness import document, entry_failures
 from harness.judging.known_failures import counted
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
 from harness.model.signatures import Around, Evidence, diagnose
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages import locks
+from harness.running import shipped_signatures
 
 ROOT = Path(__file__).parents[2]
 WELL = frozenset({Outcome.PASSED, Outcome.SKIPPED})
@@ -112,7 +113,7 @@ def pins(lines: tuple[str, ...]) -> dict[str, str]:
 
 def of_hand() -> Iterator[Measurement]:
     """Yield the cases of `tests/real/measured.toml`, which were measured without the harness."""
-    known = knowledge.known()
+    known = shipped_signatures.known()
     text = (ROOT / "tests" / "real" / "measured.toml").read_text(encoding="utf-8")
     for number, one in enumerate(tomllib.loads(text)["combination"], start=1):
         lines = tuple(sorted(one["requirements"]))

@@ -16,12 +16,13 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import clues, knowledge
+from harness import clues
 from harness.model import Phase
 from harness.model.signatures import RemedyTable, Signature
 from harness.model.vocabulary import parsed_requirement, required_name
+from harness.running import shipped_signatures
 
-KNOWN = knowledge.known()
+KNOWN = shipped_signatures.known()
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 

@@ -13,7 +13,6 @@ from builders import CHECKS, LETTERS, case, cell, checked, phase, record, step, 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from harness import controls
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import NEEDS
 from harness.model import (
@@ -29,6 +28,7 @@ from harness.model import (
 from harness.model.errors import BadInput
 from harness.model.vocabulary import APIS
 from harness.packages import locks
+from harness.running import controls
 
 COMMITTED = Path(controls.__file__).parents[1] / "matrices" / "controls"
 REACHABLE = ("fnnn", "pfnn", "pppp", "ppfp", "pppf", "ppff", "ppfu", "pppi", "ppss", "punn", "unnn", "innn")

@@ -11,7 +11,7 @@ import pytest
 from builders import case, cell, entry, knowing, phase, record, step, warning
 from specimens import RESET, XML
 
-from harness import entry_failures, knowledge, signature_files, suites
+from harness import entry_failures
 from harness.judging.assess import assess
 from harness.judging.known_failures import Knowledge
 from harness.model import (
@@ -30,6 +30,7 @@ from harness.model import (
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
 from harness.model.signatures import Sighting
+from harness.running import own_suites, shipped_signatures, signature_files
 
 KNOWN = signatures.read(
     {
@@ -194,30 +195,30 @@ def test_kept_texts_are_read_to_a_bound(tmp_path: Path) -> None:
     (tmp_path / "e" / "log.txt").write_text("begin" + "x" * 100_000 + "end")
     (tmp_path / "e" / "first.png").write_bytes(b"\x89")
     (tmp_path / "uv.log").write_text("short")
-    read = knowledge.texts(tmp_path / "e")["log.txt"]
+    read = shipped_signatures.texts(tmp_path / "e")["log.txt"]
     assert (read[:5], read[-3:], len(read) < 65_000) == ("begin", "end", True)
-    assert list(knowledge.texts(tmp_path / "e")) == ["log.txt"]
-    assert knowledge.texts(tmp_path / "uv.log") == {"uv.log": "short"}
-    assert knowledge.texts(tmp_path / "gone") == {}
+    assert list(shipped_signatures.texts(tmp_path / "e")) == ["log.txt"]
+    assert shipped_signatures.texts(tmp_path / "uv.log") == {"uv.log": "short"}
+    assert shipped_signatures.texts(tmp_path / "gone") == {}
 
 
 def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From another folder where the user says so, from none if that is empty; a wrong one is told."""
     monkeypatch.setenv(signature_files.VARIABLE, "")
-    assert knowledge.known() == ()
+    assert shipped_signatures.known() == ()
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
     with pytest.raises(BadInput, match="is no folder; HARNESS_SIGNATURES names the folder of the signatures"):
-        knowledge.known()
+        shipped_signatures.known()
 
 
 def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What the pytest items and `--only-failed` ask is free for other cells."""
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
-    assert assess(MASKED, knowledge.beside(tmp_path)).as_expected is False
+    assert assess(MASKED, shipped_signatures.beside(tmp_path)).as_expected is False
     monkeypatch.delenv(signature_files.VARIABLE)
     reset = replace(VECTOR, decisive=RESET, checks=())
     made = replace(expecting("worker-connection-reset"), cases=(case("ppfp", vector=reset),))
-    assert assess(made, knowledge.beside(tmp_path)).as_expected is True
+    assert assess(made, shipped_signatures.beside(tmp_path)).as_expected is True
 
 
 def test_the_cause_of_a_suite_without_an_environment() -> None:
@@ -235,7 +236,7 @@ remedy = { requirements = ["box2d"] }
     made = record(
         case("pppp"),
         of=cell(cases=["ant"], subject=Subject(source=".", suite=Suite())),
-        suite=suites.not_run("the environment of the tests cannot be made: exit code 1", refused),
+        suite=own_suites.not_run("the environment of the tests cannot be made: exit code 1", refused),
     )
     logs = {"build.txt": "running build_ext\nerror: command 'swig' failed: No such file or directory"}
     knowing = Knowledge(signatures=lambda: signatures.read({"k.toml": swig}), logs=lambda _: logs)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import garbage
-from harness.garbage import DAY, Disk, Item, Kind, Places
 from harness.probes.evidence import End, Host, ProbeRun, Request, folder_of
 from harness.probes.vault import Vault
+from harness.running import cleanup
+from harness.running.cleanup import DAY, Disk, Item, Kind, Places
 
 NOW = 1_800_000_000.0
 
@@ -44,7 +44,7 @@ def environment(places: Places, key: str, days: float, *, whole: bool = True) ->
 
 def found(places: Places) -> dict[str, Item]:
     """What could go, by the name of its first folder or file."""
-    return {item.paths[0].name: item for item in garbage.find(places, Disk(), NOW)}
+    return {item.paths[0].name: item for item in cleanup.find(places, Disk(), NOW)}
 
 
 def waste(places: Places) -> set[str]:
@@ -157,8 +157,8 @@ class TestState:
         for path in places.state.rglob("*"):
             os.utime(path, (NOW - 10 * DAY, NOW - 10 * DAY))
 
-        assert {item.kind for item in garbage.find(places, Disk(), NOW)} == {Kind.EVIDENCE}  # of `other`: only links
-        asked = garbage.find(replace(places, evidence=True), Disk(), NOW)
+        assert {item.kind for item in cleanup.find(places, Disk(), NOW)} == {Kind.EVIDENCE}  # of `other`: only links
+        asked = cleanup.find(replace(places, evidence=True), Disk(), NOW)
         gone = {item.paths[0] for item in asked if item.kind is Kind.RUN}
         assert gone == {
             vault.folder / "ac" / "22" / ("2" * 30),
@@ -174,7 +174,7 @@ class TestState:
 
     def test_no_state(self, tmp_path: Path, places: Places) -> None:
         """Where nothing was run there is nothing to look at, and no folder is made."""
-        assert garbage.find(Places(cache=places.cache, state=tmp_path / "none"), Disk(), NOW) is not None
+        assert cleanup.find(Places(cache=places.cache, state=tmp_path / "none"), Disk(), NOW) is not None
         assert not (tmp_path / "none").exists()
 
 
@@ -185,7 +185,7 @@ class TestSizes:
         (second / "shared.bin").write_bytes(b"x" * 1_000_000)
         (first / "shared.bin").hardlink_to(second / "shared.bin")
         disk = Disk()
-        one, two = garbage.find(places, disk, NOW)
+        one, two = cleanup.find(places, disk, NOW)
 
         alone = disk.without(one.inodes)
 
@@ -201,12 +201,12 @@ class TestSizes:
             os.utime(folder, (NOW - days * DAY, NOW - days * DAY))
         environment(places, "unfinished", 0, whole=False)
         disk = Disk()
-        items = garbage.find(places, disk, NOW)
+        items = cleanup.find(places, disk, NOW)
         size = disk.size(inode for item in items for inode in item.inodes)
 
         def names(**limits: float | int | None) -> list[str]:
             asked = {"before": None, "most": None} | limits
-            chosen = garbage.chosen(items, Disk(sizes=disk.sizes), size, before=asked["before"], most=asked["most"])  # type: ignore[arg-type]
+            chosen = cleanup.chosen(items, Disk(sizes=disk.sizes), size, before=asked["before"], most=asked["most"])  # type: ignore[arg-type]
             return [item.paths[0].name for item in chosen]
 
         assert names() == ["unfinished"]

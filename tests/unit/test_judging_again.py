@@ -13,7 +13,7 @@ import pytest
 from readings import CASE, DIED, FAILED, GOOD, HERE, Check, asked, lines, passed
 from specimens import GENERATED, MACHINES, cell, record
 
-from harness import catalog, document, packs
+from harness import document, packs
 from harness.__main__ import main
 from harness.commands import reporting
 from harness.judging import case as judging
@@ -25,6 +25,7 @@ from harness.model import CellRecord, Expectation, Plan, Verdict
 from harness.model.report_types import Document
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun
 from harness.probes.vault import Vault, kept
+from harness.running import open_matrix
 
 CRASH = End(signal=11, seconds=2.0)
 RED = Expectation(verdict=Verdict.PARTIAL, reason="known", match="no camera")
@@ -142,7 +143,7 @@ def quickstart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "reports/quickstart", tmp_path / "quickstart")
     shutil.copytree(ROOT / "matrices", tmp_path / "matrices")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(catalog, "PACKAGE", tmp_path)
+    monkeypatch.setattr(open_matrix, "PACKAGE", tmp_path)
     return tmp_path / "matrices/quickstart.toml"
 
 

@@ -14,10 +14,10 @@ import msgspec
 import pytest
 
 from harness import document
-from harness.knowledge import known
 from harness.model import Observed, Phase, words
 from harness.model.signatures import Around, Evidence, Sighting, Signature, diagnose
 from harness.model.words import VIOLATION
+from harness.running.shipped_signatures import known
 from harness.standalone import matching
 from harness.standalone.lines import bounded
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from builders import asking
 
-from harness import document, shards
+from harness import document
 from harness.commands import select_cells
 from harness.model import Cell
 from harness.model.errors import BadInput
+from harness.running import shards
 
 
 def cell(name: str, question: str = "", python: str = "3.11") -> Cell:

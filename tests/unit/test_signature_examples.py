@@ -9,11 +9,12 @@ import pytest
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import document, knowledge, signature_files
+from harness import document
 from harness.model import Verdict, signatures
 from harness.model.report_types import CellEntry
 from harness.model.signatures import Around, Evidence, Signature, diagnose
 from harness.model.vocabulary import parsed_requirement
+from harness.running import shipped_signatures, signature_files
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "matrices" / signature_files.FOLDER
@@ -87,7 +88,7 @@ def texts(folder: Path, cell: CellEntry) -> tuple[str, ...]:
     """All that was kept of a green cell: its findings, reasons and log."""
     said = [found.text for found in cell.findings]
     said += [line for case in cell.cases for line in (*case.reasons.values(), *case.masked.values())]
-    kept = knowledge.texts(folder / cell.evidence) if cell.evidence else {}
+    kept = shipped_signatures.texts(folder / cell.evidence) if cell.evidence else {}
     return (*said, *(text for name, text in kept.items() if not name.endswith(".jsonl")))
 
 

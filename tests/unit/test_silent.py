@@ -12,12 +12,13 @@ from builders import case, drawn, entry, knowing, record
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from harness import change_effects, document, knowledge
+from harness import change_effects, document
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict, signatures
 from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.model.signatures import Signature
+from harness.running import shipped_signatures
 from harness.standalone import silent
 from harness.standalone.silent import Exercised
 
@@ -161,7 +162,7 @@ def spoken_of(one: Signature, tested: CaseEntry) -> bool:
 
 def test_no_committed_green_fits_a_silent_issue_without_saying_so() -> None:
     """Each case that one fits misleads by its check, or says that it is left open, unless the check refuted it."""
-    issues = [one for one in knowledge.known() if one.silent]
+    issues = [one for one in shipped_signatures.known() if one.silent]
     fitting = [
         (entry, tested, one)
         for made in committed()
@@ -187,6 +188,6 @@ def test_no_committed_green_fits_a_silent_issue_without_saying_so() -> None:
 
 def test_silent_issues_are_read_apart() -> None:
     """Reading them alone gives what reading all of them gives."""
-    whole = [one.as_file for one in knowledge.known() if one.silent]
+    whole = [one.as_file for one in shipped_signatures.known() if one.silent]
     assert len(whole) > 5
-    assert [one.as_file for one in knowledge.silent()] == whole
+    assert [one.as_file for one in shipped_signatures.silent()] == whole

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from harness import scheduler
 from harness.machine import free_memory
+from harness.running import scheduler
 from harness.smoke import plugin
 
 

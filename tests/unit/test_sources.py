@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness import cellrun
 from harness.commands import standing
 from harness.machine import source_digests
+from harness.running import case_run
 
 PACKAGE = Path(harness.__file__).parent
 
@@ -38,7 +38,9 @@ def parsed(module: str) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("module", ["harness.cellrun", "harness.suites", "harness.commands.reporting"])
+@pytest.mark.parametrize(
+    "module", ["harness.running.case_run", "harness.running.own_suites", "harness.commands.reporting"]
+)
 def test_nothing_that_is_imported_is_missed(module: str) -> None:
     """The quick reading of import lines finds what the compiler finds."""
     assert set(source_digests.imported(module)) == parsed(module)
@@ -50,7 +52,7 @@ JUDGING = ("judging.case", "judging.check", "judging.fold", "judging.todo", "mis
 @pytest.mark.parametrize("module", [*JUDGING, "standalone.lines", "wire"])
 def test_what_judges_a_probe_is_part_of_a_mark(module: str) -> None:
     """The record of a cell is judged again when any module changes that has a say in an outcome, line or finding."""
-    assert any(f"harness.{module}" in source_digests.imported(one) for one in cellrun.JUDGING)
+    assert any(f"harness.{module}" in source_digests.imported(one) for one in case_run.JUDGING)
 
 
 def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

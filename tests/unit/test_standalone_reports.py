@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from harness import document, entry_failures, knowledge
+from harness import document, entry_failures
 from harness.judging import failure_texts
 from harness.model import Verdict
 from harness.model.report_types import CellEntry
+from harness.running import shipped_signatures
 from harness.standalone import matching
 from harness.standalone.explain.explaining import Explained, Here, explained
 
@@ -20,7 +21,7 @@ ENOUGH = 0.9
 @cache
 def known() -> tuple[matching.Known, ...]:
     """The known failures as what stands alone reads them."""
-    return tuple(matching.read(one.as_file) for one in knowledge.known())
+    return tuple(matching.read(one.as_file) for one in shipped_signatures.known())
 
 
 def cells() -> Iterator[tuple[Path, CellEntry]]:
@@ -34,7 +35,7 @@ def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
     count = 0
     for folder, cell in cells():
         if cell.verdict is Verdict.WORKS and cell.evidence:
-            for name, text in knowledge.texts(folder / cell.evidence).items():
+            for name, text in shipped_signatures.texts(folder / cell.evidence).items():
                 if not name.endswith(".jsonl") and text.strip():
                     made = explained(text, known())
                     assert (made.told.decisive, made.cause) == (None, None), (cell.id, name)
@@ -64,4 +65,4 @@ def made(text: str, cell: CellEntry) -> Explained:
 def said(folder: Path, cell: CellEntry) -> Iterator[str]:
     """What a cell wrote, and the tracebacks of its replies."""
     if cell.evidence and cell.phase:
-        yield from failure_texts.written(knowledge.texts(folder / cell.evidence), cell.phase)
+        yield from failure_texts.written(shipped_signatures.texts(folder / cell.evidence), cell.phase)

@@ -19,7 +19,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion
 from packaging.version import Version as TheirVersion
 
-from harness import knowledge
+from harness.running import shipped_signatures
 from harness.standalone import requirements, versions
 from harness.standalone.requirements import Requirement
 from harness.standalone.versions import Specifiers, Version
@@ -50,7 +50,7 @@ def corpus() -> tuple[tuple[str, ...], tuple[str, ...]]:
     for one in metadata.distributions():
         asked.update(one.requires or ())
         found.add(one.version)
-    for signature in knowledge.known():
+    for signature in shipped_signatures.known():
         asked.update(str(text) for part in signature.packages for text in part.requirements)
     for name in re.findall(r'"([A-Za-z][\w.-]*(?:\[\w+\])?[=<>!~][^"]*)"', " ".join(_matrices())):
         asked.add(name)
@@ -248,7 +248,7 @@ def test_a_missing_variable_is_told() -> None:
 
 def test_every_signature_can_be_read_without_a_library() -> None:
     """Its packages and its Pythons."""
-    for one in knowledge.known():
+    for one in shipped_signatures.known():
         for part in one.packages:
             for text in part.requirements:
                 assert requirements.requirement(str(text)).name == canonicalize_name(Theirs(text).name)

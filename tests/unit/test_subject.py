@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, plain, record
 
-from harness import document, model, suites
+from harness import document, model
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
 from harness.judging.pytest_report import Report, outcome_of
@@ -30,6 +30,7 @@ from harness.model import (
 from harness.model.errors import BadInput
 from harness.model.vocabulary import SELF
 from harness.packages import package_under_test
+from harness.running import own_suites
 
 AXES = 'axes = { python = ["3.11"] }\n'
 PYTHON = interpreter()
@@ -260,7 +261,7 @@ def test_packages_of_a_suite(suite: Suite, more: tuple[str, ...]) -> None:
     """The suite's environment holds the cell's packages at the cell's versions, what its tests need, and pytest."""
     own = Subject(source=".", suite=suite)
     cell_question = asked(own)
-    question = suites.question(cell_question, locked(numpy="1.26.4", new="2"), own, OWN, PYTHON)
+    question = own_suites.question(cell_question, locked(numpy="1.26.4", new="2"), own, OWN, PYTHON)
 
     assert question.constraints == ("numpy==1.26.4", "new==2")
     assert sorted(question.requirements) == sorted({*cell_question.requirements, *more})
@@ -272,7 +273,7 @@ def test_a_suite_asks_for_extras_by_their_key() -> None:
     own = Subject(source=".", suite=Suite(requirements=("own[draw]",)))
 
     with pytest.raises(BadInput) as error:
-        suites.question(asked(own), locked(numpy="1.26.4"), own, OWN, PYTHON)
+        own_suites.question(asked(own), locked(numpy="1.26.4"), own, OWN, PYTHON)
 
     assert str(error.value) == (
         "own is the subject, which no requirement, override or axis may name; its extras are for `suite.extras`"
@@ -293,7 +294,7 @@ def test_what_was_installed_is_taken_out_of_the_copy(tmp_path: Path) -> None:
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).write_text(text)
 
-    suites.without(copy, replace(OWN, path=tmp_path / "own-1.0-py3-none-any.whl"))
+    own_suites.without(copy, replace(OWN, path=tmp_path / "own-1.0-py3-none-any.whl"))
 
     assert sorted(path.relative_to(copy).as_posix() for path in copy.rglob("*.py")) == [
         "examples/own/__init__.py",
@@ -309,9 +310,9 @@ def test_a_moved_pin_is_told() -> None:
     """A package of the cell that the tests' lock holds at another version, or not at all, is named."""
     cell_lock = locked(numpy="2.1.0", new="2", jax="1")
 
-    assert suites.moved(cell_lock, locked(numpy="2.1.0", new="2", jax="1", pytest="8")) is None
+    assert own_suites.moved(cell_lock, locked(numpy="2.1.0", new="2", jax="1", pytest="8")) is None
     assert (
-        suites.moved(cell_lock, locked(numpy="1.26.4", jax="1"))
+        own_suites.moved(cell_lock, locked(numpy="1.26.4", jax="1"))
         == "the tests ask for numpy 1.26.4 instead of 2.1.0, new gone instead of 2"
     )
 
@@ -472,7 +473,7 @@ def test_a_suite_that_was_not_run_is_named(ended: Outcome | None, told: tuple[st
 def test_a_suite_without_an_environment_leaves_the_verdict_to_the_cases() -> None:
     """Tests that could not be run are named with the reason: exit code 3, and 1 where a case failed besides."""
     refused = Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive="no swig", log="evidence/build")
-    suite = suites.not_run("the environment of the tests cannot be made: no swig", refused)
+    suite = own_suites.not_run("the environment of the tests cannot be made: no swig", refused)
     own = Subject(source=".", suite=Suite())
     for letters, expected, code in (("pppp", Verdict.WORKS, 3), ("pfnn", Verdict.BROKEN, 1)):
         tried = case(letters)
@@ -502,7 +503,7 @@ def test_a_suite_without_an_environment_leaves_the_verdict_to_the_cases() -> Non
 )
 def test_how_a_suite_that_cannot_be_run_ends(step: Step, expected: Outcome) -> None:
     """Packages at fault leave it out of reach; the network and this machine stay what they are."""
-    assert suites.not_run("why", step).outcome is expected
+    assert own_suites.not_run("why", step).outcome is expected
 
 
 def test_no_suite_no_phase() -> None:

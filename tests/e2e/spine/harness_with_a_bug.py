@@ -6,14 +6,14 @@ import os
 import sys
 from typing import Any
 
-from harness import cellrun
 from harness.__main__ import main
-from harness.scheduler import control, runner
+from harness.running import case_run
+from harness.running.scheduler import control, runner
 
 PLACES: dict[str, tuple[Any, str]] = {
     "lock": (runner.Runner, "lock"),
     "install": (runner.Runner, "_installed"),
-    "measure": (cellrun, "run_case"),
+    "measure": (case_run, "run_case"),
     "store": (runner.Runner, "keep"),
     "control": (control, "due"),
 }

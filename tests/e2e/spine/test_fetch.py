@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from commandline import Desk, Ran
 
-from harness import fetching
+from harness.running import offline_collect
 
 MATRIX = """
 index = { default = "@INDEX@" }
@@ -229,7 +229,7 @@ def test_a_python_of_uvs_is_packed_and_runs_elsewhere(tmp_path: Path) -> None:
     (folder / "bin/python").symlink_to("python3.99")
     (folder / "lib/__pycache__").mkdir(parents=True)
 
-    fetching.pack(folder, tmp_path / "pythons" / f"{folder.name}.tar")
+    offline_collect.pack(folder, tmp_path / "pythons" / f"{folder.name}.tar")
     unpacked = tmp_path / "elsewhere"
     shutil.unpack_archive(tmp_path / "pythons" / f"{folder.name}.tar", unpacked, filter="data")
 

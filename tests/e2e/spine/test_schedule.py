@@ -14,12 +14,12 @@ import pytest
 from commandline import SMALL, Desk
 from test_fetch import Index
 
-from harness import catalog, scheduler
 from harness.commands import progress, reporting
 from harness.machine import interpreters, store
 from harness.machine.files.file_locks import exclusive
 from harness.machine.free_memory import Reading
 from harness.model import Phase
+from harness.running import open_matrix, scheduler
 
 PATIENCE = 60.0
 GATES = """
@@ -91,7 +91,7 @@ def resolving(desk: Desk, monkeypatch: pytest.MonkeyPatch, matrix: Path) -> list
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     monkeypatch.setenv("HARNESS_STATE", str(desk.state))
     opened = store.open_store()
-    plan = catalog.dated(catalog.load(str(matrix), print), opened)
+    plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
     host = interpreters.find("host")
     assert host
     return [opened.claim_file(store.question_key(cell.question, host)) for cell in plan.cells]
@@ -143,7 +143,7 @@ def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     monkeypatch.setenv("HARNESS_STATE", str(desk.state))
     opened = store.open_store()
-    plan = catalog.dated(catalog.load(str(desk.matrix("m", GATES + TWO_GATES)), print), opened)
+    plan = open_matrix.dated(open_matrix.load(str(desk.matrix("m", GATES + TWO_GATES)), print), opened)
     settings = scheduler.Settings(
         jobs=scheduler.AUTO, until=Phase.SINGLE, reading=lambda: Reading(free_mb=free, held_mb=(0, 0))
     )

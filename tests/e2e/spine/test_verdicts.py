@@ -8,7 +8,6 @@ import shutil
 import pytest
 from commandline import Desk, Measured
 
-from harness import cellrun
 from harness.judging.assess import assess
 from harness.machine import interpreters, process, this_machine
 from harness.model import Case, Cell, CellRecord, IndexSettings, Outcome, Phase, Question, Step, Verdict
@@ -18,6 +17,7 @@ from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
+from harness.running import case_run
 
 EARLY = {
     "works": ("works", None, None, None),
@@ -167,7 +167,7 @@ def _probed(
         (folder / "bin" / "python").symlink_to(python)
     case = Case(id="c", env=env, api="gymnasium", checks=("import.modules", "single.loop"), memory_mb=memory_mb)
     cell = Cell(id="m/c", matrix="m", axes={}, python="host", question=question, environment={}, cases=(case,))
-    context = cellrun.Context(
+    context = case_run.Context(
         laboratory=Laboratory(
             vault=Vault(desk.state),
             site=lambda: launch.Site(
@@ -184,5 +184,5 @@ def _probed(
     )
     passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED)
     install = Step(phase=Phase.INSTALL, outcome=Outcome.PASSED)
-    cases = (cellrun.run_case(context, case),)
+    cases = (case_run.run_case(context, case),)
     return CellRecord(cell=cell, machine="m", python=host.version, resolve=passed, install=install, cases=cases)

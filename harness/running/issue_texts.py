@@ -9,7 +9,7 @@ import msgspec
 from harness.judging import known_issues
 from harness.judging.known_issues import Issue
 from harness.machine import store
-from harness.signature_files import files
+from harness.running.signature_files import files
 
 
 def load() -> tuple[Issue, ...]:
@@ -23,7 +23,7 @@ def load() -> tuple[Issue, ...]:
 
 
 def _made() -> bytes:
-    from harness import knowledge  # noqa: PLC0415 - start-up
     from harness.judging.known_issues import of  # noqa: PLC0415 - start-up
+    from harness.running import shipped_signatures  # noqa: PLC0415 - start-up
 
-    return msgspec.json.encode(tuple(map(of, knowledge.known())))
+    return msgspec.json.encode(tuple(map(of, shipped_signatures.known())))

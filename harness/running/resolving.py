@@ -6,12 +6,12 @@ import sysconfig
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from harness import scheduler
 from harness.machine import process
 from harness.machine.store import Store
 from harness.matrix.plan import Ask
 from harness.model import Cell, CellRecord, Outcome
 from harness.model.errors import CouldNotTell
+from harness.running import scheduler
 
 
 class Unobserved:

@@ -20,7 +20,6 @@ from typing import Literal
 
 import msgspec
 
-from harness import controls
 from harness.machine import interpreters
 from harness.machine.files import given_files, guarded_files
 from harness.machine.files.file_locks import exclusive
@@ -29,6 +28,7 @@ from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase
 from harness.model.errors import BadInput
 from harness.packages import locks
 from harness.packages.sources import builds
+from harness.running import controls
 
 MANIFEST = "manifest.json"
 

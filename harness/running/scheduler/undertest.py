@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from harness import model, suites
+from harness import model
 from harness.judging import suite as judging
 from harness.machine import this_machine
 from harness.machine.store import Installed, Store, digest
@@ -31,9 +31,10 @@ from harness.packages.package_under_test import Ready
 from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
-from harness.scheduler.once import Once
-from harness.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
-from harness.scheduler.settings import Observer, Settings
+from harness.running import own_suites
+from harness.running.scheduler.once import Once
+from harness.running.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
+from harness.running.scheduler.settings import Observer, Settings
 
 
 class Owner(Protocol):
@@ -149,15 +150,15 @@ class Suite:
         """Resolve and install what it needs; raises Unknown where that was not done before and `quick` forbids it."""
         assert self.cell.subject
         asked, subject = self.cell.question, self.cell.subject
-        question = suites.question(asked, self.lock, subject, self.tested, self.interpreter)
+        question = own_suites.question(asked, self.lock, subject, self.tested, self.interpreter)
         lock, step = self.owner.lock(question, self.interpreter, quick=quick)
         if lock is None:
             told = f"the tests cannot have their packages beside the cell's: {step.decisive}"
-            self.failed = suites.not_run(told, step)
+            self.failed = own_suites.not_run(told, step)
             return
-        moved = suites.moved(self.lock, lock)
+        moved = own_suites.moved(self.lock, lock)
         if moved:
-            self.failed = suites.not_run(moved, Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=moved))
+            self.failed = own_suites.not_run(moved, Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=moved))
             return
         self.pool = Pool(self.owner, replace(self.cell, question=question), lock, self.interpreter)
         known = self.pool.kept()
@@ -166,9 +167,9 @@ class Suite:
         known = known or self.pool.install()
         if known.failed:
             decisive = f"the environment of the tests cannot be made: {known.failed.decisive}"
-            self.failed = suites.not_run(decisive, known.failed)
+            self.failed = own_suites.not_run(decisive, known.failed)
             return
-        tests = (subject.suite, subject.state, launch.file_hash(suites.DOOR))
+        tests = (subject.suite, subject.state, launch.file_hash(own_suites.DOOR))
         self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)
 
     def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
@@ -207,7 +208,7 @@ class Suite:
         base = self.pool.environment()
         environment = on_top(self.owner, self.pool, self.tested)
         vault, known = Vault(self.owner.store.folder), self._known()
-        bench = suites.Bench(
+        bench = own_suites.Bench(
             subject=self.cell.subject,
             known=self.tested,
             site=self.site(environment, base),

@@ -22,19 +22,19 @@ from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import Any
 
-from harness import controls
 from harness.machine import process, this_machine
 from harness.machine.files.file_locks import Claim, claim
 from harness.machine.store import Store, digest
 from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.probes.vault import Vault
-from harness.scheduler import cell_faults
-from harness.scheduler.control import Controlled
-from harness.scheduler.past import Past
-from harness.scheduler.records import stopped
-from harness.scheduler.room import Room
-from harness.scheduler.runner import Prepared, Runner
-from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
+from harness.running import controls
+from harness.running.scheduler import cell_faults
+from harness.running.scheduler.control import Controlled
+from harness.running.scheduler.past import Past
+from harness.running.scheduler.records import stopped
+from harness.running.scheduler.room import Room
+from harness.running.scheduler.runner import Prepared, Runner
+from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 
 PREPARING = 3
 """Groups of cells that are resolved and installed at a time, beside the probes."""

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness import knowledge
 from harness.machine.files import given_files
 from harness.machine.store import Store, now, write_atomic
 from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, version_ranges
@@ -19,11 +18,12 @@ from harness.matrix.matrix_types import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import suggestion
+from harness.running import shipped_signatures
 
 if TYPE_CHECKING:
-    from harness.fetched import Fetched
+    from harness.running.offline_bundle import Fetched
 
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parent.parent
 OVERLAYS = "overlays"
 
 
@@ -61,7 +61,7 @@ def load(
     path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrix_file.read(_text(path), str(path))
     if matrix_remedies.named(matrix):
-        matrix = matrix_remedies.filled(matrix, knowledge.known())
+        matrix = matrix_remedies.filled(matrix, shipped_signatures.known())
     breaks = _breaks() if matrix.strategy.boundaries else version_ranges.NO_BREAKS
     expanded = _expansion(matrix, path, say, offline=offline, renew=renew)
     sources = {source: _text(path.parent / source, place) for source, place in matrix_file.sources(matrix).items()}
@@ -183,7 +183,7 @@ def _asked(ask: plan.Ask, matrix: Matrix, folder: Path, cells: Sequence[Cell]) -
 
 
 def _breaks() -> version_ranges.Breaks:
-    path = PACKAGE / "breaks.toml"
+    path = PACKAGE / "running" / "breaks.toml"
     return version_ranges.read_breaks(_text(path), path.name)
 
 

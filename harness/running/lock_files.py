@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import catalog
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.matrix import overlay_recipes
@@ -16,6 +15,7 @@ from harness.model.errors import CouldNotTell
 from harness.packages import locks
 from harness.packages.index_settings import NOTHING
 from harness.packages.sources import overlays
+from harness.running import open_matrix
 
 WHEELS = "-wheels"
 
@@ -72,5 +72,5 @@ def install(path: Path, python: str, wheels: Path | None = None) -> str:
 def _patched(lock: str) -> tuple[Repair, ...]:
     """Return the recipes of the patched wheels that a lock holds."""
     hashes = [mark for _, marks in locks.pinned(lock).values() for mark in marks]
-    known = [repair for made in catalog.recipes(Path("matrices")).values() for repair in made]
+    known = [repair for made in open_matrix.recipes(Path("matrices")).values() for repair in made]
     return overlay_recipes.used(known, hashes)

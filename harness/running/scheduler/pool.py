@@ -12,8 +12,8 @@ from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
 from harness.packages.environments import first_import
-from harness.scheduler.once import Once
-from harness.scheduler.settings import Observer, Settings
+from harness.running.scheduler.once import Once
+from harness.running.scheduler.settings import Observer, Settings
 
 if TYPE_CHECKING:
     from harness.packages.environments.environments import Environment

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-from harness import controls
 from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.model.errors import BadInput
-from harness.scheduler import cell_faults
-from harness.scheduler.pool import Unknown
-from harness.scheduler.runner import Runner
-from harness.scheduler.settings import Observer
+from harness.running import controls
+from harness.running.scheduler import cell_faults
+from harness.running.scheduler.pool import Unknown
+from harness.running.scheduler.runner import Runner
+from harness.running.scheduler.settings import Observer
 
 
 @dataclass(frozen=True, slots=True)

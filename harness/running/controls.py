@@ -89,7 +89,7 @@ def folder() -> Path | None:
     named = os.environ.get(VARIABLE)
     if named is not None:
         return Path(named) if named else None
-    package = Path(__file__).parent
+    package = Path(__file__).parent.parent
     inside = package / "matrices" / MATRIX
     return inside if inside.is_dir() else package.parent / "matrices" / MATRIX
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness import cellrun
 from harness.judging.exercised import unregistered
 from harness.machine import interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
@@ -32,18 +31,19 @@ from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
-from harness.scheduler import cell_faults, ways
-from harness.scheduler.brought import Luggage, missing
-from harness.scheduler.lasting import lasts
-from harness.scheduler.once import Once
-from harness.scheduler.pool import NoEnvironment, Pool, Unknown, code_folder, conditioned, outdated
-from harness.scheduler.records import finished, not_reached, stopped, with_modules
-from harness.scheduler.settings import Observer, Settings
+from harness.running import case_run
+from harness.running.scheduler import cell_faults, ways
+from harness.running.scheduler.brought import Luggage, missing
+from harness.running.scheduler.lasting import lasts
+from harness.running.scheduler.once import Once
+from harness.running.scheduler.pool import NoEnvironment, Pool, Unknown, code_folder, conditioned, outdated
+from harness.running.scheduler.records import finished, not_reached, stopped, with_modules
+from harness.running.scheduler.settings import Observer, Settings
 
 if TYPE_CHECKING:
     from harness.packages.environments.environments import Environment
     from harness.packages.package_under_test import Ready
-    from harness.scheduler import undertest
+    from harness.running.scheduler import undertest
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -56,7 +56,7 @@ class Prepared:
     """
 
     record: CellRecord
-    context: cellrun.Context | None = None
+    context: case_run.Context | None = None
     cases: tuple[Case, ...] = ()
     suite: undertest.Suite | None = None
     claims: tuple[str, ...] = ()
@@ -147,13 +147,13 @@ class Runner:
             raise CouldNotTell(message)
         return record if ready.told else finished(record)
 
-    def _case(self, cell: Cell, context: cellrun.Context, case: Case) -> CaseRecord:
+    def _case(self, cell: Cell, context: case_run.Context, case: Case) -> CaseRecord:
         try:
-            return cellrun.run_case(context, case)
+            return case_run.run_case(context, case)
         except NoEnvironment:
             raise
         except Exception as error:
-            return cellrun.untold(case, cell_faults.fault(self, cell, Phase.IMPORT, error))
+            return case_run.untold(case, cell_faults.fault(self, cell, Phase.IMPORT, error))
 
     # --- resolving -------------------------------------------------------------------------------------------------
 
@@ -243,7 +243,7 @@ class Runner:
         if cell.subject is None:
             return cell, None
         from harness.packages import package_under_test  # noqa: PLC0415 - start-up
-        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
 
         tested = undertest.ready(self, cell, interpreter, quick=quick)
         if isinstance(tested, Step):
@@ -305,7 +305,7 @@ class Runner:
             return Prepared(record=stopped(record, failure.step))
 
     def _extended(self, known: Installed, tested: Ready) -> Installed:
-        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
 
         return undertest.extended(known, tested)
 
@@ -314,12 +314,12 @@ class Runner:
     ) -> Prepared:
         context = self._context(record, pool, tested)
         cases = tuple(with_modules(case, known) for case in record.cell.cases)
-        mark = digest(cellrun.mark(context, cases, record.lock_sha256), sorted(record.supplied.items()))
+        mark = digest(case_run.mark(context, cases, record.lock_sha256), sorted(record.supplied.items()))
         record = record if tested else replace(record, mark=mark)
         told = self._told(record)
         if told:
             return Prepared(record=told, told=True)
-        stored = [cellrun.stored_case(context, case) for case in cases]
+        stored = [case_run.stored_case(context, case) for case in cases]
         found = tuple(one for one in stored if one)
         suite = self._suite(record, pool, tested, quick=quick)
         if len(found) == len(stored):
@@ -330,7 +330,7 @@ class Runner:
         if quick:
             raise Unknown
         self._place(pool, tested)
-        claims = {cellrun.claim(context, case) for case, one in zip(cases, stored, strict=True) if one is None}
+        claims = {case_run.claim(context, case) for case, one in zip(cases, stored, strict=True) if one is None}
         return Prepared(
             record=record,
             context=context,
@@ -359,7 +359,7 @@ class Runner:
         wanted = tested and cell.subject and cell.subject.suite and self.settings.until is Phase.SUITE
         if not wanted or tested is None:
             return None
-        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
 
         suite = undertest.Suite(
             owner=self,
@@ -377,7 +377,7 @@ class Runner:
         """Where a cell is probed, and the environment below that, if that is a thin one."""
         if tested is None:
             return pool.environment(), None
-        from harness.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
 
         return undertest.on_top(self, pool, tested), pool.environment()
 
@@ -422,10 +422,10 @@ class Runner:
                     self.environments.pop(key, None)
         return False
 
-    def _context(self, record: CellRecord, pool: Pool, tested: Ready | None) -> cellrun.Context:
+    def _context(self, record: CellRecord, pool: Pool, tested: Ready | None) -> case_run.Context:
         cell = record.cell
         on_top = (tested.tested.content,) if tested else ()
-        return cellrun.Context(
+        return case_run.Context(
             laboratory=Laboratory(
                 vault=Vault(self.store.folder),
                 site=lambda: self._site(record, *self._place(pool, tested)),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from harness import cellrun
 from harness.judging.check import DRAWING, phase_of
 from harness.machine import this_machine
 from harness.model import (
@@ -20,8 +19,9 @@ from harness.model import (
     Phase,
     PhaseRecord,
 )
+from harness.running import case_run
 
-Around = Callable[[CellRecord], cellrun.Context]
+Around = Callable[[CellRecord], case_run.Context]
 """Makes what the cases of a record share, with the settings that the record names as supplied."""
 
 
@@ -42,9 +42,9 @@ def drawn_otherwise(record: CellRecord, cases: Iterable[Case], around: Around) -
         other = replace(record, supplied=supplied)
         context = around(other)
         phases = {case.case: _failed(case) for case in record.cases}
-        again = (cellrun.run_case(context, _only(case, phases[case.id])) for case in asked if phases.get(case.id))
+        again = (case_run.run_case(context, _only(case, phases[case.id])) for case in asked if phases.get(case.id))
         if all(not _fails(case) for case in again):
-            found = tuple(cellrun.run_case(context, case) for case in asked)
+            found = tuple(case_run.run_case(context, case) for case in asked)
             if _no_worse(record.cases, found):
                 return replace(other, cases=found)
         tried.append(" ".join(f"{name}={value}" for name, value in supplied.items()))

@@ -1,9 +1,9 @@
 """Many cells: each question resolved once, each environment made once, results reused, several cells at a time."""
 
-from harness.scheduler.control import Beside, Controlled
-from harness.scheduler.flow import run
-from harness.scheduler.runner import Prepared, Runner
-from harness.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
+from harness.running.scheduler.control import Beside, Controlled
+from harness.running.scheduler.flow import run
+from harness.running.scheduler.runner import Prepared, Runner
+from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 
 __all__ = [
     "AUTO",

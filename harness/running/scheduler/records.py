@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from harness import cellrun
 from harness.machine.store import Installed, now
 from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, PhaseRecord, Step
 from harness.model.vocabulary import FAMILY
+from harness.running import case_run
 
 
 def finished(record: CellRecord) -> CellRecord:
     """The record with what can be told only at its end."""
     measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
-    whole = record.install and record.install.outcome is Outcome.PASSED and cellrun.reusable(record.cases)
+    whole = record.install and record.install.outcome is Outcome.PASSED and case_run.reusable(record.cases)
     mark = record.mark if whole else None
     return replace(record, measured=measured, mark=mark, seconds=_seconds(record), reused=_reused(record))
 
@@ -33,7 +33,7 @@ def stopped(record: CellRecord, step: Step) -> CellRecord:
 
 def not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
     """Cases of a cell whose environment never came to be."""
-    return tuple(cellrun.not_reached(case) for case in cell.cases)
+    return tuple(case_run.not_reached(case) for case in cell.cases)
 
 
 def with_modules(case: Case, installed: Installed) -> Case:

@@ -17,8 +17,6 @@ from threading import Thread
 
 import msgspec
 
-from harness import controls, fetched
-from harness.fetched import Answer, BuiltWheel, FetchedCell, FetchedFile, FetchedMatrix, FetchedPython, Manifest
 from harness.machine import interpreters
 from harness.machine.store import Store, digest, question_key, write_atomic
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
@@ -27,6 +25,16 @@ from harness.model.report_types import number
 from harness.packages import download_notice, index
 from harness.packages.environments import environments
 from harness.packages.sources import overlays
+from harness.running import controls, offline_bundle
+from harness.running.offline_bundle import (
+    Answer,
+    BuiltWheel,
+    FetchedCell,
+    FetchedFile,
+    FetchedMatrix,
+    FetchedPython,
+    Manifest,
+)
 
 AT_ONCE = 4
 """Downloads side by side; more help no one when the wheels are large."""
@@ -43,9 +51,9 @@ def intact(folder: Path) -> Manifest | None:
     """What an earlier fetch brought and is still as it was; what is not is forgotten, and its files removed."""
     for leftover in folder.glob("wheels/*/tmp*"):
         leftover.unlink()
-    if not (folder / fetched.MANIFEST).exists():
+    if not (folder / offline_bundle.MANIFEST).exists():
         return None
-    old = fetched.read(folder)
+    old = offline_bundle.read(folder)
     sound = {name for name, file in old.files.items() if _is_sound(folder / name, file)}
     for name in old.files.keys() - sound:
         (folder / name).unlink(missing_ok=True)
@@ -66,7 +74,7 @@ def write(folder: Path, manifest: Manifest) -> None:
     named |= {one.file for one in manifest.pythons if one.file}
     files = {name: manifest.files.get(name) or _described(folder / name) for name in sorted(named)}
     document = msgspec.structs.replace(manifest, files=files)
-    write_atomic(folder / fetched.MANIFEST, msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n")
+    write_atomic(folder / offline_bundle.MANIFEST, msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -147,7 +155,7 @@ class Bringing:
         return BuiltWheel(key=key, file=name)
 
     def _cell(self, one: _Resolved, failures: Mapping[str, str]) -> FetchedCell:
-        cell, mark = one.record.cell, fetched.question_mark(one.record.cell)
+        cell, mark = one.record.cell, offline_bundle.question_mark(one.record.cell)
         entry = FetchedCell(id=cell.id, matrix=cell.matrix, question=mark, decisive=one.reason)
         if one.interpreter is None:
             return msgspec.structs.replace(entry, complete=False)
@@ -220,13 +228,13 @@ class Bringing:
     def _has(self, artifact: Artifact) -> bool:
         """Whether the file is there; one that is, but is another, goes: what no manifest names was never compared."""
         path = self.folder / _place(artifact)
-        if path.exists() and fetched.hash_of(path) != artifact.sha256:
+        if path.exists() and offline_bundle.hash_of(path) != artifact.sha256:
             path.unlink()
         return path.exists()
 
     def _python(self, implementation: str, version: str) -> FetchedPython:
         made = FetchedPython(implementation=implementation, version=version)
-        found = interpreters.obtain(fetched.request_for(implementation, version))
+        found = interpreters.obtain(offline_bundle.request_for(implementation, version))
         folder = interpreters.relocatable(found) if found else None
         if folder is None:
             return msgspec.structs.replace(made, note=NOT_RELOCATABLE)
@@ -282,8 +290,8 @@ def _files(cell: FetchedCell) -> set[str]:
 
 
 def _is_sound(path: Path, file: FetchedFile) -> bool:
-    return path.is_file() and path.stat().st_size == file.size and fetched.hash_of(path) == file.sha256
+    return path.is_file() and path.stat().st_size == file.size and offline_bundle.hash_of(path) == file.sha256
 
 
 def _described(path: Path) -> FetchedFile:
-    return FetchedFile(sha256=fetched.hash_of(path), size=path.stat().st_size)
+    return FetchedFile(sha256=offline_bundle.hash_of(path), size=path.stat().st_size)

@@ -22,7 +22,7 @@ from harness.model.errors import BadInput, CouldNotTell, UnusableRequirement, in
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from harness.scheduler.settings import Observer
+    from harness.running.scheduler.settings import Observer
 
 FRAMES = 60
 """Innermost frames that are kept of a traceback: a recursion has a thousand."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.model import Brought, Cell
-from harness.scheduler.once import Once
+from harness.running.scheduler.once import Once
 
 if TYPE_CHECKING:
     from harness.packages.sources.user_supplied import Source
