@@ -27,11 +27,11 @@ from pathlib import Path
 
 import fakecells
 
-from harness import document
 from harness.__main__ import GARBAGE
-from harness.commands import progress, reporting
+from harness.commands import progress
 from harness.machine import store, this_machine
 from harness.model import Cell, CellRecord
+from harness.reports import document, publishing
 from harness.running import open_matrix
 from harness.running.scheduler import Prepared, Runner, Settings
 from harness.running.scheduler.flow import Flow
@@ -119,7 +119,7 @@ def prepare(matrix: Path) -> None:
     """Store what a run of the matrix would have measured."""
     opened = store.open_store()
     plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
-    fakecells.fill(plan.cells, opened, progress.Progress(len(plan.cells), 2, reporting.headline))
+    fakecells.fill(plan.cells, opened, progress.Progress(len(plan.cells), 2, publishing.headline))
 
 
 def stages(matrix: Path) -> dict[str, float]:
@@ -138,7 +138,7 @@ def stages(matrix: Path) -> dict[str, float]:
     with timing("plan"):
         plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        board = progress.Progress(len(plan.cells), 2, reporting.headline)
+        board = progress.Progress(len(plan.cells), 2, publishing.headline)
         first = Runner(opened, Settings(), board)
         known = [record for cell in plan.cells if (record := first.known(cell))]
         with timing("store"):
@@ -155,11 +155,11 @@ def stages(matrix: Path) -> dict[str, float]:
             flow = Flow(runner)
             flow.run(plan.cells, Past(opened, here.id, plan.cells))
         with timing(COPY):
-            locate = reporting.place(known, opened, opened.folder / "reports" / plan.matrix)
+            locate = publishing.place(known, opened, opened.folder / "reports" / plan.matrix)
             document.build(known, [plan], {here.id: here.facts}, store.now(), locate)  # copies what it names
         with timing("report"):
-            wanted = reporting.Wanted(out=None, pivot=None, json=False, fail_on=())
-            reporting.finish([plan], known, opened, wanted)
+            wanted = publishing.Wanted(out=None, pivot=None, json=False, fail_on=())
+            publishing.finish([plan], known, opened, wanted)
     return {**timed, "mb": peak_mb()}
 
 

@@ -21,11 +21,10 @@ from dataclasses import dataclass
 
 import nox
 
-from harness import document
-from harness.commands import reporting
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import CellEntry, number, word
+from harness.reports import document, publishing
 from harness.running import open_matrix
 
 VARIABLE = "HARNESS_MATRICES"
@@ -156,7 +155,7 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
 def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str]) -> None:
     """Fail where a cell is not as expected or could not be told, skip where nothing can be said of any."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON)
+    parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON)
     fail_on = {*parser.parse_known_args(session.posargs)[0].fail_on}
     ids = {entry.id for entry in entries}
     outdated = [sentence for sentence in stale if sentence.partition(" ")[0] in ids]

@@ -15,10 +15,10 @@ from statistics import median
 
 import msgspec
 
-from harness.grouping import in_order
 from harness.model import Plan, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import number
+from harness.reports.tables.cause_groups import in_order
 
 ACTIONS = "actions.toml"
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from harness import accepting, document
-from harness.commands import report, reporting
+from harness.commands import report
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
 from harness.machine import store, this_machine
@@ -18,6 +17,7 @@ from harness.model import Cell, Plan
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import UNTOLD, CellEntry, number
 from harness.model.vocabulary import Instant
+from harness.reports import document, expectation_writer, publishing
 from harness.running import open_matrix, shipped_signatures
 
 HELP = "Write expectations for cells that are red now, each with its reason, into the matrix file."
@@ -41,15 +41,15 @@ def main(args: argparse.Namespace) -> int:
     chosen = choose(plan.cells, args.k)
     entries = _reported(args.report, plan) if args.report else _measured(plan)
     today = store.now()
-    found, mixed = accepting.reds(chosen, entries, today)
+    found, mixed = expectation_writer.reds(chosen, entries, today)
     for sentence in mixed:
         tell(sentence)
     if not found:
         tell(f"nothing to accept: {_standing(chosen, entries)}")
         return 1 if mixed else 0
     text = given_files.read_content(path).decode()
-    wish = accepting.Wish(pattern=args.k, reason=args.reason, link=args.link, until=args.until)
-    made = accepting.accept(text, matrix_file.read(text, str(path)), plan.cells, found, wish)
+    wish = expectation_writer.Wish(pattern=args.k, reason=args.reason, link=args.link, until=args.until)
+    made = expectation_writer.accept(text, matrix_file.read(text, str(path)), plan.cells, found, wish)
     print("\n".join(made.tables), end="")
     for sentence in made.replaced:
         tell(sentence)
@@ -70,10 +70,10 @@ def _check(name: str, plan: Plan, accepted: Sequence[str], entries: dict[str, li
     """Read the file again: every accepted cell is as expected now, and nothing else has changed."""
 
     def judged(cell: Cell) -> list[Any]:
-        return [accepting.as_expected(cell, entry, today) for entry in entries[cell.id]]
+        return [expectation_writer.as_expected(cell, entry, today) for entry in entries[cell.id]]
 
     after = open_matrix.load(name, lambda _: None, offline=True)
-    wrong = accepting.trouble(plan.cells, after.cells, accepted, judged)
+    wrong = expectation_writer.trouble(plan.cells, after.cells, accepted, judged)
     if wrong or len(after.stale) > len(plan.stale):
         message = (
             f"{name}: was put back, since these tables would be wrong: {wrong or after.stale[-1]}; please report it"
@@ -89,7 +89,7 @@ def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
     opened = store.open_store()
     dated = open_matrix.dated(plan, opened)
     here = this_machine.facts()
-    known = [found for cell in dated.cells if (found := reporting.kept(opened, here.id, cell))]
+    known = [found for cell in dated.cells if (found := publishing.kept(opened, here.id, cell))]
     if not known:
         message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
         raise BadInput(message)

@@ -11,7 +11,6 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import typos
 from harness.commands.console import tell
 from harness.judging.exercised import OWN
 from harness.machine import interpreters
@@ -25,6 +24,7 @@ from harness.model.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPa
 from harness.packages import package_under_test
 from harness.packages.requirement_files import Inputs, inputs
 from harness.packages.sources import checkouts
+from harness.reports.answers import misspelt
 from harness.running import open_matrix, scheduler
 
 REUSED_FOR_HOURS = 24.0
@@ -134,7 +134,7 @@ def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner:
         asked = replace(asked, instant=instant)
     (cell,) = plan.single(asked).cells
     typed = (*cell.question.requirements, *args.constraint, *args.override, *args.build_constraint)
-    typos.check(typed, tell, cell.question.index, offline=runner.settings.offline)
+    misspelt.check(typed, tell, cell.question.index, offline=runner.settings.offline)
     python = _asked_python(args.python) if args.python else _python(cell, given, runner)
     brought = _brought(asked, cell, python, runner)
     return plan.single(replace(asked, python=_version(python), interpreter=python, brought=brought))

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import msgspec
 
-from harness import measured, moves
-from harness.commands import find_cell, progress, reporting
+from harness import moves
+from harness.commands import find_cell, progress
 from harness.judging.assess import assess
 from harness.machine import interpreters, store
 from harness.machine.store import Store
@@ -22,6 +22,8 @@ from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import located
 from harness.model.vocabulary import PackageName
 from harness.packages import locks
+from harness.reports import publishing
+from harness.reports.answers import result_index
 from harness.rootcause import candidates, certificates, guesses, proofs
 from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
@@ -100,7 +102,7 @@ def main(args: argparse.Namespace) -> int:
         raise CouldNotTell(interpreters.hint(cell.python))
     asked = Asked(args=args, opened=opened, cell=cell, interpreter=interpreter)
     with (
-        progress.Progress(0, 1, reporting.headline) as board,
+        progress.Progress(0, 1, publishing.headline) as board,
         Bench(opened, settings, scheduler.Beside(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
         try:
@@ -233,7 +235,7 @@ def _green(asked: Asked) -> Iterator[str]:
             found = assess(record, known)
             if plainly_good(found.verdict, found.unverified):
                 yield record.installed.get(asked.axis, "")
-    before = measured.load()
+    before = result_index.load()
     for cell in before["cells"]:
         if plainly_good(cell["verdict"], cell["unverified"]) and envs & {case["env"] for case in cell["cases"]}:
             yield dict(before["locks"].get(cell["lock"], ())).get(asked.axis, "")

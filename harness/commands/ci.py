@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import distribution, version
 from pathlib import Path
 
-from harness import notices, pipelines
-from harness.commands import reporting, select_cells
+from harness import pipelines
+from harness.commands import select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import selected
 from harness.machine.files import given_files
@@ -20,6 +20,9 @@ from harness.model import Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
 from harness.pipelines import Pipeline, Provider
+from harness.reports import publishing
+from harness.reports.template_files import read_template
+from harness.reports.text import github_annotations
 from harness.running import open_matrix
 
 HELP = (
@@ -53,8 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--python", default="3.11", metavar="V", help="the Python that simmatrix runs on [3.11]")
     parser.add_argument("--branch", default="main", metavar="NAME", help="GitHub: pushes to it are measured [main]")
     parser.add_argument("--runner", metavar="NAME", help="GitHub's runner [ubuntu-24.04], GitLab's image")
-    parser.add_argument("--fail-on", type=reporting.kinds, default=FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [{','.join(FAIL_ON)}]")  # fmt: skip
+    parser.add_argument("--fail-on", type=publishing.kinds, default=FAIL_ON, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [{','.join(FAIL_ON)}]")  # fmt: skip
     parser.add_argument("--emit", choices=EMITTED, default=EMITTED[0], help="what a workflow asks for when it plans")
 
 
@@ -75,7 +78,7 @@ def main(args: argparse.Namespace) -> int:
     count = _shards(args, plan)
     match args.emit:
         case "summary":
-            text = notices.summary(pipelines.plan_page(plan, count))
+            text = github_annotations.summary(pipelines.plan_page(plan, count))
         case "shards":
             text = pipelines.shard_outputs(count)
         case _:
@@ -137,8 +140,8 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
         limit=args.limit,
         fail_on=",".join(args.fail_on),
     )
-    actions = pipelines.actions(_template(pipelines.ACTIONS))
-    return pipelines.render(pipeline, _template(pipelines.TEMPLATES[provider]), actions)
+    actions = pipelines.actions(read_template(pipelines.ACTIONS))
+    return pipelines.render(pipeline, read_template(pipelines.TEMPLATES[provider]), actions)
 
 
 def installable() -> str | None:
@@ -188,10 +191,6 @@ def _in_repository(name: str) -> str:
         message = f"{name}: lies outside the working folder, so no checkout has it; copy it into the repository"
         raise BadInput(message)
     return path.as_posix()
-
-
-def _template(name: str) -> str:
-    return (Path(pipelines.__file__).parent / "templates" / name).read_text(encoding="utf-8")
 
 
 # --- comparing -------------------------------------------------------------------------------------------------

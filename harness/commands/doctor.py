@@ -11,7 +11,6 @@ from typing import Any
 
 import msgspec
 
-from harness import alone, measured
 from harness.commands import drawn, inplace, proved
 from harness.commands.drawn import Rendering
 from harness.commands.inplace import Tried
@@ -19,6 +18,8 @@ from harness.commands.proved import Proof
 from harness.matrix import changes
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry, FindingEntry
+from harness.reports import doctor_pyz
+from harness.reports.answers import result_index
 from harness.running import shipped_signatures
 from harness.standalone import matching, wrapping
 from harness.standalone.doctor import doctor
@@ -139,10 +140,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Look, and say what was found."""
     if args.standalone:
-        alone.write(args.standalone)
+        doctor_pyz.write(args.standalone)
         print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
         return 0
-    known = doctor.Knowledge(signatures(), measured.load)
+    known = doctor.Knowledge(signatures(), result_index.load)
     asked = doctor.Asked(args.python, args.env, dict(os.environ), str(Path.cwd()))
     looks = inplace.Looks(env=args.env, api=args.api, rendering=args.rendering)
     try:

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import msgspec
 
-from harness import measured
 from harness.judging import known_issues
 from harness.machine import store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import DiagnosisEntry, FindingEntry
-from harness.recommended_text import wrapped
+from harness.reports.answers import result_index
+from harness.reports.answers.recommended_text import wrapped
 from harness.running import issue_texts, shipped_signatures
 from harness.standalone import matching
 from harness.standalone.explain import explain
@@ -55,7 +55,7 @@ def main(args: argparse.Namespace) -> int:
     """Explain a text, or run the command and explain it where it fails, or open a known issue."""
     if args.id is not None:
         return _open(args.id)
-    knows = explain.Knowledge(known=known, measured=measured.load)
+    knows = explain.Knowledge(known=known, measured=result_index.load)
     try:
         if args.after is None:
             return explain.of_text(args, knows, Place())
@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _open(identifier: str) -> int:
     """Print a known issue; the exit code is 0. Raises BadInput."""
-    found = known_issues.find(identifier, issue_texts.load(), measured.load()["cells"])
+    found = known_issues.find(identifier, issue_texts.load(), result_index.load()["cells"])
     width = shutil.get_terminal_size().columns
     print("\n".join(text for line in known_issues.lines(found) for text in wrapped(line, width)))
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from harness import typos
 from harness.commands.console import tell
 from harness.machine import this_machine
 from harness.machine.store import Store
@@ -10,6 +9,7 @@ from harness.matrix import plan
 from harness.model import Cell, Plan, cellid
 from harness.model.errors import BadInput
 from harness.model.schema import suggestion
+from harness.reports.answers import misspelt
 from harness.running import open_matrix
 
 LISTED = 10
@@ -29,7 +29,7 @@ def named(verb: str, text: str, opened: Store, *, offline: bool = False) -> tupl
     planned = open_matrix.load(f"{name}.toml" if name else matrix, tell, offline=offline)
     planned = open_matrix.dated(planned, opened, offline=offline)
     found = _one(verb, text, label or text, planned.cells)
-    typos.check_cells([found], tell, offline=offline)
+    misspelt.check_cells([found], tell, offline=offline)
     return planned, found
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from harness import drafts, firstcases, firstvalues, workflows
-from harness.commands import progress, reporting
+from harness.commands import progress
 from harness.drafts import Case, Draft, Project, Range
 from harness.drafts.values import Offer, narrowed
 from harness.firstcases import FirstCases, Scout
@@ -15,6 +15,7 @@ from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 from harness.packages import index
+from harness.reports import publishing
 from harness.running import open_matrix
 
 NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
@@ -26,7 +27,7 @@ def cases(about: Project, pythons: Sequence[str], *, offline: bool) -> FirstCase
     """Ask the installed package; where it cannot be installed here, take what its sources seem to register."""
     opened = store.open_store()
     order = firstcases.by_preference(pythons, None)
-    with progress.Progress(0, 1, reporting.headline) as board:
+    with progress.Progress(0, 1, publishing.headline) as board:
         scout = Scout(
             opened=opened,
             observer=board,
@@ -67,7 +68,7 @@ def without_clashes(draft: Draft, path: Path) -> Draft:
         planned = open_matrix.dated(open_matrix.load(str(path), lambda _: None), opened)
     except HarnessError:  # it is loaded again right after, and says it then
         return draft
-    with progress.Progress(0, 1, reporting.headline) as board:
+    with progress.Progress(0, 1, publishing.headline) as board:
         found = firstvalues.clashing(planned.cells, packages, opened, board)
     gone = found.get(firstvalues.PYTHON, ())
     note = f"Left out: Python {', '.join(gone)}, on which the newest releases of the axes cannot be installed."

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import drafts, present, typos, workflows
+from harness import drafts, workflows
 from harness.commands import ci, firstdraft
 from harness.commands.console import tell
 from harness.drafts import Draft, Project
@@ -20,6 +20,8 @@ from harness.model.errors import BadInput, CouldNotTell
 from harness.model.report_types import number
 from harness.model.vocabulary import Label
 from harness.packages.requirement_files import project
+from harness.reports.answers import misspelt
+from harness.reports.template_files import read_template
 from harness.running import open_matrix
 from harness.standalone.output import print_json
 from harness.workflows import Fate, Job, Leg
@@ -101,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
         say(line)
     with chdir(args.folder):
         about = _project()
-        typos.check(about.dependencies, tell, offline=args.offline)
+        misspelt.check(about.dependencies, tell, offline=args.offline)
         matrices = [_path(name) for name in _names(about, jobs, args)]
         if all(path.exists() for path in matrices):
             for path in matrices:
@@ -145,7 +147,7 @@ def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, f
         files.say(f"  {line}")
     for name, draft in made.items():
         whole = firstdraft.completed(draft, about, found, offline=args.offline)
-        path, template = _path(name), _template("matrix.toml.j2")
+        path, template = _path(name), read_template("matrix.toml.j2")
         if not files.write(path, drafts.text_of(whole, template)):
             files.say(f"{path}: is there already and stays as it is")
             continue
@@ -161,10 +163,6 @@ def _planned(path: Path, args: argparse.Namespace, files: _Files) -> None:
         files.cells[path] = len(open_matrix.load(str(path), tell, offline=args.offline).cells)
     except CouldNotTell as error:
         files.open.append(str(error))
-
-
-def _template(name: str) -> str:
-    return (Path(present.__file__).parent / "templates" / name).read_text(encoding="utf-8")
 
 
 # --- the project -----------------------------------------------------------------------------------------------

@@ -10,11 +10,11 @@ from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from harness import redacting, upstream
 from harness.machine.store import Store
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
+from harness.reports import redacting, upstream
 from harness.running import shipped_signatures
 
 NOBODY = frozenset({"root", "user", "admin", "ubuntu", "debian", "runner", "nobody", "localhost", "home", "test"})

@@ -12,14 +12,14 @@ import msgspec
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import measured, measured_cells
 from harness.judging import known_issues
 from harness.judging.known_issues import Issue
-from harness.measured_cells import Known
 from harness.model.errors import BadInput
 from harness.model.report_types import number
 from harness.model.vocabulary import required_name
-from harness.recommended_text import wrapped
+from harness.reports.answers import measured_cells, result_index
+from harness.reports.answers.measured_cells import Known
+from harness.reports.answers.recommended_text import wrapped
 from harness.running import issue_texts
 from harness.standalone.output import print_json
 
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Print what is known. Exit 2 for a name that nothing has."""
-    document = measured.load()
+    document = result_index.load()
     issues = known_issues.with_cells(issue_texts.load(), document["cells"])
     answer = _answer(args.name, measured_cells.known(document), issues)
     if args.json:

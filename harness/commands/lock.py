@@ -8,8 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness import typos
-from harness.commands import progress, reporting
+from harness.commands import progress
 from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, jobs, selected
 from harness.judging.assess import assess
@@ -17,6 +16,8 @@ from harness.machine import store
 from harness.machine.files import given_files
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.report_types import UNTOLD
+from harness.reports import publishing
+from harness.reports.answers import misspelt
 from harness.running import open_matrix, resolving, scheduler
 from harness.standalone.output import print_json
 
@@ -60,7 +61,7 @@ def main(args: argparse.Namespace) -> int:
     planned = open_matrix.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
     plan = open_matrix.dated(planned, opened, renew=args.upgrade, offline=args.offline)
     cells = selected(plan.cells, args.k)
-    typos.check_cells(cells, tell, offline=args.offline)
+    misspelt.check_cells(cells, tell, offline=args.offline)
     with progress.Progress(len(cells), args.jobs, _headline) as board:
         records = scheduler.run(cells, opened, settings, board)
     if args.json:
@@ -92,7 +93,7 @@ def _single(text: str, out: Path | None) -> None:
 
 
 def _document(matrix: str, records: tuple[CellRecord, ...], opened: store.Store) -> Locked:
-    locate = reporting.seen_from_here(opened.folder)
+    locate = publishing.seen_from_here(opened.folder)
     return Locked(
         matrix=matrix,
         cells=tuple(

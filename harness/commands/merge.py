@@ -10,13 +10,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from harness import document, merging, tables, terminal
-from harness.commands import reporting
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model import Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import Document, number
+from harness.reports import document, merging, publishing
+from harness.reports.tables import tables
+from harness.reports.text import terminal
 from harness.standalone.output import print_json
 
 HELP = (
@@ -40,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/merged]")
     parser.add_argument("--format", choices=("terminal", "md", "json"), default="terminal", help="of what is printed")
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
-    parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
+    parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [unexpected,stale]")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 
@@ -55,7 +56,7 @@ def main(args: argparse.Namespace) -> int:
     tables.check_pivot(pivot, [matrix.axes for matrix in whole.matrices.values()])
     whole, copies = merging.placed(whole)
     files.copy(copies, store.writable(folder))
-    reporting.write(whole, folder, pivot)
+    publishing.write(whole, folder, pivot)
     _print("json" if args.json else args.format, whole, folder, pivot)
     _tell(whole, len(reports), files.missing)
     told = sys.stdout if args.format == "terminal" and not args.json else sys.stderr
@@ -68,9 +69,9 @@ def _print(form: str, whole: Document, folder: Path, pivot: tuple[str, str] | No
         case "terminal":
             terminal.show_summary(tables.report(whole, pivot))
         case "md":
-            sys.stdout.write(reporting.page(tables.report(whole, pivot)))
+            sys.stdout.write(publishing.page(tables.report(whole, pivot)))
         case _:
-            print_json(document.encode(document.moved(whole, reporting.seen_from_here(folder))))
+            print_json(document.encode(document.moved(whole, publishing.seen_from_here(folder))))
 
 
 def _tell(whole: Document, reports: int, missing: int) -> None:
@@ -154,7 +155,7 @@ class _Files:
                 message = f"{target} leads out of {folder}; name another folder with --out"
                 raise BadInput(message)
             if source.resolve() != target.resolve():
-                reporting.carry(source, target)
+                publishing.carry(source, target)
 
 
 def _inside(folder: Path, path: Path) -> Iterator[tuple[str, Path]]:

@@ -6,11 +6,11 @@ import argparse
 
 import msgspec
 
-from harness import typos
 from harness.commands.console import tell
 from harness.commands.select_cells import choose
 from harness.model import Cell, Plan
 from harness.model.report_types import number
+from harness.reports.answers import misspelt
 from harness.running import open_matrix
 from harness.standalone.output import print_json
 
@@ -58,7 +58,7 @@ def main(args: argparse.Namespace) -> int:
     """Print the plan."""
     plan = open_matrix.load(args.matrix, tell, offline=args.offline)
     cells = choose(plan.cells, args.k)
-    typos.check_cells(cells, tell, offline=args.offline)
+    misspelt.check_cells(cells, tell, offline=args.offline)
     if args.json:
         print_json(msgspec.json.encode(_document(plan, cells)))
         return 0

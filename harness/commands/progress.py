@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Self
 
 from harness.model import Cell, CellRecord
 from harness.model.report_types import number
+from harness.reports.text.terminal import bounded
 from harness.running.scheduler import WAITING
 from harness.standalone.control_characters import visible
 from harness.standalone.output import styled
-from harness.terminal import bounded
 
 if TYPE_CHECKING:
     from rich.live import Live

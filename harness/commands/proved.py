@@ -8,13 +8,14 @@ from typing import Any
 
 import msgspec
 
-from harness.commands import progress, reporting
+from harness.commands import progress
 from harness.commands.ad_hoc_cell import REUSED_FOR_HOURS
 from harness.machine import interpreters, store
 from harness.matrix import plan
 from harness.model import Cell, Verdict
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import UNTOLD, word
+from harness.reports import publishing
 from harness.rootcause.bench import Bench, Trial
 from harness.running.scheduler import Settings
 from harness.standalone.keys import SIMULATORS, weight
@@ -56,7 +57,7 @@ def proof(made: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
     as_of = opened.instant(plan.TRY_MATRIX, hours=REUSED_FOR_HOURS)
     installed = {name: version.partition("+")[0] for name, version in told["packages"].items() if is_version(version)}
     with (
-        progress.Progress(2, 1, reporting.headline) as board,
+        progress.Progress(2, 1, publishing.headline) as board,
         Bench(opened, Settings(offline=offline), board) as bench,
     ):
         copies = _Copies(bench=bench, python=python, env=env, as_of=as_of)

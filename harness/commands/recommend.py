@@ -12,12 +12,12 @@ from pathlib import Path
 import msgspec
 from packaging.version import InvalidVersion, Version
 
-from harness import measured, measured_cells, recommended_text, typos
-from harness.measured_cells import Known, Query, Wanted
 from harness.model import Phase
 from harness.model.errors import BadInput
-from harness.recommended import recommended
-from harness.recommending import Combination
+from harness.reports.answers import measured_cells, misspelt, recommended_text, result_index
+from harness.reports.answers.measured_cells import Known, Query, Wanted
+from harness.reports.answers.recommended import recommended
+from harness.reports.answers.recommending import Combination
 from harness.standalone.output import print_json
 
 HELP = "Which versions work together: the newest combination that was measured and found good, and known traps."
@@ -53,7 +53,7 @@ def _phases(text: str) -> tuple[Phase, ...]:
 def main(args: argparse.Namespace) -> int:
     """Print what is known; 0 where something is known to be good, 1 where nothing is."""
     query = _query(args)
-    document = measured.load()
+    document = result_index.load()
     cells = measured_cells.known(document)
     _check(cells, query, offline=args.offline)
     limit = len(cells) if args.all else max(args.limit, 1)
@@ -92,7 +92,7 @@ def _query(args: argparse.Namespace) -> Query:
 def _check(cells: Sequence[Known], query: Query, *, offline: bool) -> None:
     """Refuse a package or a release that no index has; what was measured is there. Raises BadInput."""
     unseen = [one for one in query.wanted if not any(one.fits(cell.pins.get(one.name)) for cell in cells)]
-    typos.check([one.text for one in unseen], lambda text: print(text, file=sys.stderr), offline=offline)
+    misspelt.check([one.text for one in unseen], lambda text: print(text, file=sys.stderr), offline=offline)
 
 
 def _try(query: Query) -> str:

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands import ad_hoc_cell, find_cell, progress, reporting
+from harness.commands import ad_hoc_cell, find_cell, progress
 from harness.machine import store
 from harness.machine.store import Store
 from harness.model import Cell, CellRecord, cellid
 from harness.model.errors import BadInput
+from harness.reports import publishing
 from harness.rootcause import every as repairs
 from harness.rootcause import proofs, telling
 from harness.rootcause.bench import Bounds
@@ -71,7 +72,7 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
     bounds = Bounds(runs=args.runs, minutes=args.minutes)
-    with progress.Progress(0, 1, reporting.headline) as board:
+    with progress.Progress(0, 1, publishing.headline) as board:
         if given is None:
             base = find_cell.named("repair", args.requirements[0], opened, offline=args.offline)[1]
         else:

@@ -8,15 +8,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness import document, notices, packs, present, shipped_reports, tables, terminal
-from harness.commands import blocks, judging_again, reporting
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model.errors import BadInput
 from harness.model.report_types import Document
 from harness.model.schema import suggestion
+from harness.reports import document, judge_again, packs, publishing, readme_blocks
+from harness.reports.answers import shipped_reports
+from harness.reports.tables import tables
+from harness.reports.tables.table_types import Pivot, Report
+from harness.reports.text import github_annotations, report_markdown, terminal
 from harness.standalone.output import print_json
-from harness.tabletypes import Pivot, Report
 
 HELP = (
     "Make tables of stored results again: of a report.json, of the folder that holds one, or of a matrix that was run."
@@ -39,15 +41,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              " nothing is measured")  # fmt: skip
     parser.add_argument("--write", action="store_true",
                         help="with --judge-again: write the reports as they are judged now")  # fmt: skip
-    parser.add_argument("--fail-on", type=reporting.kinds, default=reporting.DEFAULT_FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]")  # fmt: skip
+    parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [unexpected,stale]")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 
 def main(args: argparse.Namespace) -> int:
     """Show what was measured; the exit code is that of `run`."""
     if args.into:
-        return blocks.renew(args.into, of_block)
+        return readme_blocks.renew(args.into, of_block)
     if args.judge_again:
         return _judged_again(args)
     if args.write:
@@ -62,7 +64,7 @@ def main(args: argparse.Namespace) -> int:
         if args.out and form in {"md", "json"}:
             _write(form, whole, report, args.out)
         elif form == "github":
-            sys.stdout.write(notices.github(whole, args.fail_on))
+            sys.stdout.write(github_annotations.github(whole, args.fail_on))
         else:
             _print(form, whole, report, None if args.out else sources)
     return document.exit_code(whole, args.fail_on)
@@ -92,7 +94,7 @@ def _judged_again(args: argparse.Namespace) -> int:
     if not args.sources or args.out:
         message = "--judge-again wants the folders of reports, such as reports/quickstart; --write renews them in place"
         raise BadInput(message)
-    return judging_again.main([_folder(name) for name in args.sources], write=args.write, as_json=args.json)
+    return judge_again.main([_folder(name) for name in args.sources], write=args.write, as_json=args.json)
 
 
 def _folder(name: str) -> Path:
@@ -136,7 +138,7 @@ def _carried(folder: Path, out: Path) -> document.Locate:
     def carried(path: str) -> str:
         if ".." in Path(path).parts:
             return os.path.relpath(folder / path, out)
-        reporting.carry(folder / path, out / path)
+        publishing.carry(folder / path, out / path)
         return path
 
     return carried
@@ -147,7 +149,7 @@ def _carried(folder: Path, out: Path) -> document.Locate:
 
 def _write(form: str, whole: Document, report: Report, out: Path) -> None:
     name = f"report.{form}"
-    content = document.encode(whole) if form == "json" else reporting.page(report).encode()
+    content = document.encode(whole) if form == "json" else publishing.page(report).encode()
     store.write_atomic(out / name, content)
     print(f"report: {out / name}", file=sys.stderr)
 
@@ -155,12 +157,12 @@ def _write(form: str, whole: Document, report: Report, out: Path) -> None:
 def _tables(report: Report) -> str:
     """Return when and where it was measured, then the small tables, each below its legend, as Markdown."""
     pivots = [sheet.pivot for sheet in report.sheets if sheet.pivot]
-    captioned = [f"{_caption(one)}\n\n{present.small_table(one)}" for one in pivots]
-    return "\n".join([f"{present.coverage(report)}\n", *captioned])
+    captioned = [f"{_caption(one)}\n\n{report_markdown.small_table(one)}" for one in pivots]
+    return "\n".join([f"{report_markdown.coverage(report)}\n", *captioned])
 
 
 def _caption(pivot: Pivot) -> str:
-    return f"Rows: {pivot.down}, columns: {pivot.across}. {present.legend(pivot)}"
+    return f"Rows: {pivot.down}, columns: {pivot.across}. {report_markdown.legend(pivot)}"
 
 
 def of_block(source: Path, pivot: tuple[str, str] | None) -> str:
@@ -174,9 +176,9 @@ def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] |
         case "terminal":
             terminal.show(report)
         case "md":
-            sys.stdout.write(reporting.page(report))
+            sys.stdout.write(publishing.page(report))
         case "github-summary":
-            sys.stdout.write(notices.summary(reporting.page(report)))
+            sys.stdout.write(github_annotations.summary(publishing.page(report)))
         case "table":
             sys.stdout.write(_tables(report))
         case _:

@@ -8,8 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import tables, typos
-from harness.commands import progress, reporting, select_cells
+from harness.commands import progress, select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import VERIFYING
 from harness.judging.assess import assess
@@ -17,6 +16,9 @@ from harness.machine import store
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
+from harness.reports import publishing
+from harness.reports.answers import misspelt
+from harness.reports.tables import tables
 from harness.running import open_matrix, remedy_trials, scheduler, shipped_signatures
 
 if TYPE_CHECKING:
@@ -51,10 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
     parser.add_argument(
         "--fail-on",
-        type=reporting.kinds,
-        default=reporting.DEFAULT_FAIL_ON,
+        type=publishing.kinds,
+        default=publishing.DEFAULT_FAIL_ON,
         metavar="KINDS",
-        help=f"comma-separated, of {', '.join(reporting.FAIL_ON)} [unexpected,stale]",
+        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [unexpected,stale]",
     )
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
@@ -83,14 +85,14 @@ def main(args: argparse.Namespace) -> int:
     select_cells.check_distinct(planned)
     cells = select_cells.selected([cell for plan in planned for cell in plan.cells], args.k)
     if layer is None:
-        typos.check_cells(cells, tell, offline=settings.offline)
+        misspelt.check_cells(cells, tell, offline=settings.offline)
     tables.check_pivot(args.pivot, [plan.axes for plan in planned])
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
     plans = [open_matrix.dated(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
     chosen = _chosen(args, plans, opened, layer)
-    with progress.Progress(len(chosen), settings.jobs, reporting.headline) as board:
+    with progress.Progress(len(chosen), settings.jobs, publishing.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
     if args.prove:
         plans, more = _proved(plans, records, opened, settings)
@@ -98,7 +100,7 @@ def main(args: argparse.Namespace) -> int:
     if args.repair:
         plans, more = _repaired(plans, records, opened, settings)
         records = (*records, *more)
-    return reporting.finish(plans, records, opened, reporting.Wanted.of(args))
+    return publishing.finish(plans, records, opened, publishing.Wanted.of(args))
 
 
 def _proved(
@@ -112,7 +114,7 @@ def _proved(
         tell("no remedy of a known failure is left to be tried")
         return list(plans), ()
     tell(f"{number(len(found), 'red cell')} to be run again, each with the remedy of a known failure")
-    with progress.Progress(len(found), settings.jobs, reporting.headline) as board:
+    with progress.Progress(len(found), settings.jobs, publishing.headline) as board:
         more = scheduler.run(found, opened, settings, board)
     return [remedy_trials.beside(plan, [cell for cell in found if cell.matrix == plan.matrix]) for plan in plans], more
 
@@ -123,7 +125,7 @@ def _repaired(
     """The plans with the repaired cells of what is red, and what came of those."""
     from harness.commands import repair  # noqa: PLC0415 - start-up
 
-    with progress.Progress(0, 1, reporting.headline) as board:
+    with progress.Progress(0, 1, publishing.headline) as board:
         more = repair.every(records, opened, settings, board)
     cells = [record.cell for record in more]
     return [remedy_trials.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more

@@ -93,7 +93,7 @@ def _doctored() -> type:
 
 
 def _recommended() -> type:
-    from harness.recommended import Recommended  # noqa: PLC0415
+    from harness.reports.answers.recommended import Recommended  # noqa: PLC0415
 
     return Recommended
 

@@ -7,14 +7,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document
-from harness.commands import reporting
 from harness.judging.assess import assess
 from harness.machine import store, this_machine
 from harness.machine.files import given_files
 from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
+from harness.reports import document, publishing
 from harness.running import shipped_signatures
 from harness.running.scheduler import AUTO
 
@@ -115,7 +114,7 @@ def failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
 
 
 def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
-    record = reporting.kept(opened, here, cell)
+    record = publishing.kept(opened, here, cell)
     if record is None:
         return False
     found = assess(record, shipped_signatures.beside(opened.folder), today)

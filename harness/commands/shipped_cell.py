@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness import document, measured, shipped_reports
-from harness.commands import reporting
 from harness.model import cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import Document
+from harness.reports import document, publishing
+from harness.reports.answers import result_index, shipped_reports
 
 if TYPE_CHECKING:
     from harness.running import lock_files
@@ -24,22 +24,22 @@ def ids(pattern: str) -> list[str]:
 def load(cell: str) -> Document:
     """Return a document of one cell, its paths as seen from the working folder."""
     made, file = next(each for each in _documents(cell) if any(one.id == cell for one in each[0].cells))
-    return document.moved(document.only(made, {cell}), reporting.seen_from_here(file.parent))
+    return document.moved(document.only(made, {cell}), publishing.seen_from_here(file.parent))
 
 
 def lock_of(cell: str) -> lock_files.Handed:
     """Return the lock of a measured cell. Raises BadInput where it has none."""
-    known = measured.load()
+    known = result_index.load()
     found = [one for one in known["cells"] if one["id"] == cell and one["lock"]]
     if not found:
         message = f"{cell}: has no lock"
         raise BadInput(message)
-    from harness import distilling  # noqa: PLC0415 - start-up
+    from harness.reports.answers import digest  # noqa: PLC0415 - start-up
     from harness.running import lock_files  # noqa: PLC0415 - start-up
 
     one = found[0]
     return lock_files.Handed(
-        lock=distilling.lock_text(known, one["lock"]),
+        lock=digest.lock_text(known, one["lock"]),
         cell=cell,
         python=one["python"],
         machine=one["machine"],

@@ -9,8 +9,7 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from harness import document, entry_failures, tables
-from harness.commands import issuing, reporting, shipped_cell
+from harness.commands import issuing, shipped_cell
 from harness.machine import store
 from harness.machine.store import Store
 from harness.matrix import changes, plan
@@ -26,6 +25,8 @@ from harness.model.report_types import (
     SuiteEntry,
     word,
 )
+from harness.reports import document, publishing
+from harness.reports.tables import counted_failures, tables
 from harness.running import open_matrix, shipped_signatures
 from harness.standalone.output import print_json
 
@@ -126,7 +127,7 @@ def _document(records: Sequence[CellRecord], known: Sequence[CellRecord], opened
     cells = {record.cell.id: record.cell for record in together}
     planned = Plan(matrix=cell.matrix, cells=tuple(cells.values()), axes=tuple(cell.axes))
     machines = {record.machine: opened.load_machine(record.machine) for record in records}
-    locate = reporting.seen_from_here(opened.folder)
+    locate = publishing.seen_from_here(opened.folder)
     causes = shipped_signatures.beside(opened.folder)
     made = document.build(together, [planned], machines, store.now(), locate, known=causes)
     return document.only(made, {cell.id})
@@ -145,7 +146,7 @@ def _lines(cell: CellEntry) -> Iterator[str]:
         yield f"  not verified: {name}"
     yield from _expectation(cell)
     yield from _change(cell)
-    for one in entry_failures.counted(cell):
+    for one in counted_failures.counted(cell):
         yield from _diagnosis(one)
     for known in (cell.suite.diagnoses or ()) if cell.suite else ():
         yield from _diagnosis(known)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from harness import document
-from harness.answering import answer
-from harness.commands import ad_hoc_cell, progress, reporting
+from harness.commands import ad_hoc_cell, progress
 from harness.commands.select_cells import VERIFYING
 from harness.judging.assess import assess
 from harness.judging.exercised import unregistered
 from harness.machine import store, this_machine
 from harness.model import Verdict
 from harness.model.errors import BadInput
+from harness.reports import document, publishing
+from harness.reports.answers.try_answer import answer
 from harness.running import scheduler, shipped_signatures
 from harness.standalone.output import print_json
 
@@ -33,7 +33,7 @@ def main(args: argparse.Namespace) -> int:
     given = ad_hoc_cell.read(args)
     opened = store.open_store()
     settings = scheduler.Settings(fresh=args.fresh, offline=args.offline, verify=args.verify)
-    with progress.Progress(1, 1, reporting.headline) as board:
+    with progress.Progress(1, 1, publishing.headline) as board:
         planned = ad_hoc_cell.planned(args, given, opened, scheduler.Runner(opened, settings, board))
         (record,) = scheduler.run(planned.cells, opened, settings, board)
     wrong = unregistered(record)
@@ -43,9 +43,9 @@ def main(args: argparse.Namespace) -> int:
     assessed = assess(record, known)
     if args.json:
         here = this_machine.facts()
-        locate = reporting.seen_from_here(opened.folder)
+        locate = publishing.seen_from_here(opened.folder)
         facts = {here.id: here.facts}
-        used = reporting.probes(planned)
+        used = publishing.probes(planned)
         made = document.build([record], [planned], facts, store.now(), locate, used, known=known)
         print_json(document.encode(made))
     else:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
 from datetime import date, timedelta
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from harness import present, search
+from harness import search
 from harness.machine import this_machine
 from harness.machine.store import now
 from harness.model import Cell, Phase, Verdict
 from harness.model.report_types import number
 from harness.packages import locks
+from harness.reports.template_files import read_template
+from harness.reports.text import report_markdown
 from harness.rootcause.bench import Bench, Trial
 from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, Step
 from harness.rootcause.candidates import Candidate, differing
@@ -281,8 +282,8 @@ def page(made: BisectDocument) -> str:
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= present.filters()
-    template = (Path(__file__).parent.parent / "templates" / "bisect.md.j2").read_text(encoding="utf-8")
+    environment.filters |= report_markdown.filters()
+    template = read_template("bisect.md.j2")
     said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
     return environment.from_string(template).render(**said)
 

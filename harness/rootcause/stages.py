@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
-from harness import clues, measured, moves
+from harness import clues, moves
 from harness.machine import interpreters, this_machine
 from harness.machine.store import cache_folder
 from harness.model import Cell, Change, Interpreter, Phase
@@ -16,6 +16,7 @@ from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.moves import Move, Way
 from harness.packages.environments import site_packages
+from harness.reports.answers import result_index
 from harness.rootcause import times
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, told, versions
@@ -206,7 +207,7 @@ def lock(place: Place) -> Iterator[Move]:
     minor, pinned = place.python.minor if place.python else "", moves.pins(place.trial.cell)
     bad = versions(place.lab, place.trial)
     cases = {(case.env, case.api) for case in place.trial.cell.cases if case.env}
-    known = measured.load()
+    known = result_index.load()
     found: dict[str, Change] = {}
     for one in known["cells"]:
         works = plainly_good(one["verdict"], one["unverified"]) and one["lock"] in known["locks"]

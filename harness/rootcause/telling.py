@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-from harness import pasting, present
+from harness import pasting
 from harness.model.report_types import number
 from harness.moves import Way
+from harness.reports.template_files import read_template
+from harness.reports.text import report_markdown
 from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repairing import Status
 from harness.standalone.silent import PREFIX
@@ -82,8 +83,8 @@ def page(made: RepairDocument) -> str:
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= present.filters()
-    template = (Path(__file__).parent.parent / "templates" / "repair.md.j2").read_text(encoding="utf-8")
+    environment.filters |= report_markdown.filters()
+    template = read_template("repair.md.j2")
     said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
     lines = list(pasting.lines(made.remedy.paste)) if made.remedy else []
     return environment.from_string(template).render(**said, refused=Way.REFUSED, lines=[line.strip() for line in lines])

@@ -12,11 +12,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness.commands import reporting
 from harness.judging.assess import assess
 from harness.machine import this_machine
 from harness.model import Cell, CellRecord, Phase, cellid
 from harness.model.errors import HarnessError
+from harness.reports import publishing
 from harness.running.scheduler import Runner
 from harness.smoke import PLUGIN, SUITE, frozen, junit
 from harness.smoke import items as tree
@@ -187,8 +187,8 @@ class Face:
         for record in self.records.values():
             store.save_cell(record)
         out = self.config.getoption("matrix_out")
-        wanted = reporting.Wanted(out=Path(out) if out else None, pivot=None, json=False, fail_on=())
-        made = reporting.publish(self.frozen.plans, self.records, store, wanted)
+        wanted = publishing.Wanted(out=Path(out) if out else None, pivot=None, json=False, fail_on=())
+        made = publishing.publish(self.frozen.plans, self.records, store, wanted)
         counts = Counter(assess(record).verdict for record in self.records.values())
         told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
         folders = ", ".join(os.path.relpath(one.folder) for one in made)

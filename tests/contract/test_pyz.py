@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import alone, measured
 from harness.commands import explain as verb
 from harness.machine import interpreters
+from harness.reports import doctor_pyz
+from harness.reports.answers import result_index
 from harness.running import shipped_signatures
 from harness.standalone.explain import explain, explaining, keeping
 
@@ -35,7 +36,7 @@ LOGS = {
 def pyz(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file, in a folder that nobody writes to."""
     folder = tmp_path_factory.mktemp("alone")
-    alone.write(folder / "simmatrix-doctor.pyz")
+    doctor_pyz.write(folder / "simmatrix-doctor.pyz")
     folder.chmod(0o555)
     return folder / "simmatrix-doctor.pyz"
 
@@ -65,7 +66,7 @@ def run(python: str, pyz: Path, *arguments: str, given: bytes = b"", cwd: Path) 
 @pytest.fixture(scope="module")
 def answers() -> dict[str, tuple[int, dict[str, object]]]:
     """What the host says of each log, with what comes with it alone."""
-    known, here = verb.known(), explaining.Here(measured=measured.shipped())
+    known, here = verb.known(), explaining.Here(measured=result_index.shipped())
     made = {name: explaining.explained(text, known, here) for name, text in LOGS.items()}
     return {name: (0 if one.cause else explain.UNKNOWN, one.plain()) for name, one in made.items()}
 
@@ -135,26 +136,26 @@ def test_bad_input_is_told(pyz: Path, tmp_path: Path) -> None:
 
 def test_equal_contents_make_an_equal_file(pyz: Path) -> None:
     """Byte for byte, small, and without a path of this machine."""
-    made = alone.content(shipped_signatures.known(), measured.shipped())
+    made = doctor_pyz.content(shipped_signatures.known(), result_index.shipped())
     assert made == pyz.read_bytes()
     assert len(made) < BOUND
     with zipfile.ZipFile(pyz) as archive:
         texts = b"".join(archive.read(name) for name in archive.namelist() if not name.endswith(".gz"))
     assert str(Path.home()).encode() + b"/" not in texts
-    assert str(Path(alone.__file__).parents[1]).encode() not in texts
+    assert str(Path(doctor_pyz.__file__).parents[1]).encode() not in texts
 
 
 def test_it_can_be_started_by_its_name(pyz: Path, tmp_path: Path) -> None:
     """It has a first line for that."""
     assert os.access(pyz, os.X_OK)
-    assert pyz.read_bytes().startswith(alone.SHEBANG)
+    assert pyz.read_bytes().startswith(doctor_pyz.SHEBANG)
 
 
 def test_a_python_that_is_too_old_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a traceback, before anything else is read; what says so has no syntax newer than Python 3.0."""
     monkeypatch.setattr(sys, "version_info", (3, 6, 15))
     with pytest.raises(SystemExit, match=r"^simmatrix-doctor: needs Python 3\.7 or newer, this is 3\.6$"):
-        exec(compile(alone.START, "__main__.py", "exec"))
+        exec(compile(doctor_pyz.START, "__main__.py", "exec"))
 
 
 def test_texts_are_decoded_alike() -> None:

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import document, pipelines
+from harness import pipelines
 from harness.__main__ import main
 from harness.model import CellRecord
+from harness.reports import document
 from harness.running import open_matrix
 
 ROOT = Path(__file__).parents[2]

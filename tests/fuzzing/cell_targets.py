@@ -16,7 +16,6 @@ import numpy as np
 from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
-from harness import upstream
 from harness.judging import decisive_line, failure_texts
 from harness.judging.check import Ending, check_record, found_beside
 from harness.machine.store import Installed, Store
@@ -24,6 +23,7 @@ from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import environment_damage, site_packages
 from harness.probes import thumbnails, wire
+from harness.reports import upstream
 
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}

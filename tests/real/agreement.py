@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness import present
 from harness.commands.progress import Progress
-from harness.commands.reporting import headline
 from harness.judging.assess import assess
 from harness.machine import store, this_machine
 from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Phase
+from harness.reports.publishing import headline
+from harness.reports.text import report_markdown
 from harness.running import scheduler
 
 HERE = Path(__file__).parent
@@ -157,7 +157,7 @@ def render(compared: Sequence[Compared], command: str) -> str:
 
 
 def _cell(text: str) -> str:
-    return present.table_cell(text[:160])
+    return report_markdown.table_cell(text[:160])
 
 
 def main(arguments: Sequence[str]) -> int:

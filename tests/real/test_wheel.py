@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import uv
 
-from harness import distilling, measured
+from harness.reports.answers import digest, result_index
 
 UV = uv.find_uv_bin()
 ROOT = Path(__file__).parents[2]
@@ -74,10 +74,10 @@ def test_it_carries_what_was_measured(wheel: Path) -> None:
         names = archive.namelist()
 
     assert len(packed) + len(reports) < MOST
-    found = {path.parent.name: json.loads(path.read_bytes()) for path in measured.report_files()}
-    assert reports == distilling.packed_reports(found)
-    assert distilling.unpacked(packed) == measured.shipped()
-    assert packed == distilling.packed(measured.shipped())
+    found = {path.parent.name: json.loads(path.read_bytes()) for path in result_index.report_files()}
+    assert reports == digest.packed_reports(found)
+    assert digest.unpacked(packed) == result_index.shipped()
+    assert packed == digest.packed(result_index.shipped())
     assert not [name for name in names if name.startswith(("reports/", "harness/reports/"))]
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness import document
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.model import (
     Artifact,
@@ -31,6 +30,7 @@ from harness.model import (
 )
 from harness.model.report_types import CellEntry, DiagnosisEntry, Document
 from harness.model.signatures import Signature
+from harness.reports import document
 from harness.standalone import matching
 
 HERE = "linux-x86_64"

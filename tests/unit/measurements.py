@@ -13,13 +13,14 @@ from typing import Any
 import msgspec
 from packaging.utils import canonicalize_name
 
-from harness import document, entry_failures
 from harness.judging.known_failures import counted
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
 from harness.model.signatures import Around, Evidence, diagnose
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages import locks
+from harness.reports import document
+from harness.reports.tables import counted_failures
 from harness.running import shipped_signatures
 
 ROOT = Path(__file__).parents[2]
@@ -74,7 +75,7 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
     works = not early and Outcome.PASSED in ended and ended <= WELL
     lines = {case.decisive, *case.reasons.values(), *case.masked.values()}
     mine = [one for one in cell.diagnoses if one.seen in lines]
-    counted = entry_failures.counted(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
+    counted = counted_failures.counted(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
     known = tuple(one.signature for one in counted)
     asked = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
     brought = sorted(map(str, cell.brought or ()))

@@ -6,7 +6,6 @@ from typing import Any
 
 from builders import GENERATED, HERE, MACHINES, case, cell, phase, record, step, warning
 
-from harness import document
 from harness.model import (
     CaseRecord,
     Cell,
@@ -21,6 +20,7 @@ from harness.model import (
     Verdict,
 )
 from harness.model.report_types import Document
+from harness.reports import document
 
 GPU = {"models": "NVIDIA H200", "driver": "570.86.15"}
 """Facts of a machine that has a GPU, under the names that `harness.machine.this_machine` writes."""

@@ -8,12 +8,12 @@ from time import monotonic
 import pytest
 from builders import case, entry, phase, record
 
-from harness import accepting
 from harness.matrix import matrix_file, plan
 from harness.matrix.matrix_types import Matrix
 from harness.model import Cell, Outcome, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry
+from harness.reports import expectation_writer
 
 TODAY = "2026-11-21T12:00:00Z"
 HEAD = """\
@@ -29,7 +29,7 @@ env = "Ant-v5"
 api = "gymnasium"
 """
 LINE = "ValueError: bad [model] (line 3)"
-WISH = accepting.Wish(pattern="*mujoco3*", reason="the model of Ant is too old")
+WISH = expectation_writer.Wish(pattern="*mujoco3*", reason="the model of Ant is too old")
 
 
 def planned(text: str) -> tuple[Matrix, Plan]:
@@ -49,16 +49,21 @@ def results(cells: Sequence[Cell], red: Sequence[str], line: str = LINE) -> dict
     return {cell.id: [measured(cell, line if cell.label in red else None)] for cell in cells}
 
 
-def accepted(text: str, red: Sequence[str], wish: accepting.Wish = WISH, line: str = LINE) -> accepting.Accepted:
+def accepted(
+    text: str, red: Sequence[str], wish: expectation_writer.Wish = WISH, line: str = LINE
+) -> expectation_writer.Accepted:
     """Accept the red cells; whichever they are, they are as expected then, and the others as before."""
     matrix, before = planned(text)
     entries = results(before.cells, red, line)
-    found, mixed = accepting.reds(before.cells, entries, TODAY)
-    made = accepting.accept(text, matrix, before.cells, found, wish)
+    found, mixed = expectation_writer.reds(before.cells, entries, TODAY)
+    made = expectation_writer.accept(text, matrix, before.cells, found, wish)
     _, after = planned(made.text)
     ids = [one.cell.id for one in found]
-    wrong = accepting.trouble(
-        before.cells, after.cells, ids, lambda cell: [accepting.as_expected(cell, e, TODAY) for e in entries[cell.id]]
+    wrong = expectation_writer.trouble(
+        before.cells,
+        after.cells,
+        ids,
+        lambda cell: [expectation_writer.as_expected(cell, e, TODAY) for e in entries[cell.id]],
     )
     assert (wrong, mixed) == (None, [])
     assert sorted(ids) == sorted(cell.id for cell in before.cells if cell.label in red)
@@ -73,7 +78,9 @@ def labels(**wanted: str) -> list[str]:
 class TestTables:
     def test_whole_table(self) -> None:
         """Cells with one reason share a table, which has all that the user said; what means something is escaped."""
-        wish = accepting.Wish(pattern="*", reason='too "old"', link="https://example.org/1", until="2026-12-31")
+        wish = expectation_writer.Wish(
+            pattern="*", reason='too "old"', link="https://example.org/1", until="2026-12-31"
+        )
 
         made = accepted(HEAD, labels(mujoco="3.3.7"), wish)
 
@@ -110,7 +117,7 @@ class TestTables:
             "py3.11_gymnasium-1*_mujoco-[34]*": ['cells = "py3.11_gymnasium-1*_mujoco-[34]*"'],
             "*mujoco-[34]*": [f'cells = "{label}"' for label in red],
         }.items():
-            made = accepted(text, red, accepting.Wish(pattern=pattern, reason="x"))
+            made = accepted(text, red, expectation_writer.Wish(pattern=pattern, reason="x"))
             assert [table.splitlines()[1] for table in made.tables] == selectors
 
     def test_our_own_sentence_is_told_by_code(self) -> None:
@@ -127,7 +134,7 @@ class TestTables:
 
         match = tomllib.loads(table)["expect"][0]["match"]
         assert match == ("Because " + "no wheel " * 100)[: len(match)]
-        assert 150 < len(match) <= accepting.LONGEST
+        assert 150 < len(match) <= expectation_writer.LONGEST
 
     @pytest.mark.parametrize(
         "line", ["it's \\d+ (a)", "tab\there", "quote \" and ' both \\", "ünï: 模型", "a|b^$.*?{}"]
@@ -150,13 +157,13 @@ def accepted_more(text: str, red: Sequence[str]) -> str:
     """Accept, with another line, cells of a matrix that expects something already."""
     matrix, before = planned(text)
     entries = results(before.cells, red, "RuntimeError: other")
-    found, _ = accepting.reds(before.cells, entries, TODAY)
-    made = accepting.accept(text, matrix, before.cells, found, WISH)
+    found, _ = expectation_writer.reds(before.cells, entries, TODAY)
+    made = expectation_writer.accept(text, matrix, before.cells, found, WISH)
     after = planned(made.text)[1]
     for cell in after.cells:
         (entry,) = entries[cell.id]
         if cell.label in red:
-            assert accepting.as_expected(cell, entry, TODAY) == (True, None)
+            assert expectation_writer.as_expected(cell, entry, TODAY) == (True, None)
         else:
             assert cell.expect == next(one.expect for one in before.cells if one.id == cell.id)
     return made.text
@@ -186,13 +193,15 @@ class TestFile:
 
     def test_an_expectation_that_ran_out_is_renewed(self) -> None:
         """Red as expected, but only until yesterday: accepted anew."""
-        text = accepted(HEAD, labels(mujoco="3.3.7"), accepting.Wish(pattern="*", reason="x", until="2026-11-22")).text
+        text = accepted(
+            HEAD, labels(mujoco="3.3.7"), expectation_writer.Wish(pattern="*", reason="x", until="2026-11-22")
+        ).text
         matrix, before = planned(text)
         entries = results(before.cells, labels(mujoco="3.3.7"))
 
-        assert accepting.reds(before.cells, entries, "2026-11-22T12:00:00Z") == ([], [])
-        found, _ = accepting.reds(before.cells, entries, "2026-11-23T00:00:00Z")
-        made = accepting.accept(text, matrix, before.cells, found, WISH)
+        assert expectation_writer.reds(before.cells, entries, "2026-11-22T12:00:00Z") == ([], [])
+        found, _ = expectation_writer.reds(before.cells, entries, "2026-11-23T00:00:00Z")
+        made = expectation_writer.accept(text, matrix, before.cells, found, WISH)
 
         assert made.text == HEAD + "\n" + made.tables[0]
 
@@ -232,8 +241,8 @@ class TestReds:
         _, known = planned(text)
         entries = results(known.cells, labels(mujoco="3.3.7"))
 
-        assert accepting.reds(known.cells, entries, TODAY) == ([], [])
-        assert accepting.reds(known.cells, {}, TODAY) == ([], [])
+        assert expectation_writer.reds(known.cells, entries, TODAY) == ([], [])
+        assert expectation_writer.reds(known.cells, {}, TODAY) == ([], [])
 
     def test_machines_that_differ(self) -> None:
         """No expectation fits a cell that works on one machine and is red on another."""
@@ -241,7 +250,7 @@ class TestReds:
         cell = before.cells[0]
         entries = {cell.id: [measured(cell), measured(cell, LINE, "mac")]}
 
-        found, mixed = accepting.reds(before.cells, entries, TODAY)
+        found, mixed = expectation_writer.reds(before.cells, entries, TODAY)
 
         assert found == []
         assert mixed == [f"{cell.id}: works on linux, broken on mac; no expectation fits them all"]
@@ -252,12 +261,12 @@ class TestReds:
         cell = before.cells[0]
         entries = {cell.id: [measured(cell, "no GL"), measured(cell, "no EGL", "mac")]}
 
-        found, _ = accepting.reds(before.cells, entries, TODAY)
-        made = accepting.accept(HEAD, matrix, before.cells, found, WISH)
+        found, _ = expectation_writer.reds(before.cells, entries, TODAY)
+        made = expectation_writer.accept(HEAD, matrix, before.cells, found, WISH)
 
         assert 'match = "no EGL|no GL"' in made.text
         after = planned(made.text)[1].cells[0]
-        assert [accepting.as_expected(after, entry, TODAY) for entry in entries[cell.id]] == [(True, None)] * 2
+        assert [expectation_writer.as_expected(after, entry, TODAY) for entry in entries[cell.id]] == [(True, None)] * 2
 
 
 def test_a_file_with_thousands_of_tables_is_read_once() -> None:
@@ -267,7 +276,7 @@ def test_a_file_with_thousands_of_tables_is_read_once() -> None:
     )
     start = monotonic()
 
-    blocks = list(accepting._blocks((HEAD + tables).split("\n")))
+    blocks = list(expectation_writer._blocks((HEAD + tables).split("\n")))
 
     assert len(blocks) == 3_000
     assert monotonic() - start < 10  # a second, where the square takes minutes
@@ -276,4 +285,4 @@ def test_a_file_with_thousands_of_tables_is_read_once() -> None:
 @pytest.mark.parametrize("text", ["\U0001f600", "a\x7fb", 'quo"te', "back\\slash", "tab\tnew\nline", "é\x00\x1b"])
 def test_any_text_can_be_expected(text: str) -> None:
     """Any text that is written is read again as it is."""
-    assert tomllib.loads(f"x = {accepting._string(text)}") == {"x": text}
+    assert tomllib.loads(f"x = {expectation_writer._string(text)}") == {"x": text}

@@ -16,11 +16,11 @@ from typing import Any
 
 import pytest
 
-from harness import cameras
-from harness.cameras import Pair, Seen, Way
 from harness.judging import native_errors
 from harness.model import Outcome
 from harness.model.report_types import CaseEntry
+from harness.reports.text import camera_pages
+from harness.reports.text.camera_pages import Pair, Seen, Way
 
 ROOT = Path(__file__).parents[2]
 STANDIN = ROOT / "tests" / "standins" / "isaacgym" / "python"
@@ -29,7 +29,7 @@ IMPORTED = "[Error] [carb.gym.plugin] cudaImportExternalMemory failed on rgbImag
 NONE = "ContractViolation: camera image is None: get_camera_image_gpu_tensor() of environment 0"
 
 
-def case(outcome: Outcome, why: str = "", check: str = cameras.CHECK) -> CaseEntry:
+def case(outcome: Outcome, why: str = "", check: str = camera_pages.CHECK) -> CaseEntry:
     """A case that came so far and ended so."""
     checks = {"import.modules": Outcome.PASSED, check: outcome}
     reasons = {check: why} if why else {}
@@ -60,7 +60,7 @@ def case(outcome: Outcome, why: str = "", check: str = cameras.CHECK) -> CaseEnt
 )
 def test_what_became_of_a_camera(entry: CaseEntry, native: tuple[str, ...], expected: str) -> None:
     """A picture, each way to have none, and what says nothing of the camera, are told apart."""
-    assert str(cameras.way(entry, native)) == expected
+    assert str(camera_pages.way(entry, native)) == expected
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,12 @@ import pytest
 from builders import asking
 from packaging.requirements import Requirement
 
-from harness import document, measured
 from harness.machine.store import Store
 from harness.matrix import plan
 from harness.model import CellRecord, IndexSettings, Subject, cellid
 from harness.model.vocabulary import Instant
+from harness.reports import document
+from harness.reports.answers import result_index
 
 REPORTS = Path(__file__).parents[2] / "reports"
 LABEL = re.compile(r"[A-Za-z0-9.+-]+(_[A-Za-z0-9.+-]+)*")
@@ -273,8 +274,8 @@ def test_results_of_an_earlier_version_are_read(tmp_path: Path, monkeypatch: pyt
     for cell in whole["cells"]:
         cell["id"] = cellid.older(Named(cell["id"], cell["axes"]))
     (tmp_path / "report.json").write_text(json.dumps(whole))
-    monkeypatch.setattr(measured, "report_files", list)
+    monkeypatch.setattr(result_index, "report_files", list)
     monkeypatch.setenv("HARNESS_RESULTS", str(tmp_path))
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "none"))
 
-    assert {cell["id"] for cell in measured.load()["cells"]} == ids
+    assert {cell["id"] for cell in result_index.load()["cells"]} == ids

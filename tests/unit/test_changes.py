@@ -11,14 +11,14 @@ import specimens
 from builders import case, cell, document_of, knowing, phase, record, signature, step
 from specimens import RESET, SOLVER, XML
 
-from harness import change_effects, document, tables
-from harness.commands import reporting
 from harness.matrix import changes, matrix_file, matrix_remedies, plan
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document
 from harness.model.signatures import Signature
-from harness.tabletypes import Effect
+from harness.reports import document, publishing
+from harness.reports.tables import change_effects, tables
+from harness.reports.tables.table_types import Effect
 
 MATRIX = """
 requirements = ["gymnasium[mujoco]"]
@@ -432,7 +432,7 @@ def test_the_page_shows_before_after_and_proof() -> None:
         ("solver", "install `mujoco<3`", (("py3.11_gymnasium-1.2.3_with-cure", "locks/1.txt"),)),
         ("words", "nobody can do this", ()),
     ]
-    page = reporting.page(tables.report(whole))
+    page = publishing.page(tables.report(whole))
     line = f"partial in render: {SOLVER}"
     assert f"\n### `py3.11_gymnasium-1.2.3`\n\n    {line}\n\n| effect |" in page
     assert "| **cures** | cure: install `mujoco<3` | why | works |" in page

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from harness import document, packs, pages, tables
-from harness.commands import judging_again, reporting
 from harness.machine.store import Store
 from harness.matrix import matrix_file
 from harness.model import Verdict
 from harness.model.report_types import Document
+from harness.reports import document, judge_again, packs, publishing
+from harness.reports.tables import tables
+from harness.reports.text import author_pages
 
 REPORTS = Path(__file__).parents[2] / "reports"
 MATRICES = REPORTS.parent / "matrices"
@@ -68,7 +69,7 @@ def test_report_is_judged_from_its_evidence(folder: Path, tmp_path: Path) -> Non
     for name in ("frames", "locks"):
         if (folder / name).is_dir():
             shutil.copytree(folder / name, copy / name)
-    again = judging_again.judged(copy, index, Store(tmp_path / "state"))
+    again = judge_again.judged(copy, index, Store(tmp_path / "state"))
 
     assert document.encode(again.document) == (folder / "report.json").read_bytes()
     evidence = {path.relative_to(folder): path.read_bytes() for path in folder.glob("evidence/*/*")}
@@ -90,7 +91,7 @@ class TestCommittedReport:
 
     def test_page_is_made_from_the_document(self, folder: Path) -> None:
         """`report.md` is what its `report.json` gives."""
-        assert reporting.page(tables.report(read(folder))) == (folder / "report.md").read_text()
+        assert publishing.page(tables.report(read(folder))) == (folder / "report.md").read_text()
 
     def test_every_cell_is_as_expected(self, folder: Path) -> None:
         """No red cell without an expectation, no expectation out of date."""
@@ -111,7 +112,7 @@ class TestCommittedReport:
         assert words.exists() == (matrix.page is not None)
         if matrix.page:
             template = (MATRICES / matrix.page).read_text()
-            assert pages.render(template, whole, tables.report(whole)) == words.read_text()
+            assert author_pages.render(template, whole, tables.report(whole)) == words.read_text()
 
     def test_locks_are_those_that_were_measured(self, folder: Path) -> None:
         """Each cell's lock lies beside the report, with the hash that the report gives."""

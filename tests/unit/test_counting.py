@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from builders import case, cell, entry, knowing, phase, record, signature
 
-from harness import entry_failures
 from harness.judging.assess import assess
 from harness.model import Expectation, Outcome, Phase, Verdict
+from harness.reports.tables import counted_failures
 from harness.standalone.counting import Fit, counting, nameable, says
 
 DEEP = Fit("deep", masks=False, generic=False, seen="no such field", says=True)
@@ -56,7 +56,7 @@ def test_a_cell_and_its_entry_count_alike(named: str) -> None:
     found = assess(record(case("ppfp", vector=vector), of=cell(expect=expect)), known)
     stored = entry(found.record, known)
 
-    assert found.failure == entry_failures.failure(stored)
+    assert found.failure == counted_failures.failure(stored)
     assert found.failure
     assert found.failure.causes == ("deep",)
-    assert found.as_expected is stored.as_expected is (named in entry_failures.nameable(stored)) is (named != "mask")
+    assert found.as_expected is stored.as_expected is (named in counted_failures.nameable(stored)) is (named != "mask")

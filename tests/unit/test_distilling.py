@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 import specimens
 
-from harness import distilling, document
-from harness.distilling import Layer
+from harness.reports import document
+from harness.reports.answers import digest
+from harness.reports.answers.digest import Layer
 
 ONE, TWO = "1" * 64, "2" * 64
 NUMPY = f"numpy==2.2.6 \\\n    --hash=sha256:{ONE} \\\n    --hash=sha256:{TWO}\n"
@@ -35,7 +36,7 @@ def test_a_cell_that_says_nothing_of_its_packages_is_left_out() -> None:
     """Cells that were not run, not to be had or not told leave nothing; all others keep verdict and phases."""
     plain = report()
 
-    found = {one["id"]: one for one in distilling.layer(plain, lambda _: None).cells}
+    found = {one["id"]: one for one in digest.layer(plain, lambda _: None).cells}
 
     told = [one for one in plain["cells"] if one["verdict"] not in {"not_run", "unavailable", "inconclusive"}]
     assert 0 < len(told) < len(plain["cells"])
@@ -47,18 +48,18 @@ def test_a_cell_keeps_its_lock() -> None:
     """A lock is named by the SHA-256 of its text, and comes out again to the byte."""
     plain = report()
 
-    made = distilling.combined([distilling.layer(plain, lambda _: NUMPY)])
+    made = digest.combined([digest.layer(plain, lambda _: NUMPY)])
 
     (sha,) = made["locks"]
     assert sha == sha256(NUMPY)
     assert {one["lock"] for one in made["cells"]} == {sha, None}
-    assert distilling.lock_text(made, sha) == NUMPY
+    assert digest.lock_text(made, sha) == NUMPY
 
 
 @pytest.mark.parametrize("text", [None, "numpy @ file:///a.whl\n"], ids=["gone", "no lock"])
 def test_a_lock_that_cannot_be_given_again_is_none(text: str | None) -> None:
     """Nobody is told of a lock that is not there, or that is not pinned by hashes."""
-    made = distilling.combined([distilling.layer(report(), lambda _: text)])
+    made = digest.combined([digest.layer(report(), lambda _: text)])
 
     assert not made["locks"]
     assert {one["lock"] for one in made["cells"]} == {None}
@@ -69,10 +70,10 @@ def test_locks_of_two_pythons_keep_their_own_files() -> None:
     locks = {sha256(text): text for text in (NUMPY, SHORTER)}
     cells = [cell(name, lock=name) for name in locks]
 
-    made = distilling.combined([Layer(cells=cells, locks=locks)])
+    made = digest.combined([Layer(cells=cells, locks=locks)])
 
     assert made["hashes"] == {"numpy==2.2.6": [ONE, TWO]}
-    assert {sha: distilling.lock_text(made, sha) for sha in locks} == locks
+    assert {sha: digest.lock_text(made, sha) for sha in locks} == locks
 
 
 def test_the_newer_measurement_stands() -> None:
@@ -81,7 +82,7 @@ def test_the_newer_measurement_stands() -> None:
     new = Layer(cells=[cell("m/a", "2026-02-01T00:00:00Z", lock=sha256(SHORTER))], locks={sha256(SHORTER): SHORTER})
 
     for layers in ([old, new], [new, old]):
-        made = distilling.combined(layers)
+        made = digest.combined(layers)
         assert [one["measured"] for one in made["cells"]] == ["2026-02-01T00:00:00Z"]
         assert [*made["locks"]] == [sha256(SHORTER)]
 
@@ -93,7 +94,7 @@ def test_machines_never_mix() -> None:
         Layer(cells=[cell("m/a", "2026-02-01T00:00:00Z", "here")], machines={"here": {"os": "one"}, "unused": {}}),
     ]
 
-    made = distilling.combined(layers)
+    made = digest.combined(layers)
 
     assert [(one["machine"], one["measured"][:7]) for one in made["cells"]] == [
         ("here", "2026-02"),
@@ -107,9 +108,9 @@ def test_a_machine_is_told_by_what_draws_and_by_its_gpu() -> None:
     plain = report()
     (facts,) = plain["machines"].values()
 
-    (without,) = distilling.layer(plain, lambda _: None).machines.values()
+    (without,) = digest.layer(plain, lambda _: None).machines.values()
     facts["gpu"] = specimens.GPU
-    (made,) = distilling.layer(plain, lambda _: None).machines.values()
+    (made,) = digest.layer(plain, lambda _: None).machines.values()
 
     assert without == {key: made[key] for key in made if key != "gpu"}
     assert (made["gpu"], made["gl"], made["glibc"]) == ("NVIDIA H200", "Mesa/X.org", "2.36")
@@ -117,13 +118,13 @@ def test_a_machine_is_told_by_what_draws_and_by_its_gpu() -> None:
 
 def test_what_was_packed_comes_out_equal() -> None:
     """Packed twice it is the same bytes; unpacked, and put under nothing, it is the same document."""
-    made = distilling.combined([distilling.layer(report(), lambda _: NUMPY)])
+    made = digest.combined([digest.layer(report(), lambda _: NUMPY)])
 
-    content = distilling.packed(made)
+    content = digest.packed(made)
 
-    assert content == distilling.packed(json.loads(json.dumps(made)))
-    assert distilling.unpacked(content) == made
-    assert distilling.combined([distilling.again(made)]) == made
+    assert content == digest.packed(json.loads(json.dumps(made)))
+    assert digest.unpacked(content) == made
+    assert digest.combined([digest.again(made)]) == made
 
 
 def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:
@@ -134,7 +135,7 @@ def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:
 
     def causes(line: str, *found: dict[str, Any]) -> list[str]:
         told = red | {"decisive": line, "cases": [], "diagnoses": list(found)}
-        (made,) = distilling.layer(plain | {"cells": [told]}, lambda _: None).cells
+        (made,) = digest.layer(plain | {"cells": [told]}, lambda _: None).cells
         return list(made["causes"])
 
     assert causes("EOFError: ", mask) == ["mask"]

@@ -8,10 +8,10 @@ import pytest
 from builders import GENERATED, HERE, MACHINES, case, cell, document_of, phase, record, step, warning
 from specimens import RESET, XML, quick, quick_document
 
-from harness import document
 from harness.model import CellRecord, CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document, FindingEntry
+from harness.reports import document
 
 CELL_KEYS = {
     "id", "matrix", "axes", "requested_python", "python", "machine", "environment", "supplied", "installed", "lock",

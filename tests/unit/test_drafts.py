@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
-from harness import drafts, present
+from harness import drafts
 from harness.drafts import Case, Draft, Project, Range, SuiteDraft
 from harness.drafts import candidates as trying
 from harness.drafts.candidates import Candidate
@@ -18,9 +17,10 @@ from harness.matrix.matrix_types import Expansion
 from harness.model import Plan, Suite
 from harness.model.errors import BadInput
 from harness.model.vocabulary import GYMNASIUM, Instant, Rule
+from harness.reports.template_files import read_template
 from harness.workflows import read
 
-TEMPLATE = (Path(present.__file__).parent / "templates" / "matrix.toml.j2").read_text(encoding="utf-8")
+TEMPLATE = read_template("matrix.toml.j2")
 
 
 def planned(draft: Draft, **versions: tuple[str, ...]) -> Plan:

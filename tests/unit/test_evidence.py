@@ -11,7 +11,6 @@ import pytest
 from builders import case, cell, entry, knowing, phase, record, step, warning
 from specimens import RESET, XML
 
-from harness import entry_failures
 from harness.judging.assess import assess
 from harness.judging.known_failures import Knowledge
 from harness.model import (
@@ -30,6 +29,7 @@ from harness.model import (
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
 from harness.model.signatures import Sighting
+from harness.reports.tables import counted_failures
 from harness.running import own_suites, shipped_signatures, signature_files
 
 KNOWN = signatures.read(
@@ -165,9 +165,9 @@ def test_a_mask_that_was_seen_through_is_no_cause() -> None:
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=through.decisive, masked_by=RESET)
     seen = entry(record(case("ppfp", vector=replace(through, checks=(check,)))), known())
     assert [each.signature for each in seen.diagnoses] == ["mask"]
-    assert entry_failures.counted(seen) == ()
+    assert counted_failures.counted(seen) == ()
     bare = entry(record(case("ppfp", vector=replace(VECTOR, decisive=RESET, checks=()))), known())
-    assert [each.signature for each in entry_failures.counted(bare)] == ["mask"]
+    assert [each.signature for each in counted_failures.counted(bare)] == ["mask"]
 
 
 def expecting(signature: str) -> CellRecord:

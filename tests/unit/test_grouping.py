@@ -9,10 +9,11 @@ import pytest
 from builders import diagnosis
 from specimens import quick_document
 
-from harness import grouping, present
 from harness.model import Verdict
 from harness.model.report_types import CellEntry, DiagnosisEntry, ExpectationEntry
-from harness.tabletypes import Trouble
+from harness.reports.tables import cause_groups
+from harness.reports.tables.table_types import Trouble
+from harness.reports.text import report_markdown
 
 AXES = ("python", "mujoco")
 PYTHONS, MUJOCOS = ("3.9", "3.10", "3.11"), ("2.3.7", "3.1.6", "3.3.7", "4.0.0")
@@ -47,7 +48,7 @@ def known(signature: str, **more: object) -> DiagnosisEntry:
 
 def only(cells: list[CellEntry]) -> Trouble:
     """The one cause."""
-    (one,) = grouping.troubles(cells, AXES)
+    (one,) = cause_groups.troubles(cells, AXES)
     return one
 
 
@@ -145,7 +146,7 @@ def test_unknown_ones_by_their_line() -> None:
         cell("3.9", mujoco, f"TypeError: in mujoco {mujoco}, line {mujoco[0]}") for mujoco in MUJOCOS[:3]
     )
 
-    found = grouping.troubles([one, two, msgspec.structs.replace(three, phase="vector")], AXES)
+    found = cause_groups.troubles([one, two, msgspec.structs.replace(three, phase="vector")], AXES)
 
     assert [(each.known, each.cells, each.phases) for each in found] == [("", 2, ("render",)), ("", 1, ("vector",))]
 
@@ -161,7 +162,7 @@ def test_unknown_ones_by_what_the_matrix_says() -> None:
         cell("3.10", "4.0.0", "AssertionError", as_expected=False),
     ]
 
-    found = grouping.troubles(cells, AXES)
+    found = cause_groups.troubles(cells, AXES)
 
     assert [(one.cause, one.cells, one.references) for one in found] == [
         ("a", 3, ("https://e.org/a",)), ("b", 1, ("https://e.org/b",)), ("", 1, ()),
@@ -173,7 +174,7 @@ def test_those_of_most_cells_first() -> None:
     red = {("3.9", "2.3.7"): cell("3.9", "2.3.7", "rare")}
     red |= {(python, "4.0.0"): cell(python, "4.0.0", "often") for python in PYTHONS}
 
-    assert [one.line for one in grouping.troubles(matrix(red), AXES)] == ["often", "rare"]
+    assert [one.line for one in cause_groups.troubles(matrix(red), AXES)] == ["often", "rare"]
 
 
 def test_a_fix_that_a_neighbour_proves() -> None:
@@ -183,9 +184,9 @@ def test_a_fix_that_a_neighbour_proves() -> None:
 
     one = only(cells)
     assert (one.proofs, one.neighbour) == ((), "py3.9_mujoco-3.3.7")  # the newest that the fix allows
-    assert present.proven(one) == "proven by a neighbour: `py3.9_mujoco-3.3.7` works and differs only in this"
+    assert report_markdown.proven(one) == "proven by a neighbour: `py3.9_mujoco-3.3.7` works and differs only in this"
     others = [cell for cell in cells if cell.axes["python"] != "3.9" or cell.axes["mujoco"] == "4.0.0"]
-    assert present.proven(only(others)) == "not tried"
+    assert report_markdown.proven(only(others)) == "not tried"
 
 
 def test_a_fix_that_works_together_with_more() -> None:
@@ -194,4 +195,6 @@ def test_a_fix_that_works_together_with_more() -> None:
     red = msgspec.structs.replace(red, axes={**red.axes, "bounds": "declared"}, installed={"mujoco": "4.0.0"})
     green = msgspec.structs.replace(green, axes={**green.axes, "bounds": "known"}, installed={"mujoco": "3.3.7"})
 
-    assert present.proven(only([red, green])) == "not tried alone; `py3.9_mujoco-3.3.7` works with this and more"
+    assert (
+        report_markdown.proven(only([red, green])) == "not tried alone; `py3.9_mujoco-3.3.7` works with this and more"
+    )

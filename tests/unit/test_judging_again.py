@@ -13,9 +13,7 @@ import pytest
 from readings import CASE, DIED, FAILED, GOOD, HERE, Check, asked, lines, passed
 from specimens import GENERATED, MACHINES, cell, record
 
-from harness import document, packs
 from harness.__main__ import main
-from harness.commands import reporting
 from harness.judging import case as judging
 from harness.judging import decisive_line
 from harness.judging.fold import Folded, after
@@ -25,6 +23,7 @@ from harness.model import CellRecord, Expectation, Plan, Verdict
 from harness.model.report_types import Document
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun
 from harness.probes.vault import Vault, kept
+from harness.reports import document, packs, publishing
 from harness.running import open_matrix
 
 CRASH = End(signal=11, seconds=2.0)
@@ -66,10 +65,10 @@ def measured(opened: Store, label: str, *failing: Check, expect: Expectation | N
 def published(folder: Path, opened: Store, *records: CellRecord) -> Document:
     """The report of these cells, with its evidence, in a folder."""
     plan = Plan(matrix="packed", cells=tuple(one.cell for one in records), axes=("python", "gymnasium"))
-    locate = reporting.place(records, opened, folder)
+    locate = publishing.place(records, opened, folder)
     made = document.build(records, [plan], MACHINES, GENERATED, locate)
-    reporting.write(made, folder, None)
-    reporting.pack(made, plan, records, opened, folder)
+    publishing.write(made, folder, None)
+    publishing.pack(made, plan, records, opened, folder)
     return made
 
 

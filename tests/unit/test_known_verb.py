@@ -9,10 +9,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from harness import distilling, measured, shipped_reports
 from harness.__main__ import main
 from harness.commands.known import KnownDocument
 from harness.model.schema import json_schema
+from harness.reports.answers import digest, result_index, shipped_reports
 
 REPORTS = Path(__file__).parents[2] / "reports"
 
@@ -119,9 +119,9 @@ def test_a_wheel_opens_them_too(
     """Packed as in a wheel, without any file beside: the same cells and reports."""
     report = json.loads((REPORTS / "quickstart" / "report.json").read_bytes())
     packed = fresh / "reports.zip"
-    packed.write_bytes(distilling.packed_reports({"quickstart": report}))
+    packed.write_bytes(digest.packed_reports({"quickstart": report}))
     monkeypatch.setattr(shipped_reports, "PACKED", packed)
-    monkeypatch.setattr(measured, "report_files", list)
+    monkeypatch.setattr(result_index, "report_files", list)
     shipped_reports.load.cache_clear()
     red = next(cell for cell in report["cells"] if cell["decisive"])
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from harness.markdown_texts import address, block, code, file_link, prose, table_cell
+from harness.reports.text.markdown_texts import address, block, code, file_link, prose, table_cell
 
 
 @pytest.mark.parametrize("made", [table_cell, prose])

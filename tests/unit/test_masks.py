@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import document
 from harness.model.report_types import CellEntry
+from harness.reports import document
 
 REPORTS = Path(__file__).parents[2] / "reports"
 FORK = "vector.async.fork"

@@ -7,9 +7,10 @@ import pytest
 from builders import HERE, MACHINES
 from specimens import quick, quick_document
 
-from harness import distilling, document, measured
 from harness.machine.store import Store
 from harness.model.errors import BadInput
+from harness.reports import document
+from harness.reports.answers import digest, result_index
 
 LOCK = f"numpy==2.2.6 \\\n    --hash=sha256:{'1' * 64}\n"
 
@@ -17,10 +18,10 @@ LOCK = f"numpy==2.2.6 \\\n    --hash=sha256:{'1' * 64}\n"
 @pytest.fixture
 def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A package without reports, and no store."""
-    monkeypatch.setattr(measured, "PACKAGE", tmp_path / "nowhere" / "harness")
-    monkeypatch.setattr(measured, "PACKED", tmp_path / "packed.json.gz")
+    monkeypatch.setattr(result_index, "PACKAGE", tmp_path / "nowhere" / "harness")
+    monkeypatch.setattr(result_index, "PACKED", tmp_path / "packed.json.gz")
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
-    monkeypatch.delenv(measured.VARIABLE, raising=False)
+    monkeypatch.delenv(result_index.VARIABLE, raising=False)
     return tmp_path
 
 
@@ -39,34 +40,34 @@ def works(found: dict) -> list[str]:
 
 def test_a_checkout_reads_its_reports() -> None:
     """What the reports of this checkout measured is there, with a lock for every cell that works, in under 2 MB."""
-    found = measured.shipped()
+    found = result_index.shipped()
 
     assert len({cell["matrix"] for cell in found["cells"]}) > 10
     assert len(works(found)) > 200
     assert all(cell["lock"] in found["locks"] for cell in found["cells"] if cell["verdict"] == "works")
-    assert len(distilling.packed(found)) < 2_000_000
+    assert len(digest.packed(found)) < 2_000_000
 
 
 def test_nothing_is_known_and_no_store_is_made(alone: Path) -> None:
     """Without any results there are none, and asking leaves no folder behind."""
-    assert measured.load()["cells"] == []
+    assert result_index.load()["cells"] == []
     assert not (alone / "state").exists()
 
 
 def test_a_wheel_reads_its_file(alone: Path) -> None:
     """The packed file is what comes with us; nothing beside the package is read."""
     put(alone / "nowhere" / "reports" / "quick")
-    (alone / "packed.json.gz").write_bytes(distilling.packed(distilling.combined([])))
+    (alone / "packed.json.gz").write_bytes(digest.packed(digest.combined([])))
 
-    assert measured.shipped()["cells"] == []
+    assert result_index.shipped()["cells"] == []
 
 
 @pytest.mark.parametrize("depth", [".", ".."], ids=["a report", "a folder of reports"])
 def test_results_of_others_are_put_upon_them(alone: Path, monkeypatch: pytest.MonkeyPatch, depth: str) -> None:
     """HARNESS_RESULTS names folders of reports, or folders that hold such folders."""
-    monkeypatch.setenv(measured.VARIABLE, f"{put(alone / 'others' / 'quick') / depth}:")
+    monkeypatch.setenv(result_index.VARIABLE, f"{put(alone / 'others' / 'quick') / depth}:")
 
-    found = measured.load()
+    found = result_index.load()
 
     assert works(found)
     assert [*found["locks"].values()] == [[["numpy", "2.2.6"]]]
@@ -87,25 +88,25 @@ def test_a_folder_without_a_report_is_refused(
     """A variable that names something else says so, with the file."""
     if content is not None:
         (alone / "report.json").write_text(content)
-    monkeypatch.setenv(measured.VARIABLE, str(alone))
+    monkeypatch.setenv(result_index.VARIABLE, str(alone))
 
     with pytest.raises(BadInput) as refused:
-        measured.load()
+        result_index.load()
 
     assert str(refused.value).startswith(message.format(alone))
 
 
 def test_what_this_store_measured_lies_on_top(alone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cell that was measured here again is told as it stands here; a cell measured elsewhere alone stays."""
-    monkeypatch.setenv(measured.VARIABLE, str(put(alone / "others")))
-    before = {cell["id"]: cell for cell in measured.load()["cells"]}
+    monkeypatch.setenv(result_index.VARIABLE, str(put(alone / "others")))
+    before = {cell["id"]: cell for cell in result_index.load()["cells"]}
     opened = Store(alone / "state")
-    record = next(one for one in quick()[1] if one.cell.id in works(measured.load()))
+    record = next(one for one in quick()[1] if one.cell.id in works(result_index.load()))
     opened.save_machine(HERE, MACHINES[HERE])
 
     opened.save_cell(replace(record, lock=None, measured="2027-01-01T00:00:00Z"))
 
-    after = {cell["id"]: cell for cell in measured.load()["cells"]}
+    after = {cell["id"]: cell for cell in result_index.load()["cells"]}
 
     assert after.keys() == before.keys()
     changed = [name for name in after if after[name] != before[name]]

@@ -9,9 +9,9 @@ import pytest
 from builders import GENERATED, HERE, MACHINES, case
 from specimens import measured, quick
 
-from harness import document
 from harness.__main__ import main
 from harness.model import CellRecord, Phase
+from harness.reports import document
 
 PLAN, RECORDS = quick()
 

@@ -11,10 +11,10 @@ import pytest
 from builders import GENERATED, HERE, MACHINES, case, record
 from specimens import quick
 
-from harness import document, merging
 from harness.model import Cell, CellRecord, Dropped, Expectation, Outcome, Phase, PhaseRecord, Plan, Subject, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document
+from harness.reports import document, merging
 
 OTHER = "linux-aarch64"
 PLAN = quick()[0]

@@ -13,11 +13,11 @@ from builders import case as tried
 from builders import cell as planned
 from specimens import RESET, combination, measured, quick, quick_document
 
-from harness import document, notices
 from harness.__main__ import main
-from harness.commands import reporting
 from harness.model import Expectation, Outcome, Phase, Step, Verdict
 from harness.model.report_types import Document
+from harness.reports import document, publishing
+from harness.reports.text import github_annotations
 
 ALL = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
 
@@ -32,7 +32,7 @@ def reds(count: int, decisive: str | None = None) -> Document:
 
 def test_every_cell_that_fails_is_named() -> None:
     """Worst first: what is not as expected, then what could not be told or was not run where that was asked."""
-    lines = notices.github(quick_document(), ("unexpected", "not_run")).splitlines()
+    lines = github_annotations.github(quick_document(), ("unexpected", "not_run")).splitlines()
 
     assert lines == [
         "::error title=quick/py3.11_gymnasium-0.29.1_mujoco-1.50::unresolvable in resolve: Because there is no"
@@ -47,7 +47,7 @@ def test_every_cell_that_fails_is_named() -> None:
 
 def test_cells_with_one_reason_share_an_annotation() -> None:
     """The same line is told once, with every cell that ended so."""
-    (line,) = notices.github(reds(3, "no\nsuch 100% file"), ("unexpected",)).splitlines()
+    (line,) = github_annotations.github(reds(3, "no\nsuch 100% file"), ("unexpected",)).splitlines()
 
     assert line == (
         "::error title=quick/0 and 2 more cells::partial in render: no%0Asuch 100%25 file%0Aalso:%0Aquick/1%0Aquick/2"
@@ -56,7 +56,7 @@ def test_cells_with_one_reason_share_an_annotation() -> None:
 
 def test_an_annotation_stays_readable() -> None:
     """Of a great many cells with one reason some are named, and the others counted."""
-    (line,) = notices.github(reds(100, "gone"), ("unexpected",)).splitlines()
+    (line,) = github_annotations.github(reds(100, "gone"), ("unexpected",)).splitlines()
 
     assert line.startswith("::error title=quick/0 and 99 more cells::")
     assert line.endswith("quick/18%0Aquick/19%0Aand 80 more cells")
@@ -67,7 +67,7 @@ def test_properties_are_escaped() -> None:
     cell = msgspec.structs.replace(reds(1).cells[0], id="quick/a:b,c%d")
     made = msgspec.structs.replace(reds(1), cells=(cell,))
 
-    assert notices.github(made, ("unexpected",)).startswith("::error title=quick/a%3Ab%2Cc%25d::partial")
+    assert github_annotations.github(made, ("unexpected",)).startswith("::error title=quick/a%3Ab%2Cc%25d::partial")
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_properties_are_escaped() -> None:
 )
 def test_the_platform_shows_ten(count: int, title: str) -> None:
     """More than are shown end with how many more there are."""
-    lines = notices.github(reds(count), ("unexpected",)).splitlines()
+    lines = github_annotations.github(reds(count), ("unexpected",)).splitlines()
 
     assert len(lines) == min(count, 10)
     assert lines[-1].startswith(f"::error title={title}::")
@@ -92,7 +92,7 @@ def test_what_was_expected_is_told() -> None:
         "2026-11-21T12:30:00Z",
     )
 
-    told = notices.github(made, ("unexpected", "stale")).splitlines()
+    told = github_annotations.github(made, ("unexpected", "stale")).splitlines()
 
     assert told == [
         "::error title=quick/py3.11_gymnasium-1.2.3_mujoco-3.3.7::partial in vector, where the matrix expects broken in"
@@ -108,7 +108,7 @@ def test_several_machines_are_told_apart() -> None:
     twice = [msgspec.structs.replace(made.cells[0], machine=name) for name in ("one", "two")]
     made = msgspec.structs.replace(made, cells=tuple(twice), machines={"one": {}, "two": {}})
 
-    assert "title=quick/0 on one and 1 more cell::" in notices.github(made, ("unexpected",))
+    assert "title=quick/0 on one and 1 more cell::" in github_annotations.github(made, ("unexpected",))
 
 
 def test_there_are_annotations_exactly_when_the_report_fails() -> None:
@@ -121,7 +121,10 @@ def test_there_are_annotations_exactly_when_the_report_fails() -> None:
     for whole in (quick_document(), inconclusive, *(_alone(quick_document(), at) for at in range(len(plan.cells)))):
         for fail_on in chain.from_iterable(combinations(ALL, count) for count in range(len(ALL) + 1)):
             failed = document.exit_code(whole, fail_on) != 0
-            assert bool(notices.github(whole, fail_on)) == failed, (fail_on, [cell.id for cell in whole.cells])
+            assert bool(github_annotations.github(whole, fail_on)) == failed, (
+                fail_on,
+                [cell.id for cell in whole.cells],
+            )
 
 
 def _alone(whole: Document, at: int) -> Document:
@@ -132,13 +135,13 @@ class TestSummary:
     def test_a_page_that_fits_is_whole(self) -> None:
         """Up to the limit not a byte is changed."""
         page = "é" * 10
-        assert notices.summary(page, 20) == page
+        assert github_annotations.summary(page, 20) == page
 
     def test_a_long_page_is_cut_at_a_line(self) -> None:
         """A longer one ends with a whole line and a sentence that says so, within the limit."""
         page = "".join(f"| ünf {number} |\n" for number in range(200))
 
-        cut = notices.summary(page, 1000)
+        cut = github_annotations.summary(page, 1000)
 
         assert len(cut.encode()) <= 1000
         kept, _, sentence = cut.partition("\n\n")
@@ -162,7 +165,7 @@ class TestReport:
 
     def test_summary(self, capsys: pytest.CaptureFixture[str]) -> None:
         """`report --format github-summary` prints the page."""
-        from harness import tables
+        from harness.reports.tables import tables
 
         main(["report", ".", "--format", "github-summary"])
-        assert capsys.readouterr().out == reporting.page(tables.report(quick_document()))
+        assert capsys.readouterr().out == publishing.page(tables.report(quick_document()))

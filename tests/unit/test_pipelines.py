@@ -18,7 +18,7 @@ from harness.model import Dropped
 from harness.model.errors import BadInput
 from harness.pipelines import Action, Pipeline, Provider
 
-TEMPLATES = Path(harness.__file__).parent / "templates"
+TEMPLATES = Path(harness.__file__).parent / "reports" / "templates"
 ACTIONS = pipelines.actions((TEMPLATES / pipelines.ACTIONS).read_text(encoding="utf-8"))
 PIPELINE = Pipeline(
     matrix="matrices/a b.toml",

@@ -10,18 +10,20 @@ from rich.cells import cell_len
 from rich.console import Console
 from specimens import agrees, quick_document
 
-import harness
-from harness import document, markdown_texts, present, tables, terminal
 from harness.model import Verdict
 from harness.model.report_types import SYMBOLS, word
-from harness.tabletypes import Pivot, Square
+from harness.reports import document
+from harness.reports.tables import tables
+from harness.reports.tables.table_types import Pivot, Square
+from harness.reports.template_files import read_template
+from harness.reports.text import markdown_texts, report_markdown, terminal
 
-TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
+TEMPLATE = read_template(report_markdown.TEMPLATE)
 
 
 def page(report: tables.Report | None = None) -> str:
     """The Markdown page of `quick`."""
-    return present.markdown(report or tables.report(quick_document()), TEMPLATE)
+    return report_markdown.markdown(report or tables.report(quick_document()), TEMPLATE)
 
 
 def screen(width: int, report: tables.Report | None = None) -> list[str]:
@@ -41,7 +43,7 @@ def test_page_of_a_stored_document() -> None:
     """A page made again from its report.json is the same to the byte."""
     stored = document.read(document.encode(quick_document()), "report.json")
 
-    assert present.markdown(tables.report(stored), TEMPLATE) == page()
+    assert report_markdown.markdown(tables.report(stored), TEMPLATE) == page()
 
 
 def test_tables_of_the_page_are_whole() -> None:
@@ -64,7 +66,7 @@ def test_page_without_anything_to_explain() -> None:
     green = msgspec.structs.replace(made.cells[0], findings=(), lock=None, repairs=())
     alone = msgspec.structs.replace(made, cells=(green,), dropped=())
 
-    text = present.markdown(tables.report(alone), TEMPLATE)
+    text = report_markdown.markdown(tables.report(alone), TEMPLATE)
 
     assert [line for line in text.splitlines() if line.startswith("#")] == [
         "# quick: what works together",
@@ -81,7 +83,7 @@ def test_page_with_expectations_out_of_date() -> None:
 
     assert (
         "## Expectations out of date\n\n- expect[0] matches no cell\n\n"
-        in present.markdown(tables.report(made), TEMPLATE)
+        in report_markdown.markdown(tables.report(made), TEMPLATE)
     )  # fmt: skip
 
 
@@ -178,7 +180,7 @@ def test_committed_reports_can_be_read_at_every_width(path: Path, width: int) ->
         text = "".join(output.getvalue().split())
         assert all(part in text for name in (*pivot.rows, *pivot.columns) for part in name.split("-"))
         for one in (one for row in pivot.squares for square in row for one in square):
-            assert any(present.mark(pivot, one) in line for line in lines)
+            assert any(report_markdown.mark(pivot, one) in line for line in lines)
 
 
 def test_terminal_has_the_width_that_columns_says(
@@ -213,7 +215,7 @@ def test_terminal_has_a_sane_width(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 )
 def test_code_is_shown_as_it_is_typed(text: str, cell: str) -> None:
     """A code span holds no HTML, since people copy it; prose begins no tag, and ends no cell of a table."""
-    assert present.table_cell(text) == cell
+    assert report_markdown.table_cell(text) == cell
 
 
 def test_no_fix_of_a_committed_report_is_escaped() -> None:

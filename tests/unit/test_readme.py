@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from harness.commands import blocks, report
+from harness.commands import report
 from harness.matrix import matrix_file, plan
 from harness.matrix.matrix_types import Expansion
 from harness.model.vocabulary import Instant
+from harness.reports import readme_blocks
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -66,4 +67,4 @@ def test_files_that_it_names_exist() -> None:
 
 def test_its_tables_are_current() -> None:
     """`simmatrix report --into README.md` would change nothing."""
-    assert blocks.renewed(README, ROOT, report.of_block) == README
+    assert readme_blocks.renewed(README, ROOT, report.of_block) == README

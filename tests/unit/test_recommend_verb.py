@@ -14,7 +14,7 @@ from packaging.version import Version
 
 from harness.__main__ import main
 from harness.model.schema import json_schema
-from harness.recommended import Recommended
+from harness.reports.answers.recommended import Recommended
 
 REPORTS = Path(__file__).parents[2] / "reports"
 

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from builders import HERE, measured_cell
 
-from harness import distilling, inferring, measured_cells, recommended, recommending, traps
-from harness.distilling import Layer
-from harness.measured_cells import Query, Wanted
 from harness.model import Phase
+from harness.reports.answers import digest, inferring, measured_cells, recommended, recommending, traps
+from harness.reports.answers.digest import Layer
+from harness.reports.answers.measured_cells import Query, Wanted
 
 ALL = {"import": "passed", "single": "passed", "vector": "passed", "render": "passed"}
 
@@ -44,7 +44,7 @@ class World:
     @property
     def document(self) -> dict[str, Any]:
         """All of it."""
-        return distilling.combined([Layer(cells=self.cells, locks=self.locks)])
+        return digest.combined([Layer(cells=self.cells, locks=self.locks)])
 
     def found(self, *wanted: str, **asked: Any) -> list[recommending.Combination]:
         """The combinations that work."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from builders import case, record
 
-from harness.commands import reporting
 from harness.machine import store
 from harness.machine.store import Store
 from harness.model import CaseRecord, Phase
+from harness.reports import publishing
 
 
 def drawn(opened: Store, name: str, picture: bytes) -> CaseRecord:
@@ -35,7 +35,7 @@ def test_equal_frames_are_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(store, "write_atomic", lambda path, content: (written.append(path.name), write(path, content)))
     cases = [drawn(opened, name, picture) for name, picture in (("a", b"one"), ("bb", b"one"), ("ccc", b"two"))]
 
-    locate = reporting.place([record(tried) for tried in cases], opened, tmp_path / "report")
+    locate = publishing.place([record(tried) for tried in cases], opened, tmp_path / "report")
     names = [locate(f"evidence/{name}/render.rgb_array-first.png") for name in ("a", "bb", "ccc")]
 
     assert names[0] == names[1] == "frames/ant--render.rgb_array-first--7692c3ad.png"

@@ -9,10 +9,10 @@ import pytest
 from builders import GENERATED, MACHINES
 from specimens import quick
 
-from harness import document
 from harness.__main__ import main
 from harness.machine.store import Store
 from harness.model.vocabulary import APIS
+from harness.reports import document
 
 IDS = [planned.id for planned in quick()[0].cells]
 RED = "quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7"

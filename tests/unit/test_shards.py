@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from builders import asking
 
-from harness import document
 from harness.commands import select_cells
 from harness.model import Cell
 from harness.model.errors import BadInput
+from harness.reports import document
 from harness.running import shards
 
 

@@ -9,11 +9,11 @@ import pytest
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import document
 from harness.model import Verdict, signatures
 from harness.model.report_types import CellEntry
 from harness.model.signatures import Around, Evidence, Signature, diagnose
 from harness.model.vocabulary import parsed_requirement
+from harness.reports import document
 from harness.running import shipped_signatures, signature_files
 
 ROOT = Path(__file__).parents[2]

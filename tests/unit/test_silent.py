@@ -12,12 +12,13 @@ from builders import case, drawn, entry, knowing, record
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from harness import change_effects, document
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict, signatures
 from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.model.signatures import Signature
+from harness.reports import document
+from harness.reports.tables import change_effects
 from harness.running import shipped_signatures
 from harness.standalone import silent
 from harness.standalone.silent import Exercised

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import harness
-from harness.commands import standing
 from harness.machine import source_digests
+from harness.reports import freshness
 from harness.running import case_run
 
 PACKAGE = Path(harness.__file__).parent
@@ -39,7 +39,7 @@ def parsed(module: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "module", ["harness.running.case_run", "harness.running.own_suites", "harness.commands.reporting"]
+    "module", ["harness.running.case_run", "harness.running.own_suites", "harness.reports.publishing"]
 )
 def test_nothing_that_is_imported_is_missed(module: str) -> None:
     """The quick reading of import lines finds what the compiler finds."""
@@ -86,8 +86,8 @@ def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatc
 
 def test_a_report_depends_on_all_that_it_is_made_with() -> None:
     """A change of a module that renders, judges or matches, or of a template, makes a report anew."""
-    files = set(standing.made_with())
+    files = set(freshness.made_with())
 
-    assert set(source_digests.imported("harness.commands.reporting").values()) <= files
+    assert set(source_digests.imported("harness.reports.publishing").values()) <= files
     assert PACKAGE / "standalone" / "matching.py" in files
     assert {path.name for path in files} >= {"report.md.j2", "cameras.py", "identity.py", "check.py", "words.toml"}

@@ -9,11 +9,12 @@ import msgspec
 import pytest
 from builders import GENERATED, case, cell, document_of, record
 
-from harness import present, squares, tables
 from harness.matrix import matrix_file, plan
 from harness.model import Cell, CellRecord, Change, Outcome, Phase, Role, Step, Tried, Verdict
 from harness.model.report_types import Document
-from harness.tabletypes import Pivot, Square
+from harness.reports.tables import squares, tables
+from harness.reports.tables.table_types import Pivot, Square
+from harness.reports.text import report_markdown
 
 AXES = ("python", "mujoco")
 
@@ -58,7 +59,7 @@ class TestTasks:
         letters = ["pppp"] * (11 - failing) + ["pfnn"] * failing
         found = pivot(ran(at("3.11", "3.3.7", cases=MANY), *letters))
 
-        assert present.mark(found, only(found)[0]) == shown
+        assert report_markdown.mark(found, only(found)[0]) == shown
 
     def test_a_task_that_misleads_did_not_pass(self) -> None:
         """It raised nothing, and it is not counted among those that passed."""
@@ -94,7 +95,7 @@ class TestRoles:
 
         (one,) = only(found)
         assert (one.verdict, one.varies, one.fixed) == (Verdict.WORKS, True, False)
-        assert "`*`: fails under a side condition, listed below as variant." in present.legend(found)
+        assert "`*`: fails under a side condition, listed below as variant." in report_markdown.legend(found)
 
     @pytest.mark.parametrize("by", ["change", "variant"])
     def test_a_red_square_says_that_a_change_makes_it_work(self, by: str) -> None:
@@ -106,8 +107,8 @@ class TestRoles:
             ran(main, "pfnn"), ran(other, "pppp"), variants=frozenset({other.id} - {by == "change" and other.id})
         )
 
-        assert present.mark(found, only(found)[0]) == "✘→✔ 0/1"
-        assert "→✔: works with a change that is listed below." in present.legend(found)
+        assert report_markdown.mark(found, only(found)[0]) == "✘→✔ 0/1"
+        assert "→✔: works with a change that is listed below." in report_markdown.legend(found)
 
     def test_role_of_each_cell_is_in_the_document(self) -> None:
         """Main, side condition, change, and the remedy that the harness tried."""
@@ -155,7 +156,7 @@ class TestWhere:
             (Verdict.UNINSTALLABLE, ("3.13",), ()),
             (Verdict.WORKS, ("3.11", "3.12"), ()),
         ]
-        assert present.small_table(found).splitlines()[2] == (
+        assert report_markdown.small_table(found).splitlines()[2] == (
             "| 3.17.0 | ⊘<br><sub>3.13</sub><br>✔\N{NO-BREAK SPACE}1/1<br><sub>3.11, 3.12</sub> |"
         )
 
@@ -190,9 +191,9 @@ class TestWhere:
         found = tables.report(msgspec.structs.replace(whole, cells=(doubted,)), ("mujoco", "python")).sheets[0].pivot
 
         assert found is not None
-        assert present.mark(found, only(found)[0]) == "✔? 1/1"
+        assert report_markdown.mark(found, only(found)[0]) == "✔? 1/1"
         (sheet,) = tables.report(msgspec.structs.replace(whole, cells=(doubted,))).sheets
-        assert present.result(sheet).startswith(
+        assert report_markdown.result(sheet).startswith(
             "0 of 1 combination work. 1 more raise nothing, but a known silent defect was not excluded."
         )
 

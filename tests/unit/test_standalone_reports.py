@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from harness import document, entry_failures
 from harness.judging import failure_texts
 from harness.model import Verdict
 from harness.model.report_types import CellEntry
+from harness.reports import document
+from harness.reports.tables import counted_failures
 from harness.running import shipped_signatures
 from harness.standalone import matching
 from harness.standalone.explain.explaining import Explained, Here, explained
@@ -47,7 +48,7 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     """With the packages that were there; where there is another answer, it is mostly none."""
     right = other = 0
     for folder, cell in cells():
-        expected = {one.signature for one in entry_failures.counted(cell)}
+        expected = {one.signature for one in counted_failures.counted(cell)}
         text = "\n".join(said(folder, cell))
         if expected and text:
             cause = made(text, cell).cause

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, plain, record
 
-from harness import document, model
+from harness import model
 from harness.judging.assess import Assessed, assess
 from harness.judging.check import Ending
 from harness.judging.pytest_report import Report, outcome_of
@@ -30,6 +30,7 @@ from harness.model import (
 from harness.model.errors import BadInput
 from harness.model.vocabulary import SELF
 from harness.packages import package_under_test
+from harness.reports import document
 from harness.running import own_suites
 
 AXES = 'axes = { python = ["3.11"] }\n'

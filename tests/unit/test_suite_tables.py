@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 import pytest
 from builders import diagnosis
 from specimens import quick_document
 
-import harness
-from harness import present, suite_tables, tables
 from harness.model import Outcome
 from harness.model.report_types import CellEntry, SuiteEntry
+from harness.reports.tables import suite_tables, tables
+from harness.reports.template_files import read_template
+from harness.reports.text import report_markdown
 
 AXES = ("python", "gymnasium")
-TEMPLATE = (Path(harness.__file__).parent / "templates" / present.TEMPLATE).read_text(encoding="utf-8")
+TEMPLATE = read_template(report_markdown.TEMPLATE)
 
 
 def cell(gymnasium: str, suite: SuiteEntry | None, python: str = "3.11") -> CellEntry:
@@ -92,7 +91,7 @@ def test_page_with_suites() -> None:
     """A column of its own, and a table of the tests that differ."""
     made = quick_document()
     cells = (cell("1.3.0", suite("a")), cell("1.4.0", suite("b", "c", "d", "e")), cell("1.5.0", NOT_RUN))
-    text = present.markdown(tables.report(msgspec.structs.replace(made, cells=cells)), TEMPLATE)
+    text = report_markdown.markdown(tables.report(msgspec.structs.replace(made, cells=cells)), TEMPLATE)
 
     assert "| tasks | own tests |" in text
     assert "| 50 of 56 passed, 4 failed |" in text
@@ -106,4 +105,4 @@ def test_page_with_suites() -> None:
 
 def test_page_without_suites() -> None:
     """No matrix that has no suite gets a column for it."""
-    assert "own tests" not in present.markdown(tables.report(quick_document()), TEMPLATE)
+    assert "own tests" not in report_markdown.markdown(tables.report(quick_document()), TEMPLATE)

@@ -9,11 +9,12 @@ import pytest
 from builders import GENERATED, HERE, MACHINES, case, record
 from specimens import agrees, quick, quick_document
 
-from harness import document, tables
 from harness.model import Plan, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import SEVERITY, SYMBOLS, Document
-from harness.tabletypes import Square
+from harness.reports import document
+from harness.reports.tables import tables
+from harness.reports.tables.table_types import Square
 
 
 def test_everything_regrouped(tmp_path: Path) -> None:

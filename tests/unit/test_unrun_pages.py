@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from harness import document, pages, tables
 from harness.matrix import matrix_file
+from harness.reports import document
+from harness.reports.tables import tables
+from harness.reports.text import author_pages
 from harness.running import open_matrix
 
 MATRICES = Path(__file__).parents[2] / "matrices"
@@ -24,6 +26,6 @@ def test_a_page_is_made_where_nothing_ran(matrix: str) -> None:
     planned = open_matrix.load(matrix, lambda text: None)
     whole = document.build([], [planned], {"x86": {}}, "2026-11-22T00:00:00Z")
 
-    page = pages.render((MATRICES / str(PAGES[matrix])).read_text(encoding="utf-8"), whole, tables.report(whole))
+    page = author_pages.render((MATRICES / str(PAGES[matrix])).read_text(encoding="utf-8"), whole, tables.report(whole))
 
     assert page.lstrip().startswith("# ")

@@ -19,13 +19,14 @@ from commandline import Desk, Measured, Ran
 from filelock import FileLock
 from PIL import Image
 
-from harness import cameras, pages, tables
-from harness.cameras import Pair
 from harness.machine import interpreters
 from harness.model import Lock, Question
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import CellEntry, Document
 from harness.packages import index, resolver
+from harness.reports.tables import tables
+from harness.reports.text import author_pages, camera_pages
+from harness.reports.text.camera_pages import Pair
 
 STANDINS = Path(__file__).parents[2] / "standins"
 NUMPY, AS_OF = ("numpy<1.24",), "2026-01-01T00:00:00Z"
@@ -107,7 +108,7 @@ def drivers(folder: Path) -> None:
 def pairs(measured: Measured, machine: str) -> dict[str, Pair]:
     """Every pair of devices of a machine, by a name such as `c0g1`."""
     cell = msgspec.convert(measured.ran.cells("machine")[machine], CellEntry)
-    return {f"c{pair.compute}g{pair.graphics}": pair for pair in cameras.pairs(cell)}
+    return {f"c{pair.compute}g{pair.graphics}": pair for pair in camera_pages.pairs(cell)}
 
 
 def test_each_pair_has_its_class(measured: Measured) -> None:
@@ -197,7 +198,7 @@ def test_the_page_tells_every_pair(measured: Measured) -> None:
     """The page of the matrix shows classes, proof and what native code printed, from the document alone."""
     page = Path(__file__).parents[3] / "matrices" / "pages" / "isaac-gym.md.j2"
     document = msgspec.convert(measured.ran.document, Document)
-    shown = pages.render(page.read_text(encoding="utf-8"), document, tables.report(document))
+    shown = author_pages.render(page.read_text(encoding="utf-8"), document, tables.report(document))
 
     assert "Nothing of NVIDIA's was run" not in shown
     assert "| 1 | 0 | error 101 | ok | proven | [Error] [carb.gym.plugin] cudaExternamMemoryGetMappedBuffer" in shown

@@ -14,11 +14,12 @@ import pytest
 from commandline import SMALL, Desk
 from test_fetch import Index
 
-from harness.commands import progress, reporting
+from harness.commands import progress
 from harness.machine import interpreters, store
 from harness.machine.files.file_locks import exclusive
 from harness.machine.free_memory import Reading
 from harness.model import Phase
+from harness.reports import publishing
 from harness.running import open_matrix, scheduler
 
 PATIENCE = 60.0
@@ -149,7 +150,7 @@ def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch
     )
     one, two = (desk.folder / name for name in ("one", "two"))
     with ThreadPoolExecutor(1) as pool:
-        board = progress.Progress(2, 2, reporting.headline)
+        board = progress.Progress(2, 2, publishing.headline)
         records = pool.submit(scheduler.run, plan.cells, opened, settings, board)
         try:
             wait_for((desk.folder / "one.reached").exists)

@@ -10,12 +10,12 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness import change_effects, explaining
-from harness.entry_failures import counted
 from harness.model import cellid
 from harness.model.report_types import REPAIR, SEVERITY, CellEntry, number
 from harness.model.vocabulary import CHANGING, parsed_requirement
-from harness.tabletypes import Cause, Explanation, Trouble
+from harness.reports.tables import change_effects, verdict_reasons
+from harness.reports.tables.counted_failures import counted
+from harness.reports.tables.table_types import Cause, Explanation, Trouble
 
 NAMED = 2
 """Cells that are named; more are told by the values of their axes."""
@@ -32,7 +32,7 @@ Held = Mapping[str, set[str | None]]
 def troubles(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Trouble, ...]:
     """One per cause, those of most cells first: a known failure, else what the matrix says of it, else the line."""
     groups: dict[tuple[str, ...], list[Reason]] = {}
-    for why, found in explaining.reasons(cells):
+    for why, found in verdict_reasons.reasons(cells):
         groups.setdefault(_cause(why, found[0]), []).append((why, found))
     for key in [key for key in groups if key[0] == LINE]:
         told = [
@@ -108,7 +108,7 @@ def _neighbours(found: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple
         beside = (one for one in cells if wanted and one.base is None and one.machine == cell.machine)
         for other in beside:
             installed = other.installed or {}
-            if not explaining.good(other) or not all(_has(installed, one) for one in wanted):
+            if not verdict_reasons.good(other) or not all(_has(installed, one) for one in wanted):
                 continue
             names = {canonicalize_name(one.name) for one in wanted}
             differing = {axis for axis in cell.axes if cell.axes[axis] != other.axes.get(axis)}

@@ -6,13 +6,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from harness import explaining, grouping, platforms, squares, suite_tables
 from harness.model import Outcome, Phase, Role, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry
 from harness.model.vocabulary import settings as settings  # noqa: PLC0414 - others take it from here
-from harness.squares import NOTHING
-from harness.tabletypes import Remark, Report, Row, Sheet, Task
+from harness.reports.tables import cause_groups, squares, suite_tables, verdict_reasons
+from harness.reports.tables.squares import NOTHING
+from harness.reports.tables.table_types import Remark, Report, Row, Sheet, Task
+from harness.reports.text import platforms
 
 TITLE = "what works together"
 """The heading of a matrix that names none."""
@@ -72,7 +73,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     ids = {role: dict.fromkeys(cell.id for cell in cells if cell.role is role) for role in Role}
     bad = {cell.id for cell in main if cell.verdict not in {*UNTOLD, Verdict.WORKS}}
     works = {cell.id for cell in main if cell.verdict is Verdict.WORKS} - bad
-    doubted = {cell.id for cell in main if explaining.doubted(cell)} & works
+    doubted = {cell.id for cell in main if verdict_reasons.doubted(cell)} & works
     return Sheet(
         matrix=name,
         title=(matrix.title or TITLE).replace("{cells}", str(len(ids[Role.MAIN]))),
@@ -87,13 +88,13 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         pivot=squares.pivot(cells, chosen, machines) if chosen else None,
         columns=columns,
         rows=_rows(cells, columns, machines),
-        troubles=grouping.troubles(cells, matrix.axes),
+        troubles=cause_groups.troubles(cells, matrix.axes),
         findings=_findings(cells, matrix.axes),
         dropped=_dropped((gone.reason, gone.id, gone.count) for gone in dropped),
         left_out=sum(gone.count for gone in dropped),
         tasks=_tasks(main),
         suites=tuple(suite_tables.changes(main, matrix.axes)),
-        attempts=tuple(explaining.attempts(cells)),
+        attempts=tuple(verdict_reasons.attempts(cells)),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
         repairs=_grouped((_repaired(one), str(one.link), cell.id) for cell in cells for one in cell.repairs),
     )
@@ -170,10 +171,10 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
         label=cellid.label(cell.id),
         verdict=cell.verdict,
         as_expected=cell.as_expected,
-        phase=explaining.failed_in(cell),
+        phase=verdict_reasons.failed_in(cell),
         why=_why(cell),
-        hidden_by=explaining.hidden_by(cell),
-        expected="" if explaining.plain(cell) else explaining.expectation(cell),
+        hidden_by=verdict_reasons.hidden_by(cell),
+        expected="" if verdict_reasons.plain(cell) else verdict_reasons.expectation(cell),
         versions=tuple(_version(cell, column) for column in columns),
         findings=len(cell.findings),
         seconds=cell.seconds,
@@ -185,7 +186,7 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
         lock=cell.lock or "",
         frames=tuple((case.case, case.frames[0]) for case in cell.cases if case.frames),
         repaired=tuple(f"{repair.package} {repair.version}" for repair in cell.repairs),
-        **explaining.told(cell),
+        **verdict_reasons.told(cell),
     )
 
 
@@ -229,7 +230,7 @@ def _findings(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Remark, 
             about=f"{', '.join(dict.fromkeys(check for check, _ in found))}; {level}",
             text=text,
             cells=tuple(dict.fromkeys(cellid.label(cell.id) for _, cell in found)),
-            where=grouping.which([cell for _, cell in found], cells, axes),
+            where=cause_groups.which([cell for _, cell in found], cells, axes),
             kind=kind,
         )
         for (kind, level, text), found in groups.items()

@@ -17,16 +17,16 @@ from typing import Any
 
 import msgspec
 
-from harness import distilling
-from harness.distilling import Layer
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model import Plan, cellid
 from harness.model.errors import BadInput
+from harness.reports.answers import digest
+from harness.reports.answers.digest import Layer
 from harness.standalone import counting
 
 VARIABLE = "HARNESS_RESULTS"
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parents[2]
 PACKED = PACKAGE / "measured.json.gz"
 """Made when a wheel is built, by `hatch_build.py`."""
 
@@ -36,7 +36,7 @@ NAME = "report.json"
 def load() -> dict[str, Any]:
     """Everything at hand; of a cell measured twice on one machine the newer measurement stands. Raises BadInput."""
     more = [*map(_report, files_of_others()), *_own()]
-    return distilling.combined([distilling.again(shipped()), *more]) if more else shipped()
+    return digest.combined([digest.again(shipped()), *more]) if more else shipped()
 
 
 def shipped() -> dict[str, Any]:
@@ -44,7 +44,7 @@ def shipped() -> dict[str, Any]:
     if PACKED.is_file():
         content = gzip.decompress(PACKED.read_bytes())
     else:
-        files = [*report_files(), Path(distilling.__file__), Path(counting.__file__), Path(cellid.__file__)]
+        files = [*report_files(), Path(digest.__file__), Path(counting.__file__), Path(cellid.__file__)]
         marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
         content = store.remembered("distilled", repr(marks), _distilled, msgspec.json.decode)
     found: dict[str, Any] = msgspec.json.decode(content)
@@ -52,7 +52,7 @@ def shipped() -> dict[str, Any]:
 
 
 def _distilled() -> bytes:
-    return msgspec.json.encode(distilling.combined(map(_report, report_files())))
+    return msgspec.json.encode(digest.combined(map(_report, report_files())))
 
 
 def report_files() -> list[Path]:
@@ -76,7 +76,7 @@ def _report(path: Path) -> Layer:
     try:
         content = json.loads(given_files.read_content(path))
         content["cells"] = _renamed(content["cells"])
-        return distilling.layer(content, partial(_text, path.parent))
+        return digest.layer(content, partial(_text, path.parent))
     except (BadInput, RecursionError, ValueError, KeyError, TypeError, AttributeError) as error:
         message = f"{path}: is no report of this harness: {type(error).__name__}: {error}"
         raise BadInput(message) from None
@@ -108,7 +108,7 @@ def _own() -> Iterator[Layer]:
     """What this store measured, judged and diagnosed as of now; no store is made where there is none."""
     if not (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
         return
-    from harness import document  # noqa: PLC0415 - start-up
+    from harness.reports import document  # noqa: PLC0415 - start-up
     from harness.running import shipped_signatures  # noqa: PLC0415 - start-up
 
     opened = store.open_store()
@@ -116,4 +116,4 @@ def _own() -> Iterator[Layer]:
     planned = Plan(matrix="", cells=tuple({record.cell.id: record.cell for record in records}.values()), axes=())
     machines: Mapping[str, Mapping[str, Any]] = {one.machine: opened.load_machine(one.machine) for one in records}
     made = document.build(records, [planned], machines, store.now(), known=shipped_signatures.beside(opened.folder))
-    yield distilling.layer(json.loads(document.encode(made)), partial(_text, opened.folder))
+    yield digest.layer(json.loads(document.encode(made)), partial(_text, opened.folder))

@@ -13,17 +13,17 @@ from typing import Any
 
 from packaging.utils import canonicalize_name
 
-from harness import redacting, reproducing
-from harness.entry_failures import counted
-from harness.markdown_texts import address, block, code, prose, table_cell
 from harness.matrix import changes
 from harness.model import FAILING, Case, Cell, Outcome, Phase
 from harness.model.report_types import CellEntry, DiagnosisEntry, word
 from harness.model.vocabulary import required_name
 from harness.model.words import VIOLATION, in_words
 from harness.probes.wire import plain_records
+from harness.reports import redacting, reproducing
+from harness.reports.tables.counted_failures import counted
+from harness.reports.tables.tables import settings
+from harness.reports.text.markdown_texts import address, block, code, prose, table_cell
 from harness.standalone.control_characters import visible
-from harness.tables import settings
 
 LONGEST = 60
 """Lines of a traceback that are quoted, the last ones."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import combinations
 
-from harness import change_effects, explaining, grouping
 from harness.model import CASE_PHASES, FAILING, Outcome, Phase, Role, Verdict
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry
-from harness.tabletypes import Pivot, Square
+from harness.reports.tables import cause_groups, change_effects, verdict_reasons
+from harness.reports.tables.table_types import Pivot, Square
 
 NOTHING = "-"
 PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE})
@@ -64,7 +64,7 @@ def pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[
     """Sort the main cells of a matrix into squares; `cells` are all of it."""
     down, across = axes
     shown = [cell for cell in cells if cell.role is Role.MAIN and measured(cell)]
-    rows, columns = (grouping.in_order(cell.axes.get(axis, NOTHING) for cell in shown) for axis in axes)
+    rows, columns = (cause_groups.in_order(cell.axes.get(axis, NOTHING) for cell in shown) for axis in axes)
     met: dict[tuple[str, str], list[CellEntry]] = {}
     for cell in shown:
         met.setdefault(_place(cell, axes), []).append(cell)
@@ -126,7 +126,7 @@ def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], bes
         verdict=verdict,
         passed=count,
         tried=of,
-        pythons=grouping.in_order(_minor(cell) for cell in cells),
+        pythons=cause_groups.in_order(_minor(cell) for cell in cells),
         where=where,
         phase=", ".join(phase for phase in Phase if phase in phases) if count == of and of else "",
         patched=any(cell.repairs for cell in cells),
@@ -136,7 +136,7 @@ def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], bes
         varies=works
         and any(one.verdict not in {*UNTOLD, Verdict.WORKS} for cell in cells for one in beside.sides(cell)),
         uneven=len({frozenset(case.case for case in cell.cases if tried(case)) for cell in cells}) > 1,
-        doubted=works and any(map(explaining.doubted, cells)),
+        doubted=works and any(map(verdict_reasons.doubted, cells)),
     )
 
 
@@ -158,7 +158,9 @@ def _differences(groups: Sequence[Sequence[CellEntry]], known: set[str]) -> list
     telling = [axis for axis in axes if _apart([one.get(axis, set()) for one in values])]
     if not telling and not _apart([one.get("python", set()) for one in values]):
         telling = [axis for axis in axes if len({frozenset(one.get(axis, set())) for one in values}) > 1]
-    return [tuple(f"{axis} {', '.join(grouping.in_order(one.get(axis, set())))}" for axis in telling) for one in values]
+    return [
+        tuple(f"{axis} {', '.join(cause_groups.in_order(one.get(axis, set())))}" for axis in telling) for one in values
+    ]
 
 
 def _apart(values: Sequence[set[str]]) -> bool:

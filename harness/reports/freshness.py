@@ -8,7 +8,6 @@ from pathlib import Path
 
 import msgspec
 
-from harness import document, present
 from harness.machine import source_digests, store
 from harness.machine.files import given_files, guarded_files
 from harness.machine.this_machine import Machine
@@ -16,6 +15,7 @@ from harness.model import CellRecord, Plan
 from harness.model.errors import HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import Document
+from harness.reports import document, template_files
 from harness.running import signature_files
 
 FILES = ("report.json", "report.md")
@@ -72,10 +72,5 @@ def _ourselves() -> tuple[tuple[int, int], ...]:
 def made_with() -> list[Path]:
     """Return every file of ours, since any of them may have a say in a report."""
     package = source_digests.PACKAGE
-    data = [*(package / "templates").iterdir(), *(package / "judging").glob("*.toml"), *signature_files.files()]
+    data = [*template_files.FOLDER.iterdir(), *(package / "model").glob("*.toml"), *signature_files.files()]
     return sorted([*package.rglob("*.py"), *data])
-
-
-def template() -> Path:
-    """The template of `report.md`."""
-    return Path(present.__file__).parent / "templates" / present.TEMPLATE

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 import msgspec
 
-from harness import entry_failures
 from harness.judging.expectation import fulfilled
 from harness.model import FAILING, Phase
 from harness.model.report_types import UNTOLD, CellEntry, DiagnosisEntry
-from harness.tabletypes import Effect
+from harness.reports.tables import counted_failures
+from harness.reports.tables.table_types import Effect
 
 
 def effect(before: CellEntry, after: CellEntry) -> Effect:
@@ -23,7 +23,7 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
     first, second = _failed(before), _failed(after)
     if second < first:
         return Effect.PARTLY
-    failed = entry_failures.failure(before), entry_failures.failure(after)
+    failed = counted_failures.failure(before), counted_failures.failure(after)
     if failed[0] and failed[1] and failed[0].same(failed[1]):
         return Effect.BREAKS if first < second else Effect.NOTHING
     order = list(Phase)

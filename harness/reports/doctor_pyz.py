@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from harness import distilling, measured
 from harness.machine import store
 from harness.model.signatures import Signature
+from harness.reports.answers import digest, result_index
 from harness.running import shipped_signatures
 from harness.standalone import adapters
 
-PACKAGE = Path(__file__).parent / "standalone"
+PACKAGE = Path(__file__).parent.parent / "standalone"
 INSIDE = "simmatrix_doctor"
 """The name of the package in the file: no library is called so."""
 
@@ -42,7 +42,7 @@ EXECUTABLE = 0o755
 
 def write(path: Path) -> None:
     """Write it to a path, atomically. Raises BadInput where signatures or results cannot be read."""
-    store.write_atomic(path, content(shipped_signatures.known(), measured.shipped()))
+    store.write_atomic(path, content(shipped_signatures.known(), result_index.shipped()))
     path.chmod(EXECUTABLE)
 
 
@@ -54,7 +54,7 @@ def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
         **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},
         f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in known], sort_keys=True).encode(),
         f"{INSIDE}/{adapters.CARRIED}": adapters.carried(),
-        f"{INSIDE}/measured.json.gz": distilling.packed(dict(results)),
+        f"{INSIDE}/measured.json.gz": digest.packed(dict(results)),
     }
     buffer = io.BytesIO(SHEBANG)
     buffer.seek(0, os.SEEK_END)

@@ -7,12 +7,22 @@ from typing import Any
 
 import msgspec
 
-from harness import inferring, recommending, traps
-from harness.apart import Apart, apart, installed
-from harness.inferring import Inferred
-from harness.measured_cells import PARTIAL, Known, Query, case_works, fitting, is_silent, passed, ran, some_work
-from harness.recommending import Combination
-from harness.traps import Red
+from harness.reports.answers import inferring, recommending, traps
+from harness.reports.answers.inferring import Inferred
+from harness.reports.answers.measured_cells import (
+    PARTIAL,
+    Known,
+    Query,
+    case_works,
+    fitting,
+    is_silent,
+    passed,
+    ran,
+    some_work,
+)
+from harness.reports.answers.never_together import Apart, apart, installed
+from harness.reports.answers.recommending import Combination
+from harness.reports.answers.traps import Red
 
 MISLEADS = "misleads"
 

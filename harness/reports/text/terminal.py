@@ -7,12 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from harness import present
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, number, word
+from harness.reports.tables.table_types import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
+from harness.reports.text import report_markdown
 from harness.standalone.control_characters import visible
 from harness.standalone.output import styled
-from harness.tabletypes import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -87,11 +87,11 @@ def bounded(console: Console) -> Console:
 
 def _summary(sheet: Sheet, target: Console) -> Iterable[RenderableType]:
     yield _heading(sheet)
-    yield _styled((present.result(sheet), "bold"))
+    yield _styled((report_markdown.result(sheet), "bold"))
     yield ""
     if sheet.pivot:
         yield from _small_tables(sheet.pivot, target)
-        yield _padded(_styled((present.legend(sheet.pivot).replace("`", ""), GREY)))
+        yield _padded(_styled((report_markdown.legend(sheet.pivot).replace("`", ""), GREY)))
         yield ""
 
 
@@ -116,7 +116,10 @@ def _sheet(sheet: Sheet, target: Console) -> Iterable[RenderableType]:
 
 
 def _heading(sheet: Sheet) -> Text:
-    parts: list[tuple[str, str]] = [(f"{sheet.matrix}: {sheet.title}", "bold"), (f"  {present.results(sheet)}", "")]
+    parts: list[tuple[str, str]] = [
+        (f"{sheet.matrix}: {sheet.title}", "bold"),
+        (f"  {report_markdown.results(sheet)}", ""),
+    ]
     for verdict, count in sheet.counts:
         parts += [("   ", ""), (f"{SYMBOLS[verdict]} {count} {word(verdict)}", _colour(verdict))]
     return _styled(*parts)
@@ -210,8 +213,8 @@ def _square(pivot: Pivot, square: Sequence[Square]) -> Text:
     """The sign and the tasks of each verdict, its small print below."""
     lines: list[tuple[str, str]] = []
     for one in square:
-        lines.append((present.mark(pivot, one), _colour(one.verdict)))
-        lines += [(line, GREY) for line in _broken(present.small(pivot, one)).splitlines()]
+        lines.append((report_markdown.mark(pivot, one), _colour(one.verdict)))
+        lines += [(line, GREY) for line in _broken(report_markdown.small(pivot, one)).splitlines()]
     return _styled(*((("\n" if place else "") + line, style) for place, (line, style) in enumerate(lines)))
 
 
@@ -274,7 +277,7 @@ def _details(sheet: Sheet, row: Row) -> Text:
 
 
 def _fix(row: Row) -> tuple[str, str]:
-    return f"\nfix: {present.first_sentence(row.remedy)}", GREEN if row.proven else ""
+    return f"\nfix: {report_markdown.first_sentence(row.remedy)}", GREEN if row.proven else ""
 
 
 # --- what needs words ------------------------------------------------------------------------------------------
@@ -284,10 +287,10 @@ def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
     """One paragraph per cause, and what is known of it."""
     yield _styled(("by cause", "bold"))
     for one in troubles:
-        head = (f"{present.became(one)}: {one.where.replace('`', '')}", _colour(one.verdicts[0][0]))
+        head = (f"{report_markdown.became(one)}: {one.where.replace('`', '')}", _colour(one.verdicts[0][0]))
         parts = [head, (f"\n{_cause(one)}", "")]
         if one.remedy:
-            proof = f" ({present.proven(one)})" if present.proven(one) else ""
+            proof = f" ({report_markdown.proven(one)})" if report_markdown.proven(one) else ""
             parts.append((f"\nfix: {one.remedy}{proof}".replace("`", ""), GREEN if one.proofs else ""))
         parts += [(f"\n{link}", GREY) for link in one.references[:REFERENCES]]
         yield _padded(_styled(*parts))
@@ -298,13 +301,13 @@ def _cause(one: Trouble) -> str:
     """The known failure, else what the matrix says, else the line."""
     if one.known:
         return f"{one.known}: {one.cause}"
-    lead = present.unknown(one)
+    lead = report_markdown.unknown(one)
     return f"{lead}; the matrix says: {one.cause}" if one.cause else f"{lead}: {one.line}" if one.line else lead
 
 
 def _attempts(attempts: Iterable[Attempt]) -> Iterable[RenderableType]:
     yield _styled(("changes tried, one at a time", "bold"))
-    for tried in present.by_cell(attempts):
+    for tried in report_markdown.by_cell(attempts):
         yield _padded(_styled((tried[0].cell, ""), (f"\n{tried[0].before}", GREY)))
         for one in tried:
             words = f": {'; '.join(one.does)}{' (advice)' if one.advice else ''}\n{one.after}"

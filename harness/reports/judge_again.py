@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from harness import document, packs
-from harness.commands import reporting
 from harness.commands.console import tell
 from harness.judging import case as judging
 from harness.judging import suite
@@ -25,8 +23,9 @@ from harness.model import CaseRecord, Cell, CellRecord, Plan
 from harness.model.errors import BadInput, CouldNotTell, HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import CellEntry, Document, number
-from harness.packs import Index, Packed
 from harness.probes.vault import Vault
+from harness.reports import document, packs, publishing
+from harness.reports.packs import Index, Packed
 from harness.running import open_matrix, shipped_signatures
 from harness.standalone.output import print_json
 
@@ -67,7 +66,7 @@ def main(folders: Sequence[Path], *, write: bool, as_json: bool) -> int:
             lines = list(_altered(again))
             for line in lines:
                 print(line, file=sys.stderr if as_json else sys.stdout)
-            made.append(document.moved(again.document, reporting.seen_from_here(folder)))
+            made.append(document.moved(again.document, publishing.seen_from_here(folder)))
             altered += bool(lines)
             if write:
                 _write(again)
@@ -92,7 +91,7 @@ def judged(folder: Path, index: Index, opened: Store) -> Again:
         {name: facts for one in packed for name, facts in one.machines.items()},
         probes={name: probe for one in packed for name, probe in one.probes.items()},
         known=shipped_signatures.beside(opened.folder),
-        locate=reporting.place(records, opened, folder),
+        locate=publishing.place(records, opened, folder),
     )
     again = Again(folder=folder, index=index, plans=plans, document=made(generated=index.judged))
     return again if again.unchanged else replace(again, document=made(generated=store.now()))
@@ -150,7 +149,7 @@ def _cell(today: Cell | None, kept: Cell) -> Cell:
 def _write(again: Again) -> None:
     """Write the report anew, and its index where something else came of it."""
     words = again.plans[0].page if len(again.plans) == 1 else None
-    reporting.write(again.document, again.folder, None, words)
+    publishing.write(again.document, again.folder, None, words)
     if not again.unchanged:
         sha = packs.sha256(document.encode(again.document))
         index = Index(judged=again.document.generated, report=sha, packs=again.index.packs)

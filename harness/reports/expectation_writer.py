@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from itertools import combinations, permutations
 from typing import Any
 
-from harness import entry_failures
 from harness.judging.expectation import expected
 from harness.matrix.matrix_types import ExpectTable, Matrix
-from harness.merging import natural
 from harness.model import Cell, Phase, Verdict, cellid, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
 from harness.model.vocabulary import When, alternatives, matcher
 from harness.model.words import escaped, recognised
+from harness.reports.merging import natural
+from harness.reports.tables import counted_failures
 
 LONGEST = 160
 """Characters of a decisive line that an expectation repeats."""
@@ -84,7 +84,7 @@ def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], toda
 
 def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
     """Judge a result by what the matrix expects of the cell now: whether it fits, and why that is out of date."""
-    return expected(cell, entry, today, lambda: entry_failures.nameable(entry))
+    return expected(cell, entry, today, lambda: counted_failures.nameable(entry))
 
 
 # --- the tables ------------------------------------------------------------------------------------------------

@@ -15,8 +15,6 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
-from harness import document, packs, pages, present, tables, terminal
-from harness.commands import standing
 from harness.judging.assess import assess
 from harness.judging.check import phase_of
 from harness.judging.exercised import unregistered
@@ -29,9 +27,13 @@ from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, number
 from harness.probes import launch
+from harness.reports import document, freshness, packs
+from harness.reports.tables import tables
+from harness.reports.tables.table_types import Report
+from harness.reports.template_files import read_template
+from harness.reports.text import author_pages, report_markdown, terminal
 from harness.running import shipped_signatures
 from harness.standalone.output import print_json
-from harness.tabletypes import Report
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
 DEFAULT_FAIL_ON = ("unexpected", "stale")
@@ -98,8 +100,8 @@ def publish(
             before = {cell.id: kept(opened, here.id, cell) for cell in others}
             known = [found for cell in plan.cells if (found := measured.get(cell.id) or before.get(cell.id))]
             used, note = probes(plan), opened.folder / "reports" / f"{plan.matrix}.note"
-            made_of = standing.mark(plan, known, here, folder, (used, wanted.pivot))
-            report, shown = standing.read(note, made_of, folder), None
+            made_of = freshness.mark(plan, known, here, folder, (used, wanted.pivot))
+            report, shown = freshness.read(note, made_of, folder), None
             if report is None:
                 facts, causes = {here.id: here.facts}, shipped_signatures.beside(opened.folder)
                 making = partial(document.build, known, [plan], facts, store.now(), probes=used, known=causes)
@@ -108,7 +110,7 @@ def publish(
                     shown = write(report, folder, wanted.pivot, plan.page)
                     if wanted.out:
                         pack(report, plan, known, opened, folder)
-                    standing.keep(note, made_of, folder)
+                    freshness.keep(note, made_of, folder)
                 except OSError as error:  # a full disk loses nobody the table of what was measured
                     trouble = in_the_way(error)
                     if trouble is None:
@@ -184,7 +186,7 @@ def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: 
     shown = tables.report(report, pivot)
     store.write_atomic(folder / "report.md", page(shown).encode())
     if words is not None:
-        store.write_atomic(folder / standing.WORDS, pages.render(words, report, shown).encode())
+        store.write_atomic(folder / freshness.WORDS, author_pages.render(words, report, shown).encode())
     return shown
 
 
@@ -203,7 +205,7 @@ def _sweep(folder: Path, named: frozenset[str]) -> None:
 
 def page(report: Report) -> str:
     """The report as Markdown."""
-    return present.markdown(report, standing.template().read_text(encoding="utf-8"))
+    return report_markdown.markdown(report, read_template(report_markdown.TEMPLATE))
 
 
 def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from harness import grouping
 from harness.model import Outcome, cellid
 from harness.model.report_types import CellEntry, SuiteEntry, word
-from harness.squares import NOTHING
-from harness.tabletypes import SuiteChange
+from harness.reports.tables import cause_groups
+from harness.reports.tables.squares import NOTHING
+from harness.reports.tables.table_types import SuiteChange
 
 
 def tests(cell: CellEntry) -> str:
@@ -61,7 +61,7 @@ def _neighbours(cell: CellEntry, others: Sequence[CellEntry], axes: Sequence[str
             for one in others
             if all(one.axes.get(other) == cell.axes.get(other) for other in axes if other != axis)
         }
-        values = grouping.in_order([*alike, cell.axes.get(axis, NOTHING)])
+        values = cause_groups.in_order([*alike, cell.axes.get(axis, NOTHING)])
         at = values.index(cell.axes.get(axis, NOTHING))
         places = [place for place in (at - 1, at + 1) if 0 <= place < len(values)]
         yield from [alike[values[place]] for place in places if values[place] in alike][:1]

@@ -19,7 +19,6 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import measured
 from harness.machine import process, store
 from harness.machine.files import guarded_files
 from harness.model import Cell, IndexSettings, Verdict
@@ -27,6 +26,7 @@ from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import parsed_requirement
 from harness.packages.index_settings import NOTHING, combined
+from harness.reports.answers import result_index
 
 Say = Callable[[str], None]
 AT_A_TIME = 8
@@ -97,7 +97,7 @@ def nearest(name: str) -> str | None:
 
 def measured_names() -> set[str]:
     """Return the names of all packages in locks that were measured."""
-    document = measured.load()
+    document = result_index.load()
     axes = {name for cell in document["cells"] for name in cell["axes"] if name != "python"}
     return axes | {name for lock in document["locks"].values() for name, _ in lock}
 

@@ -15,10 +15,10 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness import distilling
-from harness.measured_cells import PASSED, Known, Query, good
 from harness.model import CASE_PHASES
 from harness.model.vocabulary import settings
+from harness.reports.answers import digest
+from harness.reports.answers.measured_cells import PASSED, Known, Query, good
 
 Plain = Mapping[str, Any]
 
@@ -109,7 +109,7 @@ def combination(document: Plain, versions: dict[str, str], found: Sequence[Known
         repaired=tuple(f"{one['package']} {one['version']}" for one in cell["repairs"]),
         brought=tuple(cell.get("brought", ())),
         lock_sha256=cell["lock"],
-        lock=distilling.lock_text(document, cell["lock"]),
+        lock=digest.lock_text(document, cell["lock"]),
         requirements=tuple(pinned(best, versions)),
     )
 

@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 from packaging.version import Version
 
-from harness.measured_cells import Known, Query, fitting, good, some_work, works
 from harness.model.vocabulary import CHANGING
-from harness.recommending import newness
+from harness.reports.answers.measured_cells import Known, Query, fitting, good, some_work, works
+from harness.reports.answers.recommending import newness
 
 WORKS = "works"
 

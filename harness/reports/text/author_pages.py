@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harness import cameras, change_effects, grouping, present
 from harness.devices import egl_advice, egl_rules
 from harness.model import cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import CaseEntry, CellEntry, Document
-from harness.tabletypes import Report
+from harness.reports.tables import cause_groups, change_effects
+from harness.reports.tables.table_types import Report
+from harness.reports.text import camera_pages, report_markdown
 
 
 def render(template: str, document: Document, report: Report) -> str:
@@ -28,7 +29,11 @@ def render(template: str, document: Document, report: Report) -> str:
     environment = SandboxedEnvironment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    environment.filters |= {**present.filters(), "camera_pairs": cameras.pairs, "in_order": grouping.in_order}
+    environment.filters |= {
+        **report_markdown.filters(),
+        "camera_pairs": camera_pages.pairs,
+        "in_order": cause_groups.in_order,
+    }
     found = _Cells(document.cells)
     known: dict[str, Any] = {"rendering": egl_rules, "advising": egl_advice}
     known |= {

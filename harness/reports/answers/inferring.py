@@ -15,7 +15,7 @@ import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.measured_cells import Known, Query, Wanted, fitting, good
+from harness.reports.answers.measured_cells import Known, Query, Wanted, fitting, good
 
 PYTHON = "python"
 

@@ -12,12 +12,13 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from harness import document, measured
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model.report_types import Document
+from harness.reports import document
+from harness.reports.answers import result_index
 
-PACKED = measured.PACKAGE / "reports.zip"
+PACKED = result_index.PACKAGE / "reports.zip"
 """Made when a wheel is built, by `hatch_build.py`; its members are `NAME.json`."""
 
 
@@ -27,13 +28,13 @@ def names() -> list[str]:
         with zipfile.ZipFile(PACKED) as archive:
             packed = [name.removesuffix(".json") for name in archive.namelist()]
     else:
-        packed = [path.parent.name for path in measured.report_files()]
-    return sorted({*packed, *(path.parent.name for path in measured.files_of_others())})
+        packed = [path.parent.name for path in result_index.report_files()]
+    return sorted({*packed, *(path.parent.name for path in result_index.files_of_others())})
 
 
 def path(name: str) -> Path | None:
     """Return the `report.json` of a report; None where there is none of this name."""
-    files = [*measured.files_of_others(), *measured.report_files()]
+    files = [*result_index.files_of_others(), *result_index.report_files()]
     found = next((file for file in files if file.parent.name == name), None)
     return found or _unpacked(name)
 
@@ -58,7 +59,7 @@ def _unpacked(name: str) -> Path | None:
         if f"{name}.json" not in archive.namelist():
             return None
         content = archive.read(f"{name}.json")
-    file = store.cache_folder() / "reports" / sha256(content).hexdigest()[:16] / name / measured.NAME
+    file = store.cache_folder() / "reports" / sha256(content).hexdigest()[:16] / name / result_index.NAME
     if not file.is_file():
         store.write_atomic(file, content)
     return file

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness import change_effects
-from harness.entry_failures import counted
 from harness.matrix import changes
 from harness.model import Verdict, cellid
 from harness.model.report_types import CellEntry, word
+from harness.reports.tables import change_effects
+from harness.reports.tables.counted_failures import counted
+from harness.reports.tables.table_types import Attempt, Cause, Effect, Explanation
 from harness.standalone.silent import PREFIX, plainly_good
-from harness.tabletypes import Attempt, Cause, Effect, Explanation
 
 NOTHING = "-"
 

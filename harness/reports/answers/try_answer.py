@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Sequence
 
-from harness import tables
 from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
 from harness.judging.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
@@ -14,6 +13,7 @@ from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import word
 from harness.model.signatures import Signature
 from harness.model.vocabulary import FAMILY, SELF, required_name
+from harness.reports.tables import tables
 from harness.standalone.silent import PREFIX
 
 MOST_NAMES = 8

@@ -10,8 +10,8 @@ import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.measured_cells import Known, Query, fitting, good
-from harness.recommending import Combination, Plain, combinations, newest, public
+from harness.reports.answers.measured_cells import Known, Query, fitting, good
+from harness.reports.answers.recommending import Combination, Plain, combinations, newest, public
 
 
 class Half(msgspec.Struct, frozen=True, kw_only=True):

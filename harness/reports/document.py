@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from harness import change_effects
 from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
@@ -38,6 +37,7 @@ from harness.model.report_types import (
     SuiteEntry,
 )
 from harness.model.signatures import Diagnosis, Signature, machine_applicable
+from harness.reports.tables import change_effects
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""

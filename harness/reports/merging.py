@@ -16,11 +16,12 @@ from typing import Any
 
 import msgspec
 
-from harness import change_effects, document
 from harness.judging.expectation import outdated
 from harness.model import Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, Document, DroppedEntry, word
+from harness.reports import document
+from harness.reports.tables import change_effects
 
 MARK = re.compile(r"~[0-9a-f]{8}(?=(?:\.[^./]*)?$)")
 """What tells files of one name and several contents apart."""

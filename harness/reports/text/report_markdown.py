@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
-from harness.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, number, word
+from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
+from harness.reports.text.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
 from harness.standalone.control_characters import visible
-from harness.tabletypes import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
 
 TEMPLATE = "report.md.j2"
 

@@ -7,12 +7,12 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness.apart import Apart, Half
 from harness.model import CASE_PHASES
 from harness.model.report_types import number, word
-from harness.recommended import Partly, Recommended
-from harness.recommending import Combination
-from harness.traps import Red
+from harness.reports.answers.never_together import Apart, Half
+from harness.reports.answers.recommended import Partly, Recommended
+from harness.reports.answers.recommending import Combination
+from harness.reports.answers.traps import Red
 
 VIRTUAL = ("DISPLAY", "virtual")
 """As cells have it for which a display was started."""
