@@ -26,17 +26,19 @@ sys.path[:0] = [str(HERE.parent / "tests"), str(HERE.parent / "tests" / "e2e" / 
 
 import market  # noqa: E402 - it lies among the tests
 
-from harness import search  # noqa: E402
 from harness.machine import interpreters, process, store  # noqa: E402
 from harness.matrix import changes  # noqa: E402
 from harness.model import Case, Cell, CellRecord, Change, IndexSettings, Question  # noqa: E402
 from harness.model.vocabulary import IMPORT_CHECK  # noqa: E402
-from harness.rootcause import candidates  # noqa: E402
+from harness.rootcause import (
+    candidates,
+    search,
+)
 from harness.rootcause.bench import Bench  # noqa: E402
 from harness.rootcause.bisecting import Bisection, Task  # noqa: E402
 from harness.rootcause.predicate import Predicate, plain  # noqa: E402
+from harness.rootcause.search import Answer, Rules  # noqa: E402
 from harness.running import scheduler  # noqa: E402
-from harness.search import Answer, Rules  # noqa: E402
 
 COUNT, MANY = 200, 4000
 MISSING = 1 / 7

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import msgspec
 
-from harness import moves
 from harness.commands import find_cell, progress
 from harness.judging.assess import assess
 from harness.machine import interpreters, store
@@ -24,7 +23,7 @@ from harness.model.vocabulary import PackageName
 from harness.packages import locks
 from harness.reports import publishing
 from harness.reports.answers import result_index
-from harness.rootcause import candidates, certificates, guesses, proofs
+from harness.rootcause import candidate_changes, candidates, certificates, guesses, proofs
 from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
 from harness.rootcause.candidates import Candidate, Candidates, Kept
@@ -179,7 +178,7 @@ def _held(asked: Asked, base: Trial | None) -> dict[str, str]:
     if base and base.record.lock:
         text = (asked.opened.folder / base.record.lock).read_text(encoding="utf-8")
         return {name: version for name, (version, _) in locks.pinned(text).items()}
-    return moves.pins(asked.cell)
+    return candidate_changes.pins(asked.cell)
 
 
 def _line(asked: Asked, held: dict[str, str]) -> Candidates:
@@ -187,7 +186,7 @@ def _line(asked: Asked, held: dict[str, str]) -> Candidates:
     if asked.args.python:
         return candidates.of_pythons(cell)
     if asked.args.date:
-        names = sorted({*held, *moves.asked_for(cell)})
+        names = sorted({*held, *candidate_changes.asked_for(cell)})
         return candidates.of_days(cell, names, asked.interpreter, kept)
     return candidates.of_package(cell, asked.axis, asked.interpreter, kept)
 

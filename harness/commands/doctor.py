@@ -11,15 +11,15 @@ from typing import Any
 
 import msgspec
 
-from harness.commands import drawn, inplace, proved
-from harness.commands.drawn import Rendering
-from harness.commands.inplace import Tried
-from harness.commands.proved import Proof
 from harness.matrix import changes
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import doctor_pyz
 from harness.reports.answers import result_index
+from harness.rootcause.doctor import doctor_rendering, in_place, prove_in_copy
+from harness.rootcause.doctor.doctor_rendering import Rendering
+from harness.rootcause.doctor.in_place import Tried
+from harness.rootcause.doctor.prove_in_copy import Proof
 from harness.running import shipped_signatures
 from harness.standalone import matching, wrapping
 from harness.standalone.doctor import doctor
@@ -145,14 +145,14 @@ def main(args: argparse.Namespace) -> int:
         return 0
     known = doctor.Knowledge(signatures(), result_index.load)
     asked = doctor.Asked(args.python, args.env, dict(os.environ), str(Path.cwd()))
-    looks = inplace.Looks(env=args.env, api=args.api, rendering=args.rendering)
+    looks = in_place.Looks(env=args.env, api=args.api, rendering=args.rendering)
     try:
-        plain = doctor.document(asked, inplace.run, known, looks.more)
+        plain = doctor.document(asked, in_place.run, known, looks.more)
     except NoEnvironment as error:
         message = f"doctor: {error}"
         raise BadInput(message) from None
     if args.prove:
-        plain["proof"] = proved.proof(plain, env=args.env, offline=args.offline)
+        plain["proof"] = prove_in_copy.proof(plain, env=args.env, offline=args.offline)
     made = msgspec.convert({**plain, "tried": looks.tried}, Doctored)
     if looks.drawn:
         made = msgspec.structs.replace(
@@ -175,8 +175,8 @@ def _lines(plain: Mapping[str, Any], made: Doctored) -> list[str]:
     if made.tried and made.tried.decisive is None:
         lines += ["", made.tried.said]
     if made.proof:
-        lines += ["", *proved.lines(made.proof)]
+        lines += ["", *prove_in_copy.lines(made.proof)]
     if made.rendering:
-        lines += ["", *drawn.lines(made.rendering)]
+        lines += ["", *doctor_rendering.lines(made.rendering)]
         lines += [f"known: {one.cause}" for one in made.diagnoses if one.phase is None]
     return lines

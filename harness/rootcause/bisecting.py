@@ -14,7 +14,7 @@ from harness.rootcause.bench import Bench, Spent, Trial
 from harness.rootcause.candidates import Candidate
 from harness.rootcause.good_end import GoodEndSearch, Look
 from harness.rootcause.predicate import Predicate, Said, alike, failing, plain, working
-from harness.search import Answer, Boundary, Refused, Rules, Search
+from harness.rootcause.search import Answer, Boundary, Refused, Rules, Search
 
 AHEAD = 2
 """Candidates that are prepared while one is tested."""

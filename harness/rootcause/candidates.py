@@ -10,7 +10,6 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
-from harness import moves
 from harness.machine import interpreters
 from harness.model import Cell, Change, Interpreter
 from harness.model.errors import BadInput
@@ -18,6 +17,7 @@ from harness.model.schema import suggestion
 from harness.model.vocabulary import Instant, required_name
 from harness.packages import index, locks
 from harness.packages.index import Release
+from harness.rootcause import candidate_changes
 
 DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 
@@ -125,7 +125,7 @@ def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, kept:
     Each stands for the end of the day, UTC; the last one is the instant of the cell, if it has one. On the first all
     that the cell pins was there.
     """
-    question, pinned = cell.question, moves.pins(cell)
+    question, pinned = cell.question, candidate_changes.pins(cell)
     days, first = set(), ""
     for name in packages:
         for one in index.releases(name, question.index, cutoff=question.snapshot, offline=kept.offline):

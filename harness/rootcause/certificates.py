@@ -8,7 +8,6 @@ from typing import Any
 
 import msgspec
 
-from harness import search
 from harness.machine import this_machine
 from harness.machine.store import now
 from harness.model import Cell, Phase, Verdict
@@ -16,11 +15,12 @@ from harness.model.report_types import number
 from harness.packages import locks
 from harness.reports.template_files import read_template
 from harness.reports.text import report_markdown
+from harness.rootcause import search
 from harness.rootcause.bench import Bench, Trial
 from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, Step
 from harness.rootcause.candidates import Candidate, differing
 from harness.rootcause.predicate import plain
-from harness.search import Answer, Turn
+from harness.rootcause.search import Answer, Turn
 
 DATE = "--date"
 

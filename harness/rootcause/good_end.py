@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
-from harness.search import Answer
+from harness.rootcause.search import Answer
 
 WINDOWS = 16
 """Candidates between two bad ones that are tried at most; a range of good ones may be as short as one release."""

@@ -7,10 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import clues, moves
 from harness.machine.store import cache_folder
 from harness.packages.environments import site_packages
-from harness.rootcause import times
+from harness.rootcause import candidate_changes, failure_hints, times
 from harness.rootcause.bench import Trial
 from harness.rootcause.candidates import Candidate
 
@@ -24,7 +23,7 @@ def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], *, offline: b
 def _declared(base: Trial, axis: str) -> Iterator[SpecifierSet]:
     """Yield the bounds that the failure names on the package, and those of the packages that are installed."""
     told = (text for one in base.assessed.failures for text in one.told)
-    yield from clues.bounds(told, {axis}).values()
+    yield from failure_hints.bounds(told, {axis}).values()
     if base.record.key:
         yield from site_packages.bounds(cache_folder() / "environments" / base.record.key, axis)
 
@@ -41,7 +40,9 @@ def _within(bounds: Iterable[SpecifierSet], line: Sequence[Candidate]) -> Iterat
 def _of_the_day(base: Trial, axis: str, line: Sequence[Candidate], *, offline: bool) -> Iterator[int]:
     """Yield the newest release on the day of the newest package that the cell asks for beside this one."""
     installed = base.record.installed or {}
-    asked = {name: installed.get(name) for name in moves.asked_for(base.cell)} | moves.pins(base.cell)
+    asked = {name: installed.get(name) for name in candidate_changes.asked_for(base.cell)} | candidate_changes.pins(
+        base.cell
+    )
     others = {name: version for name, version in asked.items() if version and name != axis}
     days = [day for name, version in others.items() if (day := _uploaded(base, name, version, offline=offline))]
     if days:

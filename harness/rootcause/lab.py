@@ -11,7 +11,6 @@ from typing import Self
 
 from packaging.version import Version
 
-from harness import clues, moves
 from harness.judging.identity import Failure
 from harness.machine.store import Store
 from harness.matrix import changes
@@ -19,6 +18,7 @@ from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, 
 from harness.model.signatures import Evidence
 from harness.model.vocabulary import MISLEADING
 from harness.packages import locks
+from harness.rootcause import candidate_changes, failure_hints
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.running.scheduler import Observer, Settings
 from harness.standalone.silent import PREFIX
@@ -73,7 +73,7 @@ class Lab:
 
     def cell(self, change: Change) -> Cell:
         """The cell with a change. Raises ValueError where no recipe repairs a package of its overlay."""
-        if moves.empty(change):
+        if candidate_changes.empty(change):
             return self.base
         made = changes.applied(self.base, change, self.recipes)
         tried = Tried(name="repair", reason="a remedy is looked for", change=change, proving=True)
@@ -206,7 +206,7 @@ def further(before: Trial, after: Trial) -> bool:
 
 
 def _conflicts(failed: Failure) -> frozenset[str]:
-    return clues.subjects(failed.line)
+    return failure_hints.subjects(failed.line)
 
 
 def told(lab: Lab, trial: Trial) -> tuple[str, ...]:
@@ -224,15 +224,13 @@ def versions(lab: Lab, trial: Trial) -> dict[str, str]:
 
 def unrefused(lab: Lab, before: Trial, after: Trial) -> str | None:
     """Return why a cell works only because an older release does not refuse yet what a newer one does."""
-    had = versions(lab, before) or moves.pins(before.cell)
+    had = versions(lab, before) or candidate_changes.pins(before.cell)
     has = versions(lab, after)
-    for name, bound in clues.refused(told(lab, before), had).items():
+    for name, bound in failure_hints.refused(told(lab, before), had).items():
         kept = has.get(name)
         if kept is None or bound.contains(kept, prereleases=True):
             continue
         for other in had.keys() & has.keys() - {name}:
             if Version(has[other]) < Version(had[other]):
-                return (
-                    f"the error asks for {name}{clues.written(bound)}, and {other} {has[other]} is too old to know that"
-                )
+                return f"the error asks for {name}{failure_hints.written(bound)}, and {other} {has[other]} is too old to know that"
     return None

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 
 from packaging.version import Version
 
-from harness import clues, moves, search
 from harness.model import Change, Interpreter, Phase
-from harness.moves import together
-from harness.rootcause import times
+from harness.rootcause import candidate_changes, failure_hints, search, times
 from harness.rootcause.bench import Trial
+from harness.rootcause.candidate_changes import together
 from harness.rootcause.lab import Lab, passes, versions, weaker
-from harness.search import Answer
+from harness.rootcause.search import Answer
 
 SINGLES = 2
 """Packages that are tried alone before any search: those that the failure names, then those that its logs name most."""
@@ -56,7 +55,7 @@ class Narrowing:
     def fewest(self, suspects: Sequence[Suspect]) -> tuple[Suspect, ...] | None:
         """The fewest of them that cure where they are held to their good versions; None where all do not."""
         evidence = self.lab.evidence(self.failing)
-        order = clues.suspects([one.name for one in suspects], evidence)
+        order = failure_hints.suspects([one.name for one in suspects], evidence)
         ranked = sorted(suspects, key=lambda one: (not one.build, order.index(one.name)))
         self.bound += search.bound(len(ranked) + 1)
         builds = [one for one in ranked if one.build]
@@ -103,9 +102,9 @@ class Narrowing:
         """Each package held to the good side of its boundary, the others of them held there meanwhile."""
         held: dict[str, Change] = {one.name: one.at(f"=={one.good}") for one in chosen}
         for one in chosen:
-            others = moves.of_parts(change for name, change in held.items() if name != one.name)
+            others = candidate_changes.of_parts(change for name, change in held.items() if name != one.name)
             held[one.name] = self._boundary(one, others)
-        return moves.of_parts(held.values())
+        return candidate_changes.of_parts(held.values())
 
     def _boundary(self, one: Suspect, others: Change) -> Change:
         line = self._line(one)
@@ -123,7 +122,7 @@ class Narrowing:
             self.lab.prepare(*(together(self.rest, each) for each in wanted))
 
         known = {0: [Answer.GOOD]}
-        if moves.empty(others) and not one.asked:
+        if candidate_changes.empty(others) and not one.asked:
             known[len(line) - 1] = [Answer.BAD]  # that is what failed
         for place in _likely(line):
             known[place] = [test(line[place])]
@@ -136,13 +135,13 @@ class Narrowing:
             return one.at(f"=={found.good}")
         beyond = found.between[0] if found.between else found.bad
         self.told.append(f"{one.name} {found.good} works, {found.bad} does not")
-        return one.at(self._said(one, moves.bound(str(found.good), str(beyond))))
+        return one.at(self._said(one, candidate_changes.bound(str(found.good), str(beyond))))
 
     def _said(self, one: Suspect, bound: str) -> str:
         """The bound beside those that the cell has on the package already."""
         if one.build:
             return bound
-        return moves.constraint(self.lab.base, one.name, bound).removeprefix(one.name)
+        return candidate_changes.constraint(self.lab.base, one.name, bound).removeprefix(one.name)
 
     def _line(self, one: Suspect) -> list[Version]:
         """The releases from the good one to the bad one, both among them."""
@@ -164,13 +163,13 @@ def _likely(line: Sequence[Version]) -> list[int]:
 
 def held(chosen: Iterable[Suspect]) -> Change:
     """Packages held to their good versions."""
-    return moves.of_parts(one.at(f"=={one.good}") for one in chosen)
+    return candidate_changes.of_parts(one.at(f"=={one.good}") for one in chosen)
 
 
 def differing(lab: Lab, good: Trial, bad: Trial) -> tuple[Suspect, ...]:
     """The packages that two locks hold in different versions, or all of the good one where the bad one is none."""
     old, new = versions(lab, bad), versions(lab, good)
-    pinned = moves.pins(lab.base)
+    pinned = candidate_changes.pins(lab.base)
     return tuple(
         Suspect(name=name, good=version, bad=old.get(name))
         for name, version in sorted(new.items())

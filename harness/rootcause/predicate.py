@@ -9,7 +9,7 @@ from harness.judging.identity import Failure
 from harness.model import FAILING, Outcome, Phase, Verdict
 from harness.model.vocabulary import CHANGING
 from harness.rootcause.bench import Trial
-from harness.search import Answer
+from harness.rootcause.search import Answer
 
 FLAKY = re.compile(r"^passed \d+ of \d+ runs; else: ")
 BETTER = frozenset({Outcome.PASSED, Outcome.SKIPPED})

@@ -6,12 +6,11 @@ from typing import Any
 
 import msgspec
 
-from harness import pasting
 from harness.machine import this_machine
 from harness.machine.store import now
 from harness.matrix import changes
 from harness.model import Change, Phase, Verdict
-from harness.rootcause import stages
+from harness.rootcause import pasting, stages
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, Run, ended
 from harness.rootcause.repairing import Part, Repaired, Status

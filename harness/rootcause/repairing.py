@@ -12,18 +12,17 @@ from enum import StrEnum
 from heapq import heappop, heappush
 from itertools import count
 
-from harness import moves, search
 from harness.machine import interpreters
 from harness.model import Change, Phase, Verdict
 from harness.model.report_types import number
 from harness.model.vocabulary import required_name
-from harness.moves import Move, Way, together
-from harness.rootcause import narrowing, stages, widening
+from harness.rootcause import candidate_changes, narrowing, search, stages, widening
 from harness.rootcause.bench import Spent, Trial
+from harness.rootcause.candidate_changes import Move, Way, together
 from harness.rootcause.lab import Lab, ended, further, unrefused, versions, weaker
 from harness.rootcause.narrowing import Narrowing
+from harness.rootcause.search import Answer
 from harness.rootcause.stages import STAGES, Place
-from harness.search import Answer
 
 DEEPEST = 4
 """Changes on top of each other, each for a failure that showed behind the one before."""
@@ -150,7 +149,7 @@ class Search:
         phase = trial.failure.phase if trial.failure else None
         place = Place(lab=self.lab, change=change, trial=trial, phase=phase or Phase.SUITE)
         for way in ways:
-            heappush(self.queue, _Entry(moves.COSTS[way], -depth, next(self.numbers), place, way))
+            heappush(self.queue, _Entry(candidate_changes.COSTS[way], -depth, next(self.numbers), place, way))
 
     def _look(self) -> None:
         while self.queue and self.found is None:
@@ -224,10 +223,12 @@ class Search:
         made = found.move.change
         if found.move.way not in {Way.DATE, Way.LOCK, Way.BUILDS}:
             made = Change(as_of=found.change.as_of)
-        if moves.empty(made):
+        if candidate_changes.empty(made):
             return None
-        rest = moves.without(found.change, made)
-        failing = self.before if moves.empty(stages.unguarded(rest)) else self.lab.measure(rest, "without it")
+        rest = candidate_changes.without(found.change, made)
+        failing = (
+            self.before if candidate_changes.empty(stages.unguarded(rest)) else self.lab.measure(rest, "without it")
+        )
         if failing.failure is None:
             return None
         suspects = (*self._of_builds(found.change, failing), *narrowing.differing(self.lab, found.trial, failing))
@@ -272,11 +273,11 @@ class Search:
     def _nearest(self, found: _Found) -> Change | None:
         """The release nearest to the one that the user asks for, of those between that and one that works."""
         (line,) = found.move.change.requirements
-        name, pinned = required_name(line), moves.pins(self.lab.base)
+        name, pinned = required_name(line), candidate_changes.pins(self.lab.base)
         good = versions(self.lab, found.trial).get(name)
         if name not in pinned or good is None:
             return None
-        rest = moves.without(found.change, found.move.change)
+        rest = candidate_changes.without(found.change, found.move.change)
         search = Narrowing(self.lab, rest, self.before, interpreters.find(found.trial.cell.python))
         suspect = narrowing.Suspect(name=name, good=good, bad=pinned[name], asked=True)
         change = together(rest, search.bounded([suspect]))
@@ -296,26 +297,29 @@ class Search:
 
     def _least(self, found: _Found) -> None:
         """Leave out parts by halves as long as the cell works; without each part that stays it fails."""
-        whole = moves.parts(found.change)
+        whole = candidate_changes.parts(found.change)
         needed = search.minimise(whole, self._keeping).items if len(whole) > 1 else whole
         if needed is not None and len(needed) < len(whole):
-            spare = [moves.in_words(part) for part in whole if part not in needed]
+            spare = [candidate_changes.in_words(part) for part in whole if part not in needed]
             more = f" and {len(spare) - FEW} more" if len(spare) > FEW else ""
             self.told.append(f"not needed: {'; '.join(spare[:FEW])}{more}")
-            found.change = moves.of_parts(part for part in whole if part in needed)
+            found.change = candidate_changes.of_parts(part for part in whole if part in needed)
             found.trial = self.lab.measure(found.change, "the parts that are needed")
-        tried = [(part, self._without(moves.without(found.change, part), part)) for part in moves.parts(found.change)]
+        tried = [
+            (part, self._without(candidate_changes.without(found.change, part), part))
+            for part in candidate_changes.parts(found.change)
+        ]
         found.parts = tuple(Part(change=part, without=trial if trial.bad else None) for part, trial in tried)
 
     def _keeping(self, parts: tuple[Change, ...]) -> Answer:
         """Measure the cell with some parts of the remedy only."""
-        trial = self.lab.measure(moves.of_parts(parts), f"with {number(len(parts), 'part')} of the remedy")
+        trial = self.lab.measure(candidate_changes.of_parts(parts), f"with {number(len(parts), 'part')} of the remedy")
         if trial.works and not self._no_cure(self.before, trial):
             return Answer.GOOD
         return Answer.BAD if trial.bad or trial.works else Answer.UNTESTABLE
 
     def _without(self, rest: Change, part: Change) -> Trial:
-        return self.lab.measure(rest, f"without {moves.in_words(part)}")
+        return self.lab.measure(rest, f"without {candidate_changes.in_words(part)}")
 
     def _stands(self) -> None:
         """Run the cell as it is asked for once more: where it works then, nothing was cured."""
@@ -344,7 +348,7 @@ class Search:
             status = Status.STOPPED if stopped else Status.UNTOLD if untold else Status.NOT_FOUND
             told = tuple(self.told)
             return Repaired(status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, told=told)
-        parts = found.parts or tuple(Part(change=one, without=None) for one in moves.parts(found.change))
+        parts = found.parts or tuple(Part(change=one, without=None) for one in candidate_changes.parts(found.change))
         return Repaired(
             status=Status.FOUND,
             before=self.before,
@@ -353,7 +357,7 @@ class Search:
             why=found.move.why,
             parts=parts,
             proof=found.trial,
-            moved=moves.moved(self.lab.base, found.trial.cell),
+            moved=candidate_changes.moved(self.lab.base, found.trial.cell),
             stopped=stopped,
             bound=self.bound,
             told=tuple(self.told),

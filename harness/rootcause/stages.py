@@ -8,17 +8,16 @@ from dataclasses import dataclass, replace
 
 from packaging.version import Version
 
-from harness import clues, moves
 from harness.machine import interpreters, this_machine
 from harness.machine.store import cache_folder
 from harness.model import Cell, Change, Interpreter, Phase
 from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.moves import Move, Way
 from harness.packages.environments import site_packages
 from harness.reports.answers import result_index
-from harness.rootcause import times
+from harness.rootcause import candidate_changes, failure_hints, times
 from harness.rootcause.bench import Trial
+from harness.rootcause.candidate_changes import Move, Way
 from harness.rootcause.lab import Lab, told, versions
 from harness.rootcause.narrowing import Suspect
 from harness.running import shipped_signatures
@@ -63,10 +62,12 @@ Stage = Callable[[Place], Iterator[Move]]
 
 def guarded(place: Place, move: Move) -> Change:
     """The change with big packages kept from being built."""
-    asked = {*moves.asked_for(place.lab.base)}
+    asked = {*candidate_changes.asked_for(place.lab.base)}
     if not move.guard:
         return move.change
-    return moves.together(move.change, Change(only_binary=tuple(name for name in HEAVY if name not in asked)))
+    return candidate_changes.together(
+        move.change, Change(only_binary=tuple(name for name in HEAVY if name not in asked))
+    )
 
 
 def unguarded(change: Change, own: Collection[str] = ()) -> Change:
@@ -86,27 +87,29 @@ def refused(place: Place) -> Iterator[Move]:
 
 
 def _named(place: Place) -> Iterator[Move]:
-    cell, pinned = place.trial.cell, moves.pins(place.trial.cell)
+    cell, pinned = place.trial.cell, candidate_changes.pins(place.trial.cell)
     had = versions(place.lab, place.trial) | pinned
-    for name, bound in clues.refused(told(place.lab, place.trial), had).items():
-        line = f"{name}{clues.written(bound)}"
+    for name, bound in failure_hints.refused(told(place.lab, place.trial), had).items():
+        line = f"{name}{failure_hints.written(bound)}"
         why = f"the error names {line}"
         if name not in pinned:
-            change, contrary = moves.beside(cell, Change(constraints=(line,)))
+            change, contrary = candidate_changes.beside(cell, Change(constraints=(line,)))
             yield Move(change=change, way=Way.REFUSED if contrary else Way.NAMED, why=why)
             continue
         fitting = [each for each in _usable(place, name) if bound.contains(str(each))]
         newer = [each for each in fitting if each > Version(pinned[name])]
         if newer:  # the nearest to what is asked for; the newest may be too new again
-            change = moves.released(cell, name, f"=={newer[0]}")
+            change = candidate_changes.released(cell, name, f"=={newer[0]}")
             yield Move(change=change, way=Way.REFUSED, why=why)
-        yield Move(change=moves.released(cell, name, clues.written(bound)), way=Way.REFUSED, why=why)
+        yield Move(
+            change=candidate_changes.released(cell, name, failure_hints.written(bound)), way=Way.REFUSED, why=why
+        )
 
 
 def known(place: Place) -> Iterator[Move]:
     """Remedies of the known failures, where they leave what the user asked for."""
     found = place.trial.assessed.diagnoses or tuple(_silent(place.trial))
-    yield from (one for one in moves.known(place.trial.cell, found) if one.way is Way.KNOWN)
+    yield from (one for one in candidate_changes.known(place.trial.cell, found) if one.way is Way.KNOWN)
 
 
 def _silent(trial: Trial) -> Iterator[Diagnosis]:
@@ -121,12 +124,12 @@ def missing(place: Place) -> Iterator[Move]:
     if place.phase in BOTH:
         return
     cell, evidence = place.trial.cell, place.lab.evidence(place.trial)
-    for change in clues.told_to_install(cell, evidence):
+    for change in failure_hints.told_to_install(cell, evidence):
         yield Move(change=change, way=Way.MISSING, why="what the error says to install")
     installed = place.trial.record.installed or {}
-    for module in clues.missing_modules(evidence):
-        for requirement in clues.providers(module, _declared(place, module)):
-            change = clues.brought(cell, requirement)
+    for module in failure_hints.missing_modules(evidence):
+        for requirement in failure_hints.providers(module, _declared(place, module)):
+            change = failure_hints.brought(cell, requirement)
             if not (requirement in installed and change.requirements):
                 yield Move(change=change, way=Way.MISSING, why=f"{module} is imported, and nothing requires it")
 
@@ -142,7 +145,7 @@ def overlay(place: Place) -> Iterator[Move]:
     """Repaired releases of what does not resolve or install."""
     if place.phase not in BOTH:
         return
-    asked = {*moves.asked_for(place.lab.base), *versions(place.lab, place.trial)}
+    asked = {*candidate_changes.asked_for(place.lab.base), *versions(place.lab, place.trial)}
     text = "\n".join(text for one in place.lab.evidence(place.trial) for text in (*one.told, *one.logs))
     for name in place.lab.recipes:
         if name in asked or re.search(rf"\b{re.escape(name)}\b", text):
@@ -204,7 +207,7 @@ def _instants(place: Place, minor: str | None = None) -> tuple[str, ...]:
 
 def lock(place: Place) -> Iterator[Move]:
     """The versions of what was measured to work: the same cases, on the same Python, with what the user pins."""
-    minor, pinned = place.python.minor if place.python else "", moves.pins(place.trial.cell)
+    minor, pinned = place.python.minor if place.python else "", candidate_changes.pins(place.trial.cell)
     bad = versions(place.lab, place.trial)
     cases = {(case.env, case.api) for case in place.trial.cell.cases if case.env}
     known = result_index.load()
@@ -239,7 +242,7 @@ def variables(place: Place) -> Iterator[Move]:
     """Ways of drawing, and a display."""
     here = frozenset(this_machine.facts().capabilities)
     evidence, installed = place.lab.evidence(place.trial), place.trial.record.installed
-    yield from clues.variables(place.trial.cell, place.phase, evidence, here=here, installed=installed)
+    yield from failure_hints.variables(place.trial.cell, place.phase, evidence, here=here, installed=installed)
 
 
 def python(place: Place) -> Iterator[Move]:
@@ -277,11 +280,13 @@ def _minor(text: str) -> int:
 
 def pins(place: Place) -> Iterator[Move]:
     """Other releases of what the user pins: those that a remedy names, else the nearest, farther and farther away."""
-    yield from (one for one in moves.known(place.trial.cell, place.trial.assessed.diagnoses) if one.way is Way.PINS)
-    pinned = moves.pins(place.lab.base)
-    for name in clues.suspects(pinned, place.lab.evidence(place.trial)):
+    yield from (
+        one for one in candidate_changes.known(place.trial.cell, place.trial.assessed.diagnoses) if one.way is Way.PINS
+    )
+    pinned = candidate_changes.pins(place.lab.base)
+    for name in failure_hints.suspects(pinned, place.lab.evidence(place.trial)):
         for version in _around(place, name, Version(pinned[name])):
-            change = moves.released(place.lab.base, name, f"=={version}")
+            change = candidate_changes.released(place.lab.base, name, f"=={version}")
             yield Move(change=change, way=Way.PINS, why=f"with {name} {version}", guard=True)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from harness import pasting
 from harness.model.report_types import number
-from harness.moves import Way
 from harness.reports.template_files import read_template
 from harness.reports.text import report_markdown
+from harness.rootcause import pasting
+from harness.rootcause.candidate_changes import Way
 from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repairing import Status
 from harness.standalone.silent import PREFIX

@@ -10,11 +10,11 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
-from harness import moves
 from harness.model import Cell, IndexSettings, Interpreter
 from harness.model.errors import HarnessError
 from harness.packages import index, locks
 from harness.packages.index import Release
+from harness.rootcause import candidate_changes
 
 AFTER_DAYS = (0, 7, 30)
 """A release often needs another that was uploaded some days later."""
@@ -49,7 +49,9 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
     Where it pins nothing, the releases count that it came to of what it asks for. Never a time before there were wheels
     for this Python, nor one that the cell asks for already.
     """
-    pinned = moves.pins(cell) or {name: installed[name] for name in moves.asked_for(cell) if name in installed}
+    pinned = candidate_changes.pins(cell) or {
+        name: installed[name] for name in candidate_changes.asked_for(cell) if name in installed
+    }
     uploads = [at for name, version in pinned.items() if (at := _uploaded(cell, name, version, offline=offline))]
     if not uploads:
         return ()

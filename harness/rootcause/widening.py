@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 from packaging.specifiers import Specifier, SpecifierSet
 from packaging.version import Version
 
-from harness import moves, search
 from harness.machine import interpreters
 from harness.model import Change
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.rootcause import times
+from harness.rootcause import candidate_changes, search, times
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import Lab, versions, weaker
-from harness.search import Answer
+from harness.rootcause.search import Answer
 
 KINDS = ("requirements", "constraints")
 UPPER, LOWER = frozenset({"<", "<="}), frozenset({">", ">="})
@@ -72,7 +71,7 @@ class Widening:
     def _bounds(self) -> Iterator[Bound]:
         """Yield the lines that only bound a package of which both versions are known, and that the user left open."""
         old, new = versions(self.lab, self.before), versions(self.lab, self.after)
-        pinned = moves.pins(self.lab.base)
+        pinned = candidate_changes.pins(self.lab.base)
         for kind in KINDS:
             for line in getattr(self.change, kind):
                 name, parsed = required_name(line), parsed_requirement(line)
@@ -103,7 +102,7 @@ class Widening:
             return change
         beyond = found.between[0] if found.between else found.bad
         self.told.append(f"{one.name} {found.good} works, {found.bad} does not")
-        mine = moves.bound(str(found.good), str(beyond))
+        mine = candidate_changes.bound(str(found.good), str(beyond))
         return one.put(change, str(_instead(specifier, one.side, mine)))
 
     def _line(self, one: Bound) -> list[Version]:

@@ -16,9 +16,9 @@ import jsonschema
 import pytest
 import wheelhouse
 
-from harness.commands import inplace
 from harness.commands.doctor import Doctored
 from harness.model import Interpreter, schema
+from harness.rootcause.doctor import in_place
 from harness.standalone import matching, running
 from harness.standalone.doctor import doctor, probing
 
@@ -357,8 +357,8 @@ def test_under_the_supervisor(place: Place) -> None:
     """The host's way to start a process shows the caller's variables and folder, and tells deaths alike."""
     argv = (sys.executable, "-c", "import os; print(os.environ.get('MINE'), os.getcwd(), flush=True); os.abort()")
 
-    done = inplace.run(argv, {"MINE": "yes"}, str(place.here), 30.0)
-    late = inplace.run((sys.executable, "-c", "import time; time.sleep(60)"), {}, str(place.here), 1.0)
+    done = in_place.run(argv, {"MINE": "yes"}, str(place.here), 30.0)
+    late = in_place.run((sys.executable, "-c", "import time; time.sleep(60)"), {}, str(place.here), 1.0)
 
     assert (done.signal, done.output.split()[:2]) == ("SIGABRT", ["yes", str(place.here)])
     assert late.timed_out

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from harness.commands import drawn
 from harness.devices import egl_advice
 from harness.devices.egl_advice import CROSSED, LIBRARIES, Here
 from harness.devices.egl_rules import Device
 from harness.devices.gl_inventory import Ways
+from harness.rootcause.doctor import doctor_rendering
 
 ONE = Here(devices=(Device(),), osmesa=True, display=False)
 OSMESA = {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"}
@@ -131,7 +131,7 @@ def test_the_document() -> None:
     """Every value that could be set stands there, one out of range too."""
     ways = Ways(devices=({"software": "yes"},), egl_missing=None, osmesa={}, display={"missing": "none"})
 
-    made = drawn.look(ways, {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"})
+    made = doctor_rendering.look(ways, {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"})
 
     assert "robosuite 1.4, 1.5 cannot draw here" in made.findings[0].text
     assert [one.setting for one in made.rendering.possible] == [
@@ -145,7 +145,9 @@ def test_the_document() -> None:
         "MUJOCO_EGL_DEVICE_ID=0 CUDA_VISIBLE_DEVICES=1",
     ]
     assert [one.device for one in made.rendering.selected] == [None, 0, 0, 0, 0]
-    assert "\n  robosuite 1.4, 1.5: fails: RuntimeError: The MUJOCO_EGL" in "\n".join(drawn.lines(made.rendering))
+    assert "\n  robosuite 1.4, 1.5: fails: RuntimeError: The MUJOCO_EGL" in "\n".join(
+        doctor_rendering.lines(made.rendering)
+    )
     assert "\n  MuJoCo before 4, MuJoCo 4, gymnasium (MuJoCo 4), dm_control: EGL device 0\n" in "\n".join(
-        drawn.lines(made.rendering)
+        doctor_rendering.lines(made.rendering)
     )

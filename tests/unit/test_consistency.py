@@ -16,10 +16,10 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness import clues
 from harness.model import Phase
 from harness.model.signatures import RemedyTable, Signature
 from harness.model.vocabulary import parsed_requirement, required_name
+from harness.rootcause import failure_hints
 from harness.running import shipped_signatures
 
 KNOWN = shipped_signatures.known()
@@ -54,7 +54,7 @@ class Claim:
 
     def stated(self, name: str, version: str, *, good: bool) -> bool:
         """Return whether the text bounds a package so that this version is good, or is not."""
-        named = clues.all_bounds(self.text, name)
+        named = failure_hints.all_bounds(self.text, name)
         return any(bound.contains(version, prereleases=True) is good for bound in named)
 
 
@@ -96,7 +96,7 @@ def of_expectations() -> Iterator[tuple[str, Claim]]:
             reds.setdefault(advice[1], []).append(seen)
     for text, found in reds.items():
         named: dict[str, list[SpecifierSet]] = {}
-        for name, bound in clues.named_bounds(text):
+        for name, bound in failure_hints.named_bounds(text):
             named.setdefault(name, []).append(bound)
         yield (
             text,
@@ -127,7 +127,7 @@ def failing_within(claim: Claim, *, any_of: bool) -> Iterator[str]:
     for red in claim.reds:
         held = [name for name in claim.bounds if claim.within(name, red)]
         enough = bool(held) if any_of else claim.whole and bool(held) and len(held) == len(claim.bounds)
-        if enough and (any_of or not any(clues.all_bounds(claim.text, name) for name in held)):
+        if enough and (any_of or not any(failure_hints.all_bounds(claim.text, name) for name in held)):
             yield f"{red.source} fails of it with {', '.join(f'{name} {red.versions[name]}' for name in held)}"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness.rootcause.good_end import WINDOWS, GoodEndSearch, Look
-from harness.search import Answer
+from harness.rootcause.search import Answer
 
 BAD = Look(answer=Answer.BAD, failure="new")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from builders import asking
 
-from harness import clues, moves
 from harness.matrix import changes
 from harness.model import Change, Phase
 from harness.model.signatures import Evidence
-from harness.moves import Way
+from harness.rootcause import candidate_changes, failure_hints
+from harness.rootcause.candidate_changes import Way
 
 WHOLE = Change(
     requirements=("packaging",),
@@ -26,19 +26,19 @@ def told(*lines: str, phase: Phase = Phase.SINGLE) -> list[Evidence]:
 
 def test_parts_make_the_whole_again() -> None:
     """Each line, variable and version is one; without one of them the others are left."""
-    parts = moves.parts(WHOLE)
+    parts = candidate_changes.parts(WHOLE)
     assert len(parts) == 6
-    assert moves.of_parts(parts) == WHOLE
-    assert moves.of_parts(moves.kinds(WHOLE)) == WHOLE
-    assert len(moves.kinds(WHOLE)) == 4
-    rest = moves.without(WHOLE, Change(constraints=("numpy<2",)))
+    assert candidate_changes.of_parts(parts) == WHOLE
+    assert candidate_changes.of_parts(candidate_changes.kinds(WHOLE)) == WHOLE
+    assert len(candidate_changes.kinds(WHOLE)) == 4
+    rest = candidate_changes.without(WHOLE, Change(constraints=("numpy<2",)))
     assert (rest.constraints, rest.environment) == (("mujoco<3",), WHOLE.environment)
-    assert moves.empty(moves.without(WHOLE, WHOLE))
+    assert candidate_changes.empty(candidate_changes.without(WHOLE, WHOLE))
 
 
 def test_the_later_of_two_changes_has_the_last_word() -> None:
     """On the same package or variable; the rest of both stays."""
-    both = moves.together(WHOLE, Change(constraints=("numpy<1.24",), environment={"MUJOCO_GL": "osmesa"}))
+    both = candidate_changes.together(WHOLE, Change(constraints=("numpy<1.24",), environment={"MUJOCO_GL": "osmesa"}))
     assert both.constraints == ("mujoco<3", "numpy<1.24")
     assert (both.environment, both.python) == ({"MUJOCO_GL": "osmesa", "DISPLAY": ""}, "3.10")
 
@@ -61,19 +61,21 @@ def test_remedy_beside_what_is_asked_for(
 ) -> None:
     """What the user wrote stays where it can; where it cannot, that is told."""
     of = asking(*asked, constraints=tuple(bounded))
-    assert moves.beside(of, Change(requirements=(change,))) == (Change(requirements=tuple(made)), contrary)
+    assert candidate_changes.beside(of, Change(requirements=(change,))) == (Change(requirements=tuple(made)), contrary)
 
 
 def test_a_bound_that_is_contrary_to_a_pin_moves_it() -> None:
     """A constraint would leave the pin, and nothing to resolve."""
-    made, contrary = moves.beside(asking("gymnasium==0.29.1", "mujoco==3.0.1"), Change(constraints=("mujoco<3",)))
+    made, contrary = candidate_changes.beside(
+        asking("gymnasium==0.29.1", "mujoco==3.0.1"), Change(constraints=("mujoco<3",))
+    )
     assert (made, contrary) == (Change(requirements=("mujoco<3",)), True)
     before = asking("mujoco==3.0.1")
-    assert moves.moved(before, changes.applied(before, made, {})) == ("mujoco",)
+    assert candidate_changes.moved(before, changes.applied(before, made, {})) == ("mujoco",)
     narrowed = changes.applied(asking("numpy<2"), Change(requirements=("numpy<1.24",)), {})
-    assert moves.moved(asking("numpy<2"), narrowed) == ()
+    assert candidate_changes.moved(asking("numpy<2"), narrowed) == ()
     free = changes.applied(before, Change(constraints=("numpy<2",)), {})
-    assert moves.moved(before, free) == ()
+    assert candidate_changes.moved(before, free) == ()
 
 
 @pytest.mark.parametrize(
@@ -82,16 +84,16 @@ def test_a_bound_that_is_contrary_to_a_pin_moves_it() -> None:
 )
 def test_bound_between_two_neighbours(good: str, bad: str, said: str) -> None:
     """As short as it can be, on the side of the one that works."""
-    assert moves.bound(good, bad) == said
+    assert candidate_changes.bound(good, bad) == said
 
 
 def test_missing_modules_and_who_brings_them() -> None:
     """Only what everybody knows, or what some package declares: no name is guessed."""
     evidence = told("ModuleNotFoundError: No module named 'pkg_resources'", "No module named 'left_pad.core'")
-    assert clues.missing_modules(evidence) == ("pkg_resources", "left_pad")
-    assert clues.providers("pkg_resources", ()) == ("setuptools<81",)
-    assert clues.providers("left_pad", ()) == ()
-    assert clues.providers("left_pad", ("left-pad",)) == ("left-pad",)
+    assert failure_hints.missing_modules(evidence) == ("pkg_resources", "left_pad")
+    assert failure_hints.providers("pkg_resources", ()) == ("setuptools<81",)
+    assert failure_hints.providers("left_pad", ()) == ()
+    assert failure_hints.providers("left_pad", ("left-pad",)) == ("left-pad",)
 
 
 def test_what_an_error_says_to_install() -> None:
@@ -100,29 +102,31 @@ def test_what_an_error_says_to_install() -> None:
         'DependencyNotInstalled: pygame is not installed, run `pip install "gymnasium[classic-control]"`',
         "pip install some-package-of-that-name",
     )
-    found = list(clues.told_to_install(asking("gymnasium[mujoco]==1.2.3"), evidence))
+    found = list(failure_hints.told_to_install(asking("gymnasium[mujoco]==1.2.3"), evidence))
     assert found == [Change(requirements=("gymnasium[classic-control,mujoco]==1.2.3",))]
 
 
 def test_suspects() -> None:
     """What the line names that says why goes before what the logs name, and that before the others."""
     evidence = [Evidence(phase=Phase.SINGLE, told=("module 'cv2' has no attribute 'x'",), logs=("numpy/core numpy",))]
-    assert clues.suspects(["aaa", "numpy", "opencv-python"], evidence) == ("opencv-python", "numpy", "aaa")
-    assert clues.named("opencv-python", evidence)
-    assert not clues.named("numpy", evidence)
+    assert failure_hints.suspects(["aaa", "numpy", "opencv-python"], evidence) == ("opencv-python", "numpy", "aaa")
+    assert failure_hints.named("opencv-python", evidence)
+    assert not failure_hints.named("numpy", evidence)
 
 
 def test_ways_of_drawing() -> None:
     """Those that the machine has, where the failure speaks of drawing; first what the user set is taken away."""
     here = frozenset({"egl", "osmesa"})
     of = asking("mujoco", environment={"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"})
-    found = list(clues.variables(of, Phase.RENDER, told("no OpenGL platform"), here=here))
+    found = list(failure_hints.variables(of, Phase.RENDER, told("no OpenGL platform"), here=here))
     assert [one.change.environment for one in found] == [
         {"PYOPENGL_PLATFORM": ""},
         {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"},
     ]
-    assert not list(clues.variables(of, Phase.SINGLE, told("numpy has no attribute"), here=here))
-    shown = list(clues.variables(asking("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"})))
+    assert not list(failure_hints.variables(of, Phase.SINGLE, told("numpy has no attribute"), here=here))
+    shown = list(
+        failure_hints.variables(asking("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"}))
+    )
     assert [one.change.environment for one in shown] == [
         {"SDL_VIDEODRIVER": "x11"},
         {"DISPLAY": "virtual"},
@@ -136,7 +140,7 @@ def test_ways_of_drawing_that_nothing_reads() -> None:
     here = frozenset({"egl", "osmesa", "display"})
 
     def tried(*installed: str) -> list[dict[str, str]]:
-        found = clues.variables(asking("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed)
+        found = failure_hints.variables(asking("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed)
         return [dict(one.change.environment) for one in found]
 
     assert tried("pygame") == [{"SDL_VIDEODRIVER": "x11"}, {"DISPLAY": "virtual"}]
@@ -159,16 +163,19 @@ def test_ways_of_drawing_that_nothing_reads() -> None:
 )
 def test_bounds_that_a_text_names(text: str, bounds: dict[str, str]) -> None:
     """Those on packages that matter here; a line that names one release bounds nothing."""
-    found = clues.bounds([text], {"mujoco", "gymnasium", "stable-baselines3", "dm-control"})
-    assert {name: clues.written(bound) for name, bound in found.items()} == bounds
+    found = failure_hints.bounds([text], {"mujoco", "gymnasium", "stable-baselines3", "dm-control"})
+    assert {name: failure_hints.written(bound) for name, bound in found.items()} == bounds
 
 
 def test_bounds_that_are_not_met() -> None:
     """Only those that what is there contradicts are hints."""
     texts = ["needs numpy<2 and mujoco>=2.3"]
-    assert list(clues.refused(texts, {"numpy": "2.2.6", "mujoco": "3.1.6"})) == ["numpy"]
+    assert list(failure_hints.refused(texts, {"numpy": "2.2.6", "mujoco": "3.1.6"})) == ["numpy"]
 
 
 def test_alternatives_of_one_package() -> None:
     """`or` goes on with the package before it."""
-    assert [str(each) for each in clues.all_bounds("take gymnasium>=1.1 or <1.", "gymnasium")] == [">=1.1", "<1"]
+    assert [str(each) for each in failure_hints.all_bounds("take gymnasium>=1.1 or <1.", "gymnasium")] == [
+        ">=1.1",
+        "<1",
+    ]

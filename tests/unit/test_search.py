@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import pytest
 
-from harness.search import Answer, Boundary, Progress, Refused, Rules, Search, bound, boundary, minimise
+from harness.rootcause.search import Answer, Boundary, Progress, Refused, Rules, Search, bound, boundary, minimise
 
 GOOD, BAD, FLAKY, UNTESTABLE = Answer.GOOD, Answer.BAD, Answer.FLAKY, Answer.UNTESTABLE
 RULES = Rules(looks=2)

@@ -12,7 +12,7 @@ from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.rootcause.bench import Trial
 from harness.rootcause.lab import ended, further, passes, weaker
 from harness.rootcause.predicate import Predicate, failing
-from harness.search import Answer
+from harness.rootcause.search import Answer
 
 
 def trial(*cases: CaseRecord, **more: object) -> Trial:

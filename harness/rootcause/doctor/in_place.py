@@ -11,8 +11,6 @@ from typing import Any
 
 import msgspec
 
-from harness.commands import drawn
-from harness.commands.drawn import Looked
 from harness.judging.failure_texts import KILLED, written
 from harness.machine import process, this_machine
 from harness.machine.files.scratch_folders import scratch_folder
@@ -23,6 +21,8 @@ from harness.probes import launch
 from harness.probes.evidence import REPLY, Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
+from harness.rootcause.doctor import doctor_rendering
+from harness.rootcause.doctor.doctor_rendering import Looked
 from harness.running import case_run
 from harness.running.shipped_signatures import texts
 from harness.standalone import adapters
@@ -84,7 +84,7 @@ class Looks:
         """Findings, and evidence to be held against known failures."""
         found: list[Finding] = []
         if self.rendering:
-            self.drawn = drawn.here()
+            self.drawn = doctor_rendering.here()
             found += _rendering(self.drawn, versions(facts))
         if self.env is not None:
             found += self._stepped(self.env, facts)

@@ -4,9 +4,9 @@
 around candidates that cannot be tested, and ask again where answers may be wrong until they are sure enough.
 """
 
-from harness.search.answers import Answer, Asked, Refused, Rules
-from harness.search.boundaries import Boundary, Progress, Search, Turn, bound, boundary
-from harness.search.minimal import Minimal, minimise
+from harness.rootcause.search.answers import Answer, Asked, Refused, Rules
+from harness.rootcause.search.boundaries import Boundary, Progress, Search, Turn, bound, boundary
+from harness.rootcause.search.minimal import Minimal, minimise
 
 __all__ = [
     "Answer",

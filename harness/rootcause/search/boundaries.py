@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Generic, TypeVar
 
-from harness.search.answers import USUAL, Answer, Asked, Refused, Rules
-from harness.search.line import Line
+from harness.rootcause.search.answers import USUAL, Answer, Asked, Refused, Rules
+from harness.rootcause.search.line import Line
 
 T = TypeVar("T")
 

@@ -8,8 +8,8 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 
-from harness.search.answers import Answer, Refused, Rules
-from harness.search.posterior import Posterior, weighed
+from harness.rootcause.search.answers import Answer, Refused, Rules
+from harness.rootcause.search.posterior import Posterior, weighed
 
 CHEAP = 0.25
 """How much of what it tells may be given up for an answer that costs nothing."""

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from harness.search.answers import USUAL, Answer, Asked, Rules
-from harness.search.boundaries import bound, boundary
+from harness.rootcause.search.answers import USUAL, Answer, Asked, Rules
+from harness.rootcause.search.boundaries import bound, boundary
 
 T = TypeVar("T")
 
