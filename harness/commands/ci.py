@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import distribution, version
 from pathlib import Path
 
-from harness import pipelines
+from harness.ci import pipelines
+from harness.ci.pipelines import Pipeline, Provider
 from harness.commands import select_cells
 from harness.commands.console import tell
 from harness.commands.select_cells import selected
@@ -19,7 +20,6 @@ from harness.machine.files import given_files
 from harness.model import Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
-from harness.pipelines import Pipeline, Provider
 from harness.reports import publishing
 from harness.reports.template_files import read_template
 from harness.reports.text import github_annotations

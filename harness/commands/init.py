@@ -10,10 +10,11 @@ from pathlib import Path
 
 import msgspec
 
-from harness import drafts, workflows
-from harness.commands import ci, firstdraft
+from harness.ci import drafts, first_draft, workflows
+from harness.ci.drafts import Draft, Project
+from harness.ci.workflows import Fate, Job, Leg
+from harness.commands import ci
 from harness.commands.console import tell
-from harness.drafts import Draft, Project
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model.errors import BadInput, CouldNotTell
@@ -24,7 +25,6 @@ from harness.reports.answers import misspelt
 from harness.reports.template_files import read_template
 from harness.running import open_matrix
 from harness.standalone.output import print_json
-from harness.workflows import Fate, Job, Leg
 
 HELP = (
     "Start in somebody's project: write a first matrix, a nox session and a GitHub workflow. With --from, the matrix is"
@@ -140,18 +140,18 @@ def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, f
     made = _drafts(about, jobs, args)
     pythons = next(iter(made.values())).pythons
     files.say("asking the installed package for its environments, and trying some of them")
-    found = firstdraft.cases(about, pythons, offline=args.offline)
+    found = first_draft.cases(about, pythons, offline=args.offline)
     if not found.asked:
         files.open.append(found.notes[0] if found.notes else "the environments of the package")
     for line in found.notes if found.asked else ():
         files.say(f"  {line}")
     for name, draft in made.items():
-        whole = firstdraft.completed(draft, about, found, offline=args.offline)
+        whole = first_draft.completed(draft, about, found, offline=args.offline)
         path, template = _path(name), read_template("matrix.toml.j2")
         if not files.write(path, drafts.text_of(whole, template)):
             files.say(f"{path}: is there already and stays as it is")
             continue
-        fitting = whole if args.offline else firstdraft.without_clashes(whole, path)
+        fitting = whole if args.offline else first_draft.without_clashes(whole, path)
         if fitting != whole:
             store.write_atomic(path, drafts.text_of(fitting, template).encode())
             path.with_suffix(".expanded.json").unlink(missing_ok=True)

@@ -232,5 +232,6 @@ def unrefused(lab: Lab, before: Trial, after: Trial) -> str | None:
             continue
         for other in had.keys() & has.keys() - {name}:
             if Version(has[other]) < Version(had[other]):
-                return f"the error asks for {name}{failure_hints.written(bound)}, and {other} {has[other]} is too old to know that"
+                asked = f"{name}{failure_hints.written(bound)}"
+                return f"the error asks for {asked}, and {other} {has[other]} is too old to know that"
     return None

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import pipelines
 from harness.__main__ import main
+from harness.ci import pipelines
 from harness.model import CellRecord
 from harness.reports import document
 from harness.running import open_matrix

@@ -7,18 +7,18 @@ from textwrap import dedent
 
 import pytest
 
-from harness import drafts
-from harness.drafts import Case, Draft, Project, Range, SuiteDraft
-from harness.drafts import candidates as trying
-from harness.drafts.candidates import Candidate
-from harness.drafts.values import Offer, narrowed
+from harness.ci import drafts
+from harness.ci.drafts import Case, Draft, Project, Range, SuiteDraft
+from harness.ci.drafts import candidates as trying
+from harness.ci.drafts.candidates import Candidate
+from harness.ci.drafts.values import Offer, narrowed
+from harness.ci.workflows import read
 from harness.matrix import matrix_file, plan
 from harness.matrix.matrix_types import Expansion
 from harness.model import Plan, Suite
 from harness.model.errors import BadInput
 from harness.model.vocabulary import GYMNASIUM, Instant, Rule
 from harness.reports.template_files import read_template
-from harness.workflows import read
 
 TEMPLATE = read_template("matrix.toml.j2")
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 from builders import asking, interpreter, lock, step
 
-from harness import firstvalues
-from harness.commands import firstdraft
-from harness.drafts import Range
+from harness.ci import first_draft, first_values
+from harness.ci.drafts import Range
 from harness.machine.store import Store
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.vocabulary import Rule
@@ -74,10 +73,10 @@ def test_values_that_clash_with_the_newest_of_another_axis(
     """A package that does not resolve even without the other pins stays: the project's user has to know."""
     monkeypatch.setattr(Resolver, "refused", refused)
     monkeypatch.setattr(Resolver, "outcome", outcome)
-    monkeypatch.setattr(firstvalues, "Runner", Resolver)
-    monkeypatch.setattr(firstvalues.interpreters, "find", lambda _: PYTHON)
+    monkeypatch.setattr(first_values, "Runner", Resolver)
+    monkeypatch.setattr(first_values.interpreters, "find", lambda _: PYTHON)
 
-    found = firstvalues.clashing(CELLS, ("gymnasium", "sim"), Store(Path("nowhere")), None)  # type: ignore[arg-type]
+    found = first_values.clashing(CELLS, ("gymnasium", "sim"), Store(Path("nowhere")), None)  # type: ignore[arg-type]
 
     assert found == expected
 
@@ -86,10 +85,10 @@ def test_a_range_without_values_that_clash_says_so() -> None:
     """They are left out one by one, beside what was left out before."""
     wanted = Range(package="gymnasium", range=">=0.26", rule=Rule.LATEST_PATCH, note="Left out: 0.27.")
 
-    found = firstdraft._without(wanted, ("0.28.1",))
+    found = first_draft._without(wanted, ("0.28.1",))
 
     assert found.range == ">=0.26,!=0.28.1"
     assert found.note == (
         "Left out: 0.27. Left out, not installable beside the newest release of the other axes: 0.28.1."
     )
-    assert firstdraft._without(wanted, ()) is wanted
+    assert first_draft._without(wanted, ()) is wanted

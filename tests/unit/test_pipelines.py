@@ -13,10 +13,10 @@ import yaml
 from specimens import quick
 
 import harness
-from harness import pipelines
+from harness.ci import pipelines
+from harness.ci.pipelines import Action, Pipeline, Provider
 from harness.model import Dropped
 from harness.model.errors import BadInput
-from harness.pipelines import Action, Pipeline, Provider
 
 TEMPLATES = Path(harness.__file__).parent / "reports" / "templates"
 ACTIONS = pipelines.actions((TEMPLATES / pipelines.ACTIONS).read_text(encoding="utf-8"))

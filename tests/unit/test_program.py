@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from harness import firstcases
+from harness.ci import first_cases
 from harness.model.vocabulary import APIS, CHECKS, INCELL
 from harness.probes import program, wire
 
 FOLLOWERS = tuple(name for names in wire.FOLLOWERS.values() for name in names)
-ALL = (*CHECKS, *FOLLOWERS, "single.repeat", firstcases.LISTING)
+ALL = (*CHECKS, *FOLLOWERS, "single.repeat", first_cases.LISTING)
 DIGESTS = {(api, check): program.digest(api, check) for api in ("", *APIS) for check in ALL}
 
 
@@ -65,7 +65,7 @@ def test_words_change_nothing(name: str, before: str, after: str, changed) -> No
         ("cell_start.py", "FAR = 0.05", "FAR = 0.06", ("single.start_pose",)),
         ("cell_sb3.py", '"?"', '""', ("interop.sb3.check_env", "interop.sb3.learn")),
         ("cell_pictures.py", "WINDOW = 5", "WINDOW = 6", ("render.rgb_array",)),
-        ("check_list_environments.py", "found = []", "found = list()", (firstcases.LISTING,)),
+        ("check_list_environments.py", "found = []", "found = list()", (first_cases.LISTING,)),
         ("cell_beside.py", '".teardown"', '".after"', ALL),
         ("cell_errors.py", '"(its message', '"(the message', ALL),
         ("cell_imports.py", ", 4)", ", 3)", ALL),

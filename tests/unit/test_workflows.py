@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from harness.ci.workflows import Fate, Job, expressions, read, shell
+from harness.ci.workflows.combinations import combinations
 from harness.model.errors import BadInput
-from harness.workflows import Fate, Job, expressions, read, shell
-from harness.workflows.combinations import combinations
 
 SETUP = """
 - uses: actions/setup-python@v5

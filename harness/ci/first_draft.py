@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from harness import drafts, firstcases, firstvalues, workflows
+from harness.ci import drafts, first_cases, first_values, workflows
+from harness.ci.drafts import Case, Draft, Project, Range
+from harness.ci.drafts.values import Offer, narrowed
+from harness.ci.first_cases import FirstCases, Scout
 from harness.commands import progress
-from harness.drafts import Case, Draft, Project, Range
-from harness.drafts.values import Offer, narrowed
-from harness.firstcases import FirstCases, Scout
 from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
@@ -26,7 +26,7 @@ LARGEST = 2_000_000
 def cases(about: Project, pythons: Sequence[str], *, offline: bool) -> FirstCases:
     """Ask the installed package; where it cannot be installed here, take what its sources seem to register."""
     opened = store.open_store()
-    order = firstcases.by_preference(pythons, None)
+    order = first_cases.by_preference(pythons, None)
     with progress.Progress(0, 1, publishing.headline) as board:
         scout = Scout(
             opened=opened,
@@ -69,8 +69,8 @@ def without_clashes(draft: Draft, path: Path) -> Draft:
     except HarnessError:  # it is loaded again right after, and says it then
         return draft
     with progress.Progress(0, 1, publishing.headline) as board:
-        found = firstvalues.clashing(planned.cells, packages, opened, board)
-    gone = found.get(firstvalues.PYTHON, ())
+        found = first_values.clashing(planned.cells, packages, opened, board)
+    gone = found.get(first_values.PYTHON, ())
     note = f"Left out: Python {', '.join(gone)}, on which the newest releases of the axes cannot be installed."
     return replace(
         draft,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name
 
-from harness.drafts.project import Case, Project
-from harness.drafts.suite import SuiteDraft
+from harness.ci.drafts.project import Case, Project
+from harness.ci.drafts.suite import SuiteDraft
 from harness.model import requirement_texts, schema
 from harness.model.vocabulary import HOST, Rule
 

@@ -9,7 +9,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import InvalidVersion, Version
 
-from harness.drafts.draft import Range
+from harness.ci.drafts.draft import Range
 from harness.matrix.matrix_types import RangeTable
 from harness.matrix.version_ranges import expand_range
 from harness.model import Interpreter

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
-from harness.workflows.expressions import text_of
+from harness.ci.workflows.expressions import text_of
 
 NOT_AXES = ("include", "exclude")
 

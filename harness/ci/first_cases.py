@@ -9,8 +9,8 @@ from typing import Any
 
 from packaging.version import Version
 
-from harness.drafts import Case as Drafted
-from harness.drafts.candidates import Candidate, chosen_order, needs_arguments, ordered_extras, read
+from harness.ci.drafts import Case as Drafted
+from harness.ci.drafts.candidates import Candidate, chosen_order, needs_arguments, ordered_extras, read
 from harness.judging.assess import Assessed, assess
 from harness.judging.counted_phases import reason
 from harness.machine import interpreters

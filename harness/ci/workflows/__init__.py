@@ -3,7 +3,7 @@
 Everything is read from the text; nothing is run.
 """
 
-from harness.workflows.legs import Claim, Fate, Leg
-from harness.workflows.reading import Job, read
+from harness.ci.workflows.legs import Claim, Fate, Leg
+from harness.ci.workflows.reading import Job, read
 
 __all__ = ["Claim", "Fate", "Job", "Leg", "read"]

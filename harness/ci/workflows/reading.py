@@ -9,10 +9,10 @@ from typing import Any
 
 import yaml
 
+from harness.ci.workflows.combinations import Combination, Unreadable, combinations, unmatched
+from harness.ci.workflows.legs import Leg, leg
 from harness.model.errors import BadInput
 from harness.packages.requirement_files.yaml_texts import readable_yaml
-from harness.workflows.combinations import Combination, Unreadable, combinations, unmatched
-from harness.workflows.legs import Leg, leg
 
 MOST = 256
 """GitHub refuses a matrix of more jobs."""

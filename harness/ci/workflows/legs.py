@@ -17,11 +17,11 @@ from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 
+from harness.ci.workflows import expressions, shell
+from harness.ci.workflows.combinations import Combination
+from harness.ci.workflows.expressions import UNKNOWN, text_of
+from harness.ci.workflows.shell import unmarked
 from harness.model import requirement_texts
-from harness.workflows import expressions, shell
-from harness.workflows.combinations import Combination
-from harness.workflows.expressions import UNKNOWN, text_of
-from harness.workflows.shell import unmarked
 
 SETUPS = ("/setup-python", "/setup-uv", "/setup-miniconda", "/setup-micromamba", "/install-pinned-python")
 """Ends of the names of actions that provide the Python of their `python-version`."""

@@ -12,7 +12,7 @@ import msgspec
 from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
-from harness.drafts import poetry
+from harness.ci.drafts import poetry
 from harness.model import requirement_texts, schema
 
 PYTHONS = tuple(f"3.{minor}" for minor in range(7, 15))

@@ -3,12 +3,12 @@
 Everything is read from texts; `templates/matrix.toml.j2` makes a file of a draft.
 """
 
-from harness.drafts.draft import Draft, Range, of_project, text_of
-from harness.drafts.layout import matrix_folder
-from harness.drafts.project import Case, Project, registered
-from harness.drafts.project import read as read_project
-from harness.drafts.suite import SuiteDraft, runtime, suite
-from harness.drafts.workflow import of_legs
+from harness.ci.drafts.draft import Draft, Range, of_project, text_of
+from harness.ci.drafts.layout import matrix_folder
+from harness.ci.drafts.project import Case, Project, registered
+from harness.ci.drafts.project import read as read_project
+from harness.ci.drafts.suite import SuiteDraft, runtime, suite
+from harness.ci.drafts.workflow import of_legs
 
 __all__ = [
     "Case", "Draft", "Project", "Range", "SuiteDraft", "matrix_folder", "of_legs", "of_project", "read_project",

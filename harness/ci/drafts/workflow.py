@@ -11,9 +11,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness.drafts.draft import MEASURED, Bundle, Draft
+from harness.ci.drafts.draft import MEASURED, Bundle, Draft
+from harness.ci.workflows import Claim, Fate, Leg
 from harness.model.vocabulary import HOST
-from harness.workflows import Claim, Fate, Leg
 
 WELL_KNOWN = frozenset({*MEASURED, "numpy", "scipy", "torch", "jax", "tensorflow"})
 """What a value is taken to be a version of, where it was handed to something that cannot be seen into."""
