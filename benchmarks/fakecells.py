@@ -12,8 +12,8 @@ from typing import Any
 
 from PIL import Image
 
-from harness.judging.fold import Folded, after
-from harness.judging.todo import todo
+from harness.judging.runs.fold import Folded, after
+from harness.judging.runs.todo import todo
 from harness.machine import interpreters, this_machine
 from harness.machine.store import Installed, Store, digest, question_key
 from harness.model import Artifact, Cell, CellRecord, Interpreter, Lock, Pin, Question

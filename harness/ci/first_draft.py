@@ -10,13 +10,12 @@ from harness.ci import drafts, first_cases, first_values, workflows
 from harness.ci.drafts import Case, Draft, Project, Range
 from harness.ci.drafts.values import Offer, narrowed
 from harness.ci.first_cases import FirstCases, Scout
-from harness.commands import progress
 from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 from harness.packages import index
 from harness.reports import publishing
-from harness.running import open_matrix
+from harness.running import open_matrix, progress
 
 NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
 LARGEST = 2_000_000

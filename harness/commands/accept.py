@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from harness.commands import report
-from harness.commands.console import tell
 from harness.commands.select_cells import choose
 from harness.machine import store, this_machine
+from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.matrix import matrix_file
 from harness.model import Cell, Plan

@@ -11,9 +11,9 @@ from pathlib import Path
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.commands.console import tell
 from harness.judging.exercised import OWN
 from harness.machine import interpreters
+from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.machine.store import Store
 from harness.matrix import overlay_recipes, plan

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands import find_cell, progress
+from harness.commands import find_cell
 from harness.judging.assess import assess
 from harness.machine import interpreters, store
 from harness.machine.store import Store
@@ -28,7 +28,7 @@ from harness.rootcause.bench import Bench, Bounds, Spent, Trial
 from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
 from harness.rootcause.candidates import Candidate, Candidates, Kept
 from harness.rootcause.certificates import BisectDocument
-from harness.running import open_matrix, scheduler, shipped_signatures
+from harness.running import open_matrix, progress, scheduler, shipped_signatures
 from harness.standalone.output import print_json
 from harness.standalone.silent import plainly_good
 

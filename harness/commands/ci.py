@@ -14,8 +14,8 @@ from pathlib import Path
 from harness.ci import pipelines
 from harness.ci.pipelines import Pipeline, Provider
 from harness.commands import select_cells
-from harness.commands.console import tell
 from harness.commands.select_cells import selected
+from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.model import Plan
 from harness.model.errors import BadInput

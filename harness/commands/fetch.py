@@ -11,16 +11,15 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands import progress
-from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, committed_report, durations, jobs, selected
 from harness.judging.assess import assess
 from harness.machine import store
+from harness.machine.console import tell
 from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
-from harness.running import controls, offline_bundle, offline_collect, open_matrix, scheduler
+from harness.running import controls, offline_bundle, offline_collect, open_matrix, progress, scheduler
 from harness.running.offline_bundle import FetchedCell, FetchedMatrix, Manifest
 from harness.standalone.output import print_json
 

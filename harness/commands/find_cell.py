@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from harness.commands.console import tell
 from harness.machine import this_machine
+from harness.machine.console import tell
 from harness.machine.store import Store
 from harness.matrix import plan
 from harness.model import Cell, Plan, cellid

@@ -14,8 +14,8 @@ from time import time
 import msgspec
 from rich.filesize import decimal
 
-from harness.commands.console import tell
 from harness.machine import store
+from harness.machine.console import tell
 from harness.model.report_types import number
 from harness.packages import uv_command
 from harness.running import cleanup

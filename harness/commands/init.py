@@ -14,8 +14,8 @@ from harness.ci import drafts, first_draft, workflows
 from harness.ci.drafts import Draft, Project
 from harness.ci.workflows import Fate, Job, Leg
 from harness.commands import ci
-from harness.commands.console import tell
 from harness.machine import store
+from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.report_types import number

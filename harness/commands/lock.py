@@ -8,17 +8,16 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands import progress
-from harness.commands.console import tell
 from harness.commands.select_cells import JOBS, jobs, selected
 from harness.judging.assess import assess
 from harness.machine import store
+from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.report_types import UNTOLD
 from harness.reports import publishing
 from harness.reports.answers import misspelt
-from harness.running import open_matrix, resolving, scheduler
+from harness.running import open_matrix, progress, resolving, scheduler
 from harness.standalone.output import print_json
 
 HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."

@@ -6,8 +6,8 @@ import argparse
 
 import msgspec
 
-from harness.commands.console import tell
 from harness.commands.select_cells import choose
+from harness.machine.console import tell
 from harness.model import Cell, Plan
 from harness.model.report_types import number
 from harness.reports.answers import misspelt

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands import ad_hoc_cell, find_cell, progress
+from harness.commands import ad_hoc_cell, find_cell
 from harness.machine import store
 from harness.machine.store import Store
 from harness.model import Cell, CellRecord, cellid
@@ -24,7 +24,7 @@ from harness.rootcause.bench import Bounds
 from harness.rootcause.lab import Lab
 from harness.rootcause.proofs import RepairDocument
 from harness.rootcause.repairing import Repaired, Search, Status
-from harness.running import open_matrix, scheduler
+from harness.running import open_matrix, progress, scheduler
 from harness.running.scheduler import Beside
 from harness.standalone.output import print_json
 

@@ -8,18 +8,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.commands import progress, select_cells
-from harness.commands.console import tell
+from harness.commands import select_cells
 from harness.commands.select_cells import VERIFYING
 from harness.judging.assess import assess
 from harness.machine import store
+from harness.machine.console import tell
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
 from harness.reports import publishing
 from harness.reports.answers import misspelt
 from harness.reports.tables import tables
-from harness.running import open_matrix, remedy_trials, scheduler, shipped_signatures
+from harness.running import open_matrix, progress, remedy_trials, scheduler, shipped_signatures
 
 if TYPE_CHECKING:
     from harness.running.offline_bundle import Fetched

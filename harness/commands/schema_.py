@@ -57,7 +57,7 @@ def _overlay() -> type:
 
 
 def _signatures() -> type:
-    from harness.model.signatures import SignaturesFile  # noqa: PLC0415
+    from harness.matrix.signatures import SignaturesFile  # noqa: PLC0415
 
     return SignaturesFile
 

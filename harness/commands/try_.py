@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from harness.commands import ad_hoc_cell, progress
+from harness.commands import ad_hoc_cell
 from harness.commands.select_cells import VERIFYING
 from harness.judging.assess import assess
 from harness.judging.exercised import unregistered
@@ -13,7 +13,7 @@ from harness.model import Verdict
 from harness.model.errors import BadInput
 from harness.reports import document, publishing
 from harness.reports.answers.try_answer import answer
-from harness.running import scheduler, shipped_signatures
+from harness.running import progress, scheduler, shipped_signatures
 from harness.standalone.output import print_json
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."

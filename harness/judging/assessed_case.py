@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from harness.judging import misleading
 from harness.judging.counted_phases import counts, reason
+from harness.judging.runs import misleading
 from harness.model import CaseRecord, CheckRecord, Outcome, PhaseRecord, worst
 from harness.standalone import silent
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import replace
 from functools import cache
 
-from harness.judging import misleading
 from harness.judging.discount import trusted
+from harness.judging.runs import misleading
 from harness.model import (
     CASE_PHASES,
     FAILING,

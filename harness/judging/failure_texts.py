@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from harness.judging.counted_phases import observed
+from harness.matrix.signatures import Evidence, Sighting
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
-from harness.model.signatures import Evidence, Sighting
 from harness.model.words import in_words
 from harness.probes.wire import plain_records
 

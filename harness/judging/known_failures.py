@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from harness.model import Phase, Verdict, signatures
+from harness.matrix import signatures
+from harness.matrix.signatures import Around, Diagnosis, Evidence, Signature, diagnose
+from harness.model import Phase, Verdict
 from harness.model.report_types import UNTOLD
-from harness.model.signatures import Around, Diagnosis, Evidence, Signature, diagnose
 from harness.standalone import counting, silent
 from harness.standalone.counting import Fit
 

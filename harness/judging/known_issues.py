@@ -13,7 +13,7 @@ from harness.model.report_types import number
 from harness.standalone.remedies import in_words
 
 if TYPE_CHECKING:
-    from harness.model.signatures import Signature
+    from harness.matrix.signatures import Signature
 
 SHOWN = 5
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from harness.judging import misleading
 from harness.judging.counted_phases import Cases, counts, observed, reason, step_outcome, suite_not_run, suite_phase
 from harness.judging.exercised import ONLY_IMPORT, idle, lacking, nothing_of
+from harness.judging.runs import misleading
 from harness.model import CASE_PHASES, FAILING, CellRecord, Observed, Outcome, Phase, PhaseRecord, Verdict, worst
 
 AFTER_IMPORT = frozenset({Verdict.PARTIAL, Verdict.BROKEN})

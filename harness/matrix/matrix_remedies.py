@@ -9,8 +9,8 @@ import msgspec
 
 from harness.matrix import matrix_file
 from harness.matrix.matrix_types import ChangeTable, Constraint, Matrix
+from harness.matrix.signatures import Signature
 from harness.model.schema import located, suggestion
-from harness.model.signatures import Signature
 
 
 def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.machine import store
-from harness.model.signatures import Signature
+from harness.matrix.signatures import Signature
 from harness.reports.answers import digest, result_index
 from harness.running import shipped_signatures
 from harness.standalone import adapters

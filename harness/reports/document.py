@@ -16,6 +16,7 @@ from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.matrix import changes
+from harness.matrix.signatures import Diagnosis, Signature, machine_applicable
 from harness.model import Cell, CellRecord, IndexSettings, Outcome, Phase, Plan, Repair, Role, Verdict, cellid, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import (
@@ -36,7 +37,6 @@ from harness.model.report_types import (
     SubjectEntry,
     SuiteEntry,
 )
-from harness.model.signatures import Diagnosis, Signature, machine_applicable
 from harness.reports.tables import change_effects
 
 Locate = Callable[[str], str]

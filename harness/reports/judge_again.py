@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from harness.commands.console import tell
-from harness.judging import case as judging
-from harness.judging import suite
+from harness.judging.runs import case as judging
+from harness.judging.runs import suite
 from harness.machine import store
+from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import Store

@@ -16,8 +16,8 @@ from stat import S_ISDIR
 from typing import NamedTuple
 
 from harness.judging.assess import assess
-from harness.judging.check import phase_of
 from harness.judging.exercised import unregistered
+from harness.judging.runs.check import phase_of
 from harness.machine import store, this_machine
 from harness.machine.files import given_files
 from harness.machine.files.file_locks import exclusive

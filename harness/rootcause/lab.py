@@ -14,8 +14,8 @@ from packaging.version import Version
 from harness.judging.identity import Failure
 from harness.machine.store import Store
 from harness.matrix import changes
+from harness.matrix.signatures import Evidence
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
-from harness.model.signatures import Evidence
 from harness.model.vocabulary import MISLEADING
 from harness.packages import locks
 from harness.rootcause import candidate_changes, failure_hints

@@ -10,8 +10,8 @@ from packaging.version import Version
 
 from harness.machine import interpreters, this_machine
 from harness.machine.store import cache_folder
+from harness.matrix.signatures import Diagnosis
 from harness.model import Cell, Change, Interpreter, Phase
-from harness.model.signatures import Diagnosis
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages.environments import site_packages
 from harness.reports.answers import result_index

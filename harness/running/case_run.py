@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cache
 
-from harness.judging.case import case_record, phases
-from harness.judging.fold import MEASURED_AGAIN, REPEAT, Asked, Folded, after, fold, wanted_of
-from harness.judging.todo import todo
+from harness.judging.runs.case import case_record, phases
+from harness.judging.runs.fold import MEASURED_AGAIN, REPEAT, Asked, Folded, after, fold, wanted_of
+from harness.judging.runs.todo import todo
 from harness.machine import source_digests
 from harness.machine.store import digest
 from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRecord, Step
@@ -22,7 +22,7 @@ from harness.probes.measure import Laboratory
 from harness.probes.wire import followers_of
 from harness.standalone.adapters import carried
 
-JUDGING = ("harness.judging.case", "harness.judging.todo")
+JUDGING = ("harness.judging.runs.case", "harness.judging.runs.todo")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

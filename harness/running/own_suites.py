@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness.judging import decisive_line
-from harness.judging.suite import CHECK, SOURCE
+from harness.judging.runs import decisive_line
+from harness.judging.runs.suite import CHECK, SOURCE
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
 from harness.machine.files.scratch_folders import scratch_folder

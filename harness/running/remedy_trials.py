@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from harness.judging.assess import Assessed
 from harness.matrix import changes
+from harness.matrix.signatures import Signature
 from harness.model import Cell, Change, Plan, Question, Repair, Tried
-from harness.model.signatures import Signature
 
 Recipes = Mapping[str, tuple[Repair, ...]]
 

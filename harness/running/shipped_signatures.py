@@ -11,10 +11,10 @@ from pathlib import Path
 
 from harness.judging.known_failures import Knowledge
 from harness.machine.files import guarded_files
-from harness.model import signatures
+from harness.matrix import signatures
+from harness.matrix.signatures import Signature
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
-from harness.model.signatures import Signature
 from harness.packages import locks
 from harness.running.signature_files import VARIABLE, folder
 

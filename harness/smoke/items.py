@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import pytest
 
 from harness.judging.assess import assess
-from harness.judging.check import phase_of
+from harness.judging.runs.check import phase_of
 from harness.machine import store
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan, cellid
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from harness.judging import misleading
 from harness.judging.assess import Assessed, assess
-from harness.judging.check import NEEDS
 from harness.judging.counted_phases import observed, reason, step_outcome, suite_phase
 from harness.judging.expectation import passed, says
+from harness.judging.runs import misleading
+from harness.judging.runs.check import NEEDS
 from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Observed, Outcome, Phase, PhaseRecord, Verdict
 
 POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from harness.judging.check import phase_of
+from harness.judging.runs.check import phase_of
 from harness.machine import interpreters
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase

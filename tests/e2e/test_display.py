@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from spine.commandline import closed_network, processes_of
 
-from harness.judging.decisive_line import normalise
+from harness.judging.runs.decisive_line import normalise
 from harness.machine import display, gl_probe, this_machine
 from harness.machine.process import Command, Limits, Profile, run
 

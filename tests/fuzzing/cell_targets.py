@@ -16,8 +16,9 @@ import numpy as np
 from fuzzing.mutating import content, mutated, mutated_json
 from fuzzing.targets import ROOT, Target
 
-from harness.judging import decisive_line, failure_texts
-from harness.judging.check import Ending, check_record, found_beside
+from harness.judging import failure_texts
+from harness.judging.runs import decisive_line
+from harness.judging.runs.check import Ending, check_record, found_beside
 from harness.machine.store import Installed, Store
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.model.hostile_data import Unreadable

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from harness.commands.progress import Progress
 from harness.judging.assess import assess
 from harness.machine import store, this_machine
 from harness.matrix import plan
@@ -23,6 +22,7 @@ from harness.model import Cell, CellRecord, Outcome, Phase
 from harness.reports.publishing import headline
 from harness.reports.text import report_markdown
 from harness.running import scheduler
+from harness.running.progress import Progress
 
 HERE = Path(__file__).parent
 GOAL = 0.97

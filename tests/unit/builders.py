@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
+from harness.matrix.signatures import Signature
 from harness.model import (
     Artifact,
     Case,
@@ -29,7 +30,6 @@ from harness.model import (
     schema,
 )
 from harness.model.report_types import CellEntry, DiagnosisEntry, Document
-from harness.model.signatures import Signature
 from harness.reports import document
 from harness.standalone import matching
 

@@ -14,9 +14,9 @@ import msgspec
 from packaging.utils import canonicalize_name
 
 from harness.judging.known_failures import counted
+from harness.matrix.signatures import Around, Evidence, diagnose
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
-from harness.model.signatures import Around, Evidence, diagnose
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages import locks
 from harness.reports import document

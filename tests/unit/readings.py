@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from harness.judging.fold import Asked, wanted_of
+from harness.judging.runs.fold import Asked, wanted_of
 from harness.model import CASE_PHASES, Case
 from harness.probes import wire
 from harness.probes.evidence import LOG, REPLY, End, Host, ProbeRun, Reading, Request

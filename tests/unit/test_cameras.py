@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from harness.judging import native_errors
+from harness.judging.runs import native_errors
 from harness.model import Outcome
 from harness.model.report_types import CaseEntry
 from harness.reports.text import camera_pages

@@ -12,10 +12,10 @@ from builders import case, cell, document_of, knowing, phase, record, signature,
 from specimens import RESET, SOLVER, XML
 
 from harness.matrix import changes, matrix_file, matrix_remedies, plan
+from harness.matrix.signatures import Signature
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document
-from harness.model.signatures import Signature
 from harness.reports import document, publishing
 from harness.reports.tables import change_effects, tables
 from harness.reports.tables.table_types import Effect

@@ -16,8 +16,8 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
+from harness.matrix.signatures import RemedyTable, Signature
 from harness.model import Phase
-from harness.model.signatures import RemedyTable, Signature
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.rootcause import failure_hints
 from harness.running import shipped_signatures

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from harness.judging.assess import Assessed, assess
-from harness.judging.check import NEEDS
+from harness.judging.runs.check import NEEDS
 from harness.model import (
     FAILING,
     CaseRecord,

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from harness.judging import native_errors
-from harness.judging.check import Ending, check_record
+from harness.judging.runs import native_errors
+from harness.judging.runs.check import Ending, check_record
 from harness.matrix.plan import speaking
 from harness.model import CheckReply, Outcome, Raised
 from harness.model.vocabulary import APIS, FAMILY, INCELL, readers

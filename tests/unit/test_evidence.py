@@ -13,22 +13,11 @@ from specimens import RESET, XML
 
 from harness.judging.assess import assess
 from harness.judging.known_failures import Knowledge
-from harness.model import (
-    CellRecord,
-    CheckRecord,
-    Expectation,
-    Observed,
-    Outcome,
-    Phase,
-    Step,
-    Subject,
-    Suite,
-    Verdict,
-    signatures,
-)
+from harness.matrix import signatures
+from harness.matrix.signatures import Sighting
+from harness.model import CellRecord, CheckRecord, Expectation, Observed, Outcome, Phase, Step, Subject, Suite, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
-from harness.model.signatures import Sighting
 from harness.reports.tables import counted_failures
 from harness.running import own_suites, shipped_signatures, signature_files
 

@@ -14,10 +14,10 @@ from readings import CASE, DIED, FAILED, GOOD, HERE, Check, asked, lines, passed
 from specimens import GENERATED, MACHINES, cell, record
 
 from harness.__main__ import main
-from harness.judging import case as judging
-from harness.judging import decisive_line
-from harness.judging.fold import Folded, after
-from harness.judging.todo import todo
+from harness.judging.runs import case as judging
+from harness.judging.runs import decisive_line
+from harness.judging.runs.fold import Folded, after
+from harness.judging.runs.todo import todo
 from harness.machine.store import Store
 from harness.model import CellRecord, Expectation, Plan, Verdict
 from harness.model.report_types import Document

@@ -9,12 +9,12 @@ import pytest
 import readings
 from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, asked, passed, reading
 
-from harness.judging import check as judging_check
-from harness.judging import decisive_line
-from harness.judging.case import phases
-from harness.judging.check import TAKEN_AWAY
-from harness.judging.fold import Asked, Folded, after, fold
-from harness.judging.todo import todo
+from harness.judging.runs import check as judging_check
+from harness.judging.runs import decisive_line
+from harness.judging.runs.case import phases
+from harness.judging.runs.check import TAKEN_AWAY
+from harness.judging.runs.fold import Asked, Folded, after, fold
+from harness.judging.runs.todo import todo
 from harness.model import Outcome, Phase, PhaseRecord
 from harness.model.machine_trouble import SHOT
 from harness.probes import wire

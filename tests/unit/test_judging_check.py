@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from builders import warning
 
-from harness.judging.check import Ending, check_record, found_beside, reachable, shot
+from harness.judging.runs.check import Ending, check_record, found_beside, reachable, shot
 from harness.model import CheckReply, Finding, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.words import sentence

@@ -6,8 +6,8 @@ import pytest
 from builders import asking
 
 from harness.matrix import changes
+from harness.matrix.signatures import Evidence
 from harness.model import Change, Phase
-from harness.model.signatures import Evidence
 from harness.rootcause import candidate_changes, failure_hints
 from harness.rootcause.candidate_changes import Way
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness.judging import decisive_line
+from harness.judging.runs import decisive_line
 from harness.model import CheckReply, Outcome, Raised, WorkerRecord
 
 PLACES = {"/home/ada/.cache/sim/env/abc": "$ENV", "/home/ada": "$HOME", "/tmp": "$TMP"}

@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from harness.matrix.signatures import Around, Evidence, Sighting, Signature, diagnose
 from harness.model import Observed, Phase, words
-from harness.model.signatures import Around, Evidence, Sighting, Signature, diagnose
 from harness.model.words import VIOLATION
 from harness.reports import document
 from harness.running.shipped_signatures import known

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.judging.check import Ending, check_record
+from harness.judging.runs.check import Ending, check_record
 from harness.model import CheckReply, Outcome
 from harness.probes.facts import believed, plain
 

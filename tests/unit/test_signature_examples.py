@@ -9,9 +9,10 @@ import pytest
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.model import Verdict, signatures
+from harness.matrix import signatures
+from harness.matrix.signatures import Around, Evidence, Signature, diagnose
+from harness.model import Verdict
 from harness.model.report_types import CellEntry
-from harness.model.signatures import Around, Evidence, Signature, diagnose
 from harness.model.vocabulary import parsed_requirement
 from harness.reports import document
 from harness.running import shipped_signatures, signature_files

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from harness.model import Change, Phase, signatures
+from harness.matrix import signatures
+from harness.matrix.signatures import Around, Evidence, Signature, diagnose
+from harness.model import Change, Phase
 from harness.model.errors import BadInput
-from harness.model.signatures import Around, Evidence, Signature, diagnose
 
 FULL = """
 [[signature]]

@@ -14,9 +14,10 @@ from packaging.specifiers import SpecifierSet
 
 from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
-from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict, signatures
+from harness.matrix import signatures
+from harness.matrix.signatures import Signature
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry, Document
-from harness.model.signatures import Signature
 from harness.reports import document
 from harness.reports.tables import change_effects
 from harness.running import shipped_signatures

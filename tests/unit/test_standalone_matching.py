@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from harness.model import signatures
-from harness.model.signatures import Around, Evidence
+from harness.matrix import signatures
+from harness.matrix.signatures import Around, Evidence
 from harness.running import shipped_signatures
 from harness.standalone import literals, matching
 

@@ -11,8 +11,8 @@ from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, pl
 
 from harness import model
 from harness.judging.assess import Assessed, assess
-from harness.judging.check import Ending
-from harness.judging.pytest_report import Report, outcome_of
+from harness.judging.runs.check import Ending
+from harness.judging.runs.pytest_report import Report, outcome_of
 from harness.matrix import matrix_file, plan
 from harness.model import (
     CaseRecord,

@@ -6,10 +6,11 @@ from dataclasses import replace
 import pytest
 from builders import CHECKS, LETTERS, case, cell, drawn, phase, plain, record, step, warning
 
-from harness.judging import expectation, misleading
+from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.counted_phases import effective
 from harness.judging.expectation import says
+from harness.judging.runs import misleading
 from harness.model import (
     CASE_PHASES,
     CELL_PHASES,

@@ -9,9 +9,9 @@ from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
 from harness.judging.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
 from harness.matrix import changes, overlay_recipes
+from harness.matrix.signatures import Signature
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import word
-from harness.model.signatures import Signature
 from harness.model.vocabulary import FAMILY, SELF, required_name
 from harness.reports.tables import tables
 from harness.standalone.silent import PREFIX

@@ -12,7 +12,8 @@ from harness.devices import egl_advice, gl_inventory
 from harness.devices.egl_advice import LIBRARIES, Advice, Drawn, Here
 from harness.devices.egl_rules import OLD_EGL_ID
 from harness.devices.gl_inventory import Answer, Ways
-from harness.model import Level, signatures
+from harness.matrix import signatures
+from harness.model import Level
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import document
 from harness.running import shipped_signatures

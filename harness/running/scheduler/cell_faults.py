@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import harness
-from harness.judging import decisive_line
+from harness.judging.runs import decisive_line
 from harness.machine import process
 from harness.machine.store import Store, digest, write_atomic
 from harness.model import Cell, Outcome, Phase, Step

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from harness import model
-from harness.judging import suite as judging
+from harness.judging.runs import suite as judging
 from harness.machine import this_machine
 from harness.machine.store import Installed, Store, digest
 from harness.model import (

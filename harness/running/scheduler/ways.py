@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from harness.judging.check import DRAWING, phase_of
+from harness.judging.runs.check import DRAWING, phase_of
 from harness.machine import this_machine
 from harness.model import (
     FAILING,

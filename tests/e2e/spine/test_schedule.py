@@ -14,13 +14,12 @@ import pytest
 from commandline import SMALL, Desk
 from test_fetch import Index
 
-from harness.commands import progress
 from harness.machine import interpreters, store
 from harness.machine.files.file_locks import exclusive
 from harness.machine.free_memory import Reading
 from harness.model import Phase
 from harness.reports import publishing
-from harness.running import open_matrix, scheduler
+from harness.running import open_matrix, progress, scheduler
 
 PATIENCE = 60.0
 GATES = """

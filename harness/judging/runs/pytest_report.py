@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from harness.judging import decisive_line
-from harness.judging.check import Ending
+from harness.judging.runs import decisive_line
+from harness.judging.runs.check import Ending
 from harness.model import Outcome
 from harness.model.machine_trouble import MACHINE_TROUBLE, SHOT
 

@@ -10,20 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from harness.judging import misleading
-from harness.judging.check import (
-    phase_of,
-)
-from harness.judging.fold import (
-    ACROSS,
-    LOOP,
-    REPEAT,
-    RUNS_TO_CONFIRM,
-    Asked,
-    Folded,
-    fold,
-    wanted_of,
-)
+from harness.judging.runs import misleading
+from harness.judging.runs.check import phase_of
+from harness.judging.runs.fold import ACROSS, LOOP, REPEAT, RUNS_TO_CONFIRM, Asked, Folded, fold, wanted_of
 from harness.model import (
     CASE_PHASES,
     FAILING,

@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from harness.judging import misleading
-from harness.judging.check import (
-    phase_of,
-    reachable,
-)
-from harness.judging.fold import (
-    LOOP,
-    REPEAT,
-    RUNS_TO_CONFIRM,
-    Asked,
-    Folded,
-    passed,
-)
+from harness.judging.runs import misleading
+from harness.judging.runs.check import phase_of, reachable
+from harness.judging.runs.fold import LOOP, REPEAT, RUNS_TO_CONFIRM, Asked, Folded, passed
 from harness.model import (
     FAILING,
     Outcome,

@@ -12,8 +12,8 @@ from functools import cache
 from itertools import islice
 from types import MappingProxyType
 
-from harness.judging import decisive_line, native_errors
-from harness.judging.check import TAKEN_AWAY, check_record, ending_of, found_beside, phase_of, shot
+from harness.judging.runs import decisive_line, native_errors
+from harness.judging.runs.check import TAKEN_AWAY, check_record, ending_of, found_beside, phase_of, shot
 from harness.model import (
     CASE_PHASES,
     FAILING,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from harness.judging import decisive_line
+from harness.judging.runs import decisive_line
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.model.machine_trouble import FULL, MACHINE_TROUBLE, ROOMY_MB, SHOT
 from harness.model.vocabulary import MISLEADING

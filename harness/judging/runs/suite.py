@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from harness.judging import decisive_line
-from harness.judging.check import TAKEN_AWAY, Ending
-from harness.judging.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, beside
-from harness.judging.pytest_report import Report, outcome_of
+from harness.judging.runs import decisive_line
+from harness.judging.runs.check import TAKEN_AWAY, Ending
+from harness.judging.runs.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, beside
+from harness.judging.runs.pytest_report import Report, outcome_of
 from harness.model import FAILING, CheckRecord, Finding, Level, Outcome, Phase, PhaseRecord, Suite
 from harness.probes.evidence import JUNIT, LOG, MODULES, Reading, Request
 

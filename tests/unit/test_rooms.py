@@ -1,0 +1,165 @@
+"""Hold the rooms of the package to their order: imports go down, file by file, and never in a circle."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import harness
+
+PACKAGE = Path(harness.__file__).parent
+DOORS = {"__init__", "__main__", "noxface"}
+ROOMS = (
+    ("commands", "smoke"), ("ci",), ("rootcause",), ("reports",), ("running",), ("judging",), ("probes",),
+    ("packages",), ("matrix",), ("devices",), ("machine",), ("model",), ("standalone",),
+)  # fmt: skip
+"""From top to bottom: a room imports itself and what stands below it."""
+LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms} | dict.fromkeys(DOORS, -1)
+APART = {"incell", "matrices"}
+PURE = ("judging", "matrix", "devices", "model")
+"""Rooms that start nothing, connect to nothing, ask no clock and open no file."""
+IMPURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
+MOST = 14
+"""Modules of a room or of a room within it; verbs and in-cell files grow by verb and by adapter."""
+GROWING = {"commands"}
+STANDALONE = frozenset(
+    {
+        "__main__", "spawning", "looking", "importing", "seeing", "choosing", "running", "probing", "doctor", "explain",
+        "packages", "installing", "wrapping",
+    }
+)  # fmt: skip
+"""Files of `standalone` that read files and start processes, as that is what the verbs do where no harness is: the
+command of `explain -- COMMAND` in a terminal of its own, which the supervisor's log file is not, and the interpreter
+of an environment that is looked at. On the host the verbs alone, and `rootcause/doctor`, import them."""
+
+
+def modules() -> dict[str, Path]:
+    """Return every module of the host by its full name."""
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        if len(parts) == 1 or parts[1] not in APART:
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+MODULES = modules()
+
+
+def imports(path: Path) -> set[str]:
+    """Return the full names of what a file imports, those for types alone among them."""
+    names: set[str] = set()
+    package = ".".join(path.relative_to(PACKAGE.parent).parts[:-1])
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = package.rsplit(".", node.level - 1)[0] if node.level else ""
+            base = ".".join(part for part in (above, node.module) if part)
+            names |= {base} | {f"{base}.{alias.name}" for alias in node.names}
+    return names
+
+
+def ours(path: Path) -> set[str]:
+    """Return the modules of the package that a file imports."""
+    found = imports(path) & MODULES.keys()
+    return {name for name in found if not any(other.startswith(f"{name}.") for other in found)}
+
+
+def room(module: str) -> str:
+    """Return the room, or the door, of a module."""
+    return module.split(".")[1] if "." in module else "__init__"
+
+
+def test_nothing_but_rooms_and_doors() -> None:
+    """A newcomer who opens the folder sees the rooms."""
+    assert {room(module) for module in MODULES} == LEVEL.keys()
+
+
+@pytest.mark.parametrize("module", sorted(MODULES))
+def test_imports_never_go_up(module: str) -> None:
+    """A module imports its own room and rooms below."""
+    above = {name for name in ours(MODULES[module]) if LEVEL[room(name)] < LEVEL[room(module)]}
+    assert not above
+
+
+def test_imports_make_no_circle() -> None:
+    """Files can be ordered so that each imports only files before it, those imported for types among them."""
+    graph = {module: ours(path) - {module} for module, path in MODULES.items() if path.stem != "__init__"}
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in MODULES.values()} - {PACKAGE}))
+def test_a_room_can_be_overlooked(folder: Path) -> None:
+    """It has few modules, and says in its first lines what it is for."""
+    files = [path for path in folder.glob("*.py") if path.stem not in {"__init__", "__main__"}]
+    assert len(files) <= MOST or folder.name in GROWING
+    words = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+    assert words
+    assert "TODO" not in words
+
+
+@pytest.mark.parametrize("module", sorted(name for name in MODULES if room(name) in (*PURE, "standalone")))
+def test_pure_rooms_do_no_input_or_output(module: str) -> None:
+    """Values and pure functions spawn nothing, connect to nothing, ask no clock and open no file."""
+    path = MODULES[module]
+    if room(module) == "standalone" and path.stem in STANDALONE:
+        return
+    assert not {name.split(".")[0] for name in imports(path)} & IMPURE
+    called = {ast.unparse(node.func) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)}
+    assert not {name for name in called if name == "open" or name.split(".")[-1] in {"read_text", "read_bytes"}}
+
+
+def test_nothing_but_process_spawns() -> None:
+    """There is one spawner, and the supervisor that it starts."""
+    spawning = {module for module, path in MODULES.items() if "subprocess" in imports(path)}
+    alone = {module for module in spawning if room(module) == "standalone" and module.split(".")[-1] in STANDALONE}
+    assert spawning - alone <= {"harness.machine.process"}
+
+
+def test_only_verbs_use_what_stands_alone_and_spawns() -> None:
+    """The rest of the host imports what is pure of it."""
+    apart = {f"harness.standalone.{folder}{name}" for folder in ("", "doctor.", "explain.") for name in STANDALONE}
+    using = {module for module, path in MODULES.items() if room(module) != "standalone" and imports(path) & apart}
+    assert {".".join(module.split(".")[:3]) for module in using if room(module) != "commands"} <= {
+        "harness.rootcause.doctor"
+    }
+
+
+def test_the_host_knows_only_the_path_of_the_cell_side() -> None:
+    """No module of the host imports what runs in the cell."""
+    assert not {module for module, path in MODULES.items() if any("incell" in name for name in imports(path))}
+
+
+FACE = {
+    "assess": {"Assessed", "assess"},
+    "assessed_case": {"AssessedCase"},
+    "counted_phases": {"observed", "reason", "step_outcome", "suite_phase"},
+    "discount": set(),
+    "identity": {"Failure"},
+    "known_failures": {"NOTHING_KNOWN", "Knowledge"},
+    "verdict": set(),
+}
+"""Modules of judging that a verdict is put together of, with what others may take from each."""
+SECOND_DOORS = {"harness.reports.tables.counted_failures"}
+"""It reads off a document which of its diagnoses count, by the one definition of counting."""
+
+
+def composed(path: Path) -> set[str]:
+    """Return what a file takes of these modules beyond that, whole modules among it."""
+    found = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
+    whole = {alias.name for node in found if node.module == "harness.judging" for alias in node.names} & FACE.keys()
+    parted = [((node.module or "").removeprefix("harness.judging."), node) for node in found]
+    names = {f"{name}.{alias.name}" for name, node in parted for alias in node.names if name in FACE}
+    return whole | (names - {f"{module}.{name}" for module, taken in FACE.items() for name in taken})
+
+
+def test_assess_is_the_one_door_to_a_verdict() -> None:
+    """Outside the room of judging nobody puts a verdict together."""
+    assert {module for module, path in MODULES.items() if room(module) != "judging" and composed(path)} == SECOND_DOORS
