@@ -31,7 +31,8 @@ from harness.__main__ import GARBAGE
 from harness.machine import store, this_machine
 from harness.model import Cell, CellRecord
 from harness.reports import document, publishing
-from harness.running import open_matrix, progress
+from harness.reports.text import progress
+from harness.running import open_matrix
 from harness.running.scheduler import Prepared, Runner, Settings
 from harness.running.scheduler.flow import Flow
 from harness.running.scheduler.past import Past

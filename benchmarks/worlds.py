@@ -30,10 +30,11 @@ from harness.machine import interpreters, process, store  # noqa: E402
 from harness.matrix import changes  # noqa: E402
 from harness.model import Case, Cell, CellRecord, Change, IndexSettings, Question  # noqa: E402
 from harness.model.vocabulary import IMPORT_CHECK  # noqa: E402
-from harness.rootcause import candidates, search  # noqa: E402
+from harness.rootcause import search  # noqa: E402
 from harness.rootcause.bench import Bench  # noqa: E402
-from harness.rootcause.bisecting import Bisection, Task  # noqa: E402
-from harness.rootcause.predicate import Predicate, plain  # noqa: E402
+from harness.rootcause.bisection import candidates  # noqa: E402
+from harness.rootcause.bisection.bisecting import Bisection, Task  # noqa: E402
+from harness.rootcause.bisection.predicate import Predicate, plain  # noqa: E402
 from harness.rootcause.search import Answer, Rules  # noqa: E402
 from harness.running import scheduler  # noqa: E402
 

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Write CI files for a matrix, read somebody's workflow, and draft a first matrix for a project."""

@@ -15,7 +15,8 @@ from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 from harness.packages import index
 from harness.reports import publishing
-from harness.running import open_matrix, progress
+from harness.reports.text import progress
+from harness.running import open_matrix
 
 NOT_SOURCES = frozenset({"build", "dist", "docs", "doc", "examples", "test", "tests", "node_modules", "site-packages"})
 LARGEST = 2_000_000

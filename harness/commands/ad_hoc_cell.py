@@ -26,8 +26,7 @@ from harness.packages.requirement_files import Inputs, inputs
 from harness.packages.sources import checkouts
 from harness.reports.answers import misspelt
 from harness.running import open_matrix, scheduler
-
-REUSED_FOR_HOURS = 24.0
+from harness.running.open_matrix import REUSED_FOR_HOURS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

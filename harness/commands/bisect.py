@@ -23,12 +23,14 @@ from harness.model.vocabulary import PackageName
 from harness.packages import locks
 from harness.reports import publishing
 from harness.reports.answers import result_index
-from harness.rootcause import candidate_changes, candidates, certificates, guesses, proofs
+from harness.reports.text import progress
 from harness.rootcause.bench import Bench, Bounds, Spent, Trial
-from harness.rootcause.bisecting import Bisected, Bisection, Status, Task
-from harness.rootcause.candidates import Candidate, Candidates, Kept
-from harness.rootcause.certificates import BisectDocument
-from harness.running import open_matrix, progress, scheduler, shipped_signatures
+from harness.rootcause.bisection import candidates, certificates, guesses
+from harness.rootcause.bisection.bisecting import Bisected, Bisection, Status, Task
+from harness.rootcause.bisection.candidates import Candidate, Candidates, Kept
+from harness.rootcause.bisection.certificates import BisectDocument
+from harness.rootcause.repair import candidate_changes, proofs
+from harness.running import open_matrix, scheduler, shipped_signatures
 from harness.standalone.output import print_json
 from harness.standalone.silent import plainly_good
 

@@ -19,7 +19,8 @@ from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import number
-from harness.running import controls, offline_bundle, offline_collect, open_matrix, progress, scheduler
+from harness.reports.text import progress
+from harness.running import controls, offline_bundle, offline_collect, open_matrix, scheduler
 from harness.running.offline_bundle import FetchedCell, FetchedMatrix, Manifest
 from harness.standalone.output import print_json
 

@@ -17,7 +17,8 @@ from harness.model import CellRecord, Phase, Verdict
 from harness.model.report_types import UNTOLD
 from harness.reports import publishing
 from harness.reports.answers import misspelt
-from harness.running import open_matrix, progress, resolving, scheduler
+from harness.reports.text import progress
+from harness.running import open_matrix, resolving, scheduler
 from harness.standalone.output import print_json
 
 HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."

@@ -18,13 +18,14 @@ from harness.machine.store import Store
 from harness.model import Cell, CellRecord, cellid
 from harness.model.errors import BadInput
 from harness.reports import publishing
-from harness.rootcause import every as repairs
-from harness.rootcause import proofs, telling
+from harness.reports.text import progress
 from harness.rootcause.bench import Bounds
-from harness.rootcause.lab import Lab
-from harness.rootcause.proofs import RepairDocument
-from harness.rootcause.repairing import Repaired, Search, Status
-from harness.running import open_matrix, progress, scheduler
+from harness.rootcause.repair import every as repairs
+from harness.rootcause.repair import proofs, telling
+from harness.rootcause.repair.lab import Lab
+from harness.rootcause.repair.proofs import RepairDocument
+from harness.rootcause.repair.repairing import Repaired, Search, Status
+from harness.running import open_matrix, scheduler
 from harness.running.scheduler import Beside
 from harness.standalone.output import print_json
 

@@ -19,7 +19,8 @@ from harness.model.report_types import number
 from harness.reports import publishing
 from harness.reports.answers import misspelt
 from harness.reports.tables import tables
-from harness.running import open_matrix, progress, remedy_trials, scheduler, shipped_signatures
+from harness.reports.text import progress
+from harness.running import open_matrix, remedy_trials, scheduler, shipped_signatures
 
 if TYPE_CHECKING:
     from harness.running.offline_bundle import Fetched

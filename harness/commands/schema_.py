@@ -81,7 +81,7 @@ def _collected() -> type:
 
 
 def _bisected() -> type:
-    from harness.rootcause.certificates import BisectDocument  # noqa: PLC0415
+    from harness.rootcause.bisection.certificates import BisectDocument  # noqa: PLC0415
 
     return BisectDocument
 
@@ -111,7 +111,7 @@ def _known() -> type:
 
 
 def _repair() -> type:
-    from harness.rootcause.proofs import RepairDocument  # noqa: PLC0415
+    from harness.rootcause.repair.proofs import RepairDocument  # noqa: PLC0415
 
     return RepairDocument
 

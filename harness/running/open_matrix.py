@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(__file__).parent.parent
 OVERLAYS = "overlays"
+REUSED_FOR_HOURS = 24.0
+"""Hours for which the instant of ad-hoc locks is kept."""
 
 
 def built_in() -> dict[str, Path]:

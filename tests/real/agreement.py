@@ -21,8 +21,8 @@ from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Phase
 from harness.reports.publishing import headline
 from harness.reports.text import report_markdown
+from harness.reports.text.progress import Progress
 from harness.running import scheduler
-from harness.running.progress import Progress
 
 HERE = Path(__file__).parent
 GOAL = 0.97

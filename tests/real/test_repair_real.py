@@ -17,8 +17,8 @@ from harness.commands.repair import MINUTES, RUNS, repair
 from harness.machine import interpreters, store
 from harness.model import Cell
 from harness.rootcause.bench import Bounds
-from harness.rootcause.proofs import RepairDocument
-from harness.rootcause.repairing import Status
+from harness.rootcause.repair.proofs import RepairDocument
+from harness.rootcause.repair.repairing import Status
 from harness.running import open_matrix, scheduler
 
 MATRIX = Path(__file__).parents[2] / "matrices" / "breakages.toml"

@@ -19,7 +19,7 @@ from packaging.version import Version
 from harness.matrix.signatures import RemedyTable, Signature
 from harness.model import Phase
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.rootcause import failure_hints
+from harness.rootcause.repair import failure_hints
 from harness.running import shipped_signatures
 
 KNOWN = shipped_signatures.known()

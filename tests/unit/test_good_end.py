@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.rootcause.good_end import WINDOWS, GoodEndSearch, Look
+from harness.rootcause.bisection.good_end import WINDOWS, GoodEndSearch, Look
 from harness.rootcause.search import Answer
 
 BAD = Look(answer=Answer.BAD, failure="new")

@@ -10,7 +10,7 @@ import pytest
 from harness.judging.identity import Failure
 from harness.model import Phase
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import further
+from harness.rootcause.repair.lab import further
 
 PINNED = "Because dm-control==1.0.31 depends on mujoco>=3.3.3 and you require mujoco==3.3.2"
 ON_37 = "Because mujoco==3.3.2 depends on Python>=3.8 and you require mujoco==3.3.2, we can conclude"

@@ -8,8 +8,8 @@ from builders import asking
 from harness.matrix import changes
 from harness.matrix.signatures import Evidence
 from harness.model import Change, Phase
-from harness.rootcause import candidate_changes, failure_hints
-from harness.rootcause.candidate_changes import Way
+from harness.rootcause.repair import candidate_changes, failure_hints
+from harness.rootcause.repair.candidate_changes import Way
 
 WHOLE = Change(
     requirements=("packaging",),

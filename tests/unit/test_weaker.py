@@ -10,8 +10,8 @@ from builders import case, drawn, knowing, record, signature, step
 from harness.judging.assess import assess
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import ended, further, passes, weaker
-from harness.rootcause.predicate import Predicate, failing
+from harness.rootcause.bisection.predicate import Predicate, failing
+from harness.rootcause.repair.lab import ended, further, passes, weaker
 from harness.rootcause.search import Answer
 
 

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Read, write and lock files: bounded, atomically, and as hostile data where somebody else left them."""

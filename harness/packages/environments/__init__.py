@@ -1,1 +1,1 @@
-"""TODO."""
+"""Make environments from wheels, know what lies in them, and find what changed in them since."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Make wheels: of sdists and checkouts, of releases whose metadata is patched, of software that the user supplies."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Answer from all measured results: which versions work together, which traps are known, what was never tried."""

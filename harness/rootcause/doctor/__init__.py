@@ -1,1 +1,1 @@
-"""TODO."""
+"""Inspect an environment for `doctor`: in place, its rendering, and changes proven in a copy."""

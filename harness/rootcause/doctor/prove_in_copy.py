@@ -8,15 +8,15 @@ from typing import Any
 
 import msgspec
 
-from harness.commands.ad_hoc_cell import REUSED_FOR_HOURS
 from harness.machine import interpreters, store
 from harness.matrix import plan
 from harness.model import Cell, Verdict
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import UNTOLD, word
 from harness.reports import publishing
+from harness.reports.text import progress
 from harness.rootcause.bench import Bench, Trial
-from harness.running import progress
+from harness.running.open_matrix import REUSED_FOR_HOURS
 from harness.running.scheduler import Settings
 from harness.standalone.keys import SIMULATORS, weight
 from harness.standalone.versions import is_version

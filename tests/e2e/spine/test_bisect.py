@@ -14,7 +14,7 @@ from filelock import FileLock
 from market import LONG_AGO, ROBOT, Release, line, robot
 
 from harness.machine import interpreters
-from harness.rootcause.certificates import BisectDocument
+from harness.rootcause.bisection.certificates import BisectDocument
 
 TOOL = """
 import os

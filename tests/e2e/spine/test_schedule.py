@@ -19,7 +19,8 @@ from harness.machine.files.file_locks import exclusive
 from harness.machine.free_memory import Reading
 from harness.model import Phase
 from harness.reports import publishing
-from harness.running import open_matrix, progress, scheduler
+from harness.reports.text import progress
+from harness.running import open_matrix, scheduler
 
 PATIENCE = 60.0
 GATES = """

@@ -14,7 +14,7 @@ from harness.model import Cell, IndexSettings, Interpreter
 from harness.model.errors import HarnessError
 from harness.packages import index, locks
 from harness.packages.index import Release
-from harness.rootcause import candidate_changes
+from harness.rootcause.repair import candidate_changes
 
 AFTER_DAYS = (0, 7, 30)
 """A release often needs another that was uploaded some days later."""

@@ -8,10 +8,10 @@ from typing import Any
 from harness.model.report_types import number
 from harness.reports.template_files import read_template
 from harness.reports.text import report_markdown
-from harness.rootcause import pasting
-from harness.rootcause.candidate_changes import Way
-from harness.rootcause.proofs import RemedyEntry, RepairDocument, RunEntry
-from harness.rootcause.repairing import Status
+from harness.rootcause.repair import pasting
+from harness.rootcause.repair.candidate_changes import Way
+from harness.rootcause.repair.proofs import RemedyEntry, RepairDocument, RunEntry
+from harness.rootcause.repair.repairing import Status
 from harness.standalone.silent import PREFIX
 
 

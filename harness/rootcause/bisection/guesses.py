@@ -9,9 +9,9 @@ from packaging.version import Version
 
 from harness.machine.store import cache_folder
 from harness.packages.environments import site_packages
-from harness.rootcause import candidate_changes, failure_hints, times
 from harness.rootcause.bench import Trial
-from harness.rootcause.candidates import Candidate
+from harness.rootcause.bisection.candidates import Candidate
+from harness.rootcause.repair import candidate_changes, failure_hints, times
 
 
 def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], *, offline: bool) -> Iterator[int]:

@@ -11,9 +11,9 @@ from harness.matrix import changes
 from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid
 from harness.model.vocabulary import required_name
 from harness.rootcause.bench import Bench, Spent, Trial
-from harness.rootcause.candidates import Candidate
-from harness.rootcause.good_end import GoodEndSearch, Look
-from harness.rootcause.predicate import Predicate, Said, alike, failing, plain, working
+from harness.rootcause.bisection.candidates import Candidate
+from harness.rootcause.bisection.good_end import GoodEndSearch, Look
+from harness.rootcause.bisection.predicate import Predicate, Said, alike, failing, plain, working
 from harness.rootcause.search import Answer, Boundary, Refused, Rules, Search
 
 AHEAD = 2

@@ -11,8 +11,8 @@ from harness.machine.store import Store
 from harness.matrix import changes
 from harness.model import Cell, CellRecord, Change
 from harness.model.vocabulary import required_name
-from harness.rootcause.lab import Lab
-from harness.rootcause.repairing import Repaired, Search, Status
+from harness.rootcause.repair.lab import Lab
+from harness.rootcause.repair.repairing import Repaired, Search, Status
 from harness.running import shipped_signatures
 
 REPAIR = "repair"

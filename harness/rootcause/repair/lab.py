@@ -18,8 +18,8 @@ from harness.matrix.signatures import Evidence
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
 from harness.model.vocabulary import MISLEADING
 from harness.packages import locks
-from harness.rootcause import candidate_changes, failure_hints
 from harness.rootcause.bench import Bench, Bounds, Trial
+from harness.rootcause.repair import candidate_changes, failure_hints
 from harness.running.scheduler import Observer, Settings
 from harness.standalone.silent import PREFIX
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from packaging.version import Version
 
 from harness.model import Change, Interpreter, Phase
-from harness.rootcause import candidate_changes, failure_hints, search, times
+from harness.rootcause import search
 from harness.rootcause.bench import Trial
-from harness.rootcause.candidate_changes import together
-from harness.rootcause.lab import Lab, passes, versions, weaker
+from harness.rootcause.repair import candidate_changes, failure_hints, times
+from harness.rootcause.repair.candidate_changes import together
+from harness.rootcause.repair.lab import Lab, passes, versions, weaker
 from harness.rootcause.search import Answer
 
 SINGLES = 2

@@ -17,7 +17,7 @@ from harness.model.schema import suggestion
 from harness.model.vocabulary import Instant, required_name
 from harness.packages import index, locks
 from harness.packages.index import Release
-from harness.rootcause import candidate_changes
+from harness.rootcause.repair import candidate_changes
 
 DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 

@@ -15,11 +15,11 @@ from harness.model import Cell, Change, Interpreter, Phase
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages.environments import site_packages
 from harness.reports.answers import result_index
-from harness.rootcause import candidate_changes, failure_hints, times
 from harness.rootcause.bench import Trial
-from harness.rootcause.candidate_changes import Move, Way
-from harness.rootcause.lab import Lab, told, versions
-from harness.rootcause.narrowing import Suspect
+from harness.rootcause.repair import candidate_changes, failure_hints, times
+from harness.rootcause.repair.candidate_changes import Move, Way
+from harness.rootcause.repair.lab import Lab, told, versions
+from harness.rootcause.repair.narrowing import Suspect
 from harness.running import shipped_signatures
 from harness.standalone.silent import PREFIX, plainly_good
 

@@ -17,9 +17,9 @@ from harness.reports.template_files import read_template
 from harness.reports.text import report_markdown
 from harness.rootcause import search
 from harness.rootcause.bench import Bench, Trial
-from harness.rootcause.bisecting import LOOKING, Bisected, Bisection, Status, Step
-from harness.rootcause.candidates import Candidate, differing
-from harness.rootcause.predicate import plain
+from harness.rootcause.bisection.bisecting import LOOKING, Bisected, Bisection, Status, Step
+from harness.rootcause.bisection.candidates import Candidate, differing
+from harness.rootcause.bisection.predicate import plain
 from harness.rootcause.search import Answer, Turn
 
 DATE = "--date"

@@ -10,10 +10,10 @@ from harness.machine import this_machine
 from harness.machine.store import now
 from harness.matrix import changes
 from harness.model import Change, Phase, Verdict
-from harness.rootcause import pasting, stages
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import Lab, Run, ended
-from harness.rootcause.repairing import Part, Repaired, Status
+from harness.rootcause.repair import pasting, stages
+from harness.rootcause.repair.lab import Lab, Run, ended
+from harness.rootcause.repair.repairing import Part, Repaired, Status
 
 trying = pasting.trying
 

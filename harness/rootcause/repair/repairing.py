@@ -16,13 +16,14 @@ from harness.machine import interpreters
 from harness.model import Change, Phase, Verdict
 from harness.model.report_types import number
 from harness.model.vocabulary import required_name
-from harness.rootcause import candidate_changes, narrowing, search, stages, widening
+from harness.rootcause import search
 from harness.rootcause.bench import Spent, Trial
-from harness.rootcause.candidate_changes import Move, Way, together
-from harness.rootcause.lab import Lab, ended, further, unrefused, versions, weaker
-from harness.rootcause.narrowing import Narrowing
+from harness.rootcause.repair import candidate_changes, narrowing, stages, widening
+from harness.rootcause.repair.candidate_changes import Move, Way, together
+from harness.rootcause.repair.lab import Lab, ended, further, unrefused, versions, weaker
+from harness.rootcause.repair.narrowing import Narrowing
+from harness.rootcause.repair.stages import STAGES, Place
 from harness.rootcause.search import Answer
-from harness.rootcause.stages import STAGES, Place
 
 DEEPEST = 4
 """Changes on top of each other, each for a failure that showed behind the one before."""

@@ -11,9 +11,10 @@ from packaging.version import Version
 from harness.machine import interpreters
 from harness.model import Change
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.rootcause import candidate_changes, search, times
+from harness.rootcause import search
 from harness.rootcause.bench import Trial
-from harness.rootcause.lab import Lab, versions, weaker
+from harness.rootcause.repair import candidate_changes, times
+from harness.rootcause.repair.lab import Lab, versions, weaker
 from harness.rootcause.search import Answer
 
 KINDS = ("requirements", "constraints")

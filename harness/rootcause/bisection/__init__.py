@@ -1,0 +1,1 @@
+"""Bisect: find the release, the day or the Python at which a cell broke, and certify it."""
