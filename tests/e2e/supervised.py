@@ -17,7 +17,7 @@ import pytest
 from harness.machine import process
 from harness.machine.process import Command, Completed, Limits, Profile
 
-CHECKOUT = Path(process.__file__).parents[1]
+CHECKOUT = Path(process.__file__).parents[2]
 KINDS = ("pid+overlay", "subreaper")
 
 Build = Callable[..., Command]

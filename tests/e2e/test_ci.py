@@ -16,6 +16,7 @@ from harness.__main__ import main
 from harness.ci import pipelines
 from harness.model import CellRecord
 from harness.reports import document
+from harness.reports.template_files import read_template
 from harness.running import open_matrix
 
 ROOT = Path(__file__).parents[2]
@@ -274,7 +275,7 @@ def copy_of(repository: str) -> Path:
 
 def test_commits_are_those_of_the_tags() -> None:
     """Read again from copies of the actions' repositories, each tag names the commit of the table."""
-    table = pipelines.actions((Path(pipelines.__file__).parent / "templates" / pipelines.ACTIONS).read_text())
+    table = pipelines.actions(read_template(pipelines.ACTIONS))
     for action in table.values():
         named = f"refs/tags/{action.tag}^{{commit}}"
         asked = ["git", "--git-dir", str(copy_of(action.repository)), "rev-parse", named]

@@ -137,7 +137,7 @@ class TestSecrets:
 PLAIN = """
 import sys
 from pathlib import Path
-from harness.process import *
+from harness.machine.process import *
 interpreter = sys.executable
 home = Path("home").absolute()
 home.mkdir()
@@ -318,7 +318,7 @@ WAITING = """
 import sys, time
 sys.path.insert(0, {checkout!r})
 from pathlib import Path
-from harness.process import *
+from harness.machine.process import *
 folder = Path({folder!r})
 command = Command(argv=(sys.executable, "-I", "-S", "-c", {daemon!r} + "time.sleep(600)", sys.argv[1]), cwd=folder,
     env={{}}, limits=Limits(seconds=600), log=folder / "log", profile=Profile.CELL, home=folder / "home")
@@ -381,7 +381,7 @@ SUPPLIED = """
 import os, sys
 sys.path.insert(0, {checkout!r})
 from pathlib import Path
-from harness.process import *
+from harness.machine.process import *
 folder = Path({folder!r})
 done = run(Command(argv=(sys.executable, "-I", "-S", "-c", {code!r}), cwd=folder, env={{}},
     limits=Limits(seconds=60), log=folder / "log", profile=Profile.CELL, home=folder / "home"))

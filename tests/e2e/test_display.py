@@ -20,8 +20,8 @@ PROBE = str(Path(gl_probe.__file__))
 KEEPING = """
 import sys, time
 from pathlib import Path
-from harness.display import shown
-from harness.process import Command, Limits, Profile
+from harness.machine.display import shown
+from harness.machine.process import Command, Limits, Profile
 
 folder = Path(sys.argv[1])
 env, limits = {"DISPLAY": "virtual"}, Limits(seconds=1)

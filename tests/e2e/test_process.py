@@ -456,7 +456,7 @@ HARNESS = """
 import os, sys
 sys.path.insert(0, {checkout!r})
 from pathlib import Path
-from harness.process import *
+from harness.machine.process import *
 folder = Path({folder!r})
 command = Command(argv=(sys.executable, "-I", "-S", "-c", {daemon!r} + "time.sleep(600)", sys.argv[1]), cwd=folder,
     env={{}}, limits=Limits(seconds=600), log=folder / "log", profile=Profile.CELL, home=folder / "home")
@@ -586,7 +586,7 @@ class TestMode:
 SEALER = """
 import os, sys
 from pathlib import Path
-from harness.process import *
+from harness.machine.process import *
 mode = sandbox_mode()
 folder = Path("work").absolute()
 home, sealed = folder / "home", folder / "sealed"

@@ -30,7 +30,7 @@ from harness.model.vocabulary import APIS
 from harness.packages import locks
 from harness.running import controls
 
-COMMITTED = Path(controls.__file__).parents[1] / "matrices" / "controls"
+COMMITTED = Path(controls.__file__).parents[2] / "matrices" / "controls"
 REACHABLE = ("fnnn", "pfnn", "pppp", "ppfp", "pppf", "ppff", "ppfu", "pppi", "ppss", "punn", "unnn", "innn")
 """What a case can come to, in the letters of `specimens`."""
 CONTROLS = ("pppp", "fnnn", "pfnn", "ppfp", "pppf", "ppff", "pppu")

@@ -15,10 +15,14 @@ from pathlib import Path
 
 import pytest
 
+from harness.machine import interpreters, store
 from harness.machine.files import guarded_files, scratch_folders
 from harness.machine.store import Installed
 from harness.model import CellRecord, Lock, PhaseRecord, hostile_data
 from harness.model.hostile_data import Absent, Unreadable
+from harness.packages.environments import environments
+from harness.probes import launch, vault
+from harness.running import offline_bundle
 
 
 def _loop(path: Path) -> None:
@@ -245,9 +249,7 @@ def test_threads_make_one_decoder_at_a_time() -> None:
 
 def test_threads_decode_through_it() -> None:
     """No module that threads run lets msgspec make its types by the way."""
-    package = Path(guarded_files.__file__).parent
     modules = (
-        package / f"{name}.py"
-        for name in ("store", "environments", "interpreters", "fetched", "probes/launch", "probes/vault")
+        Path(module.__file__ or "") for module in (store, environments, interpreters, offline_bundle, launch, vault)
     )
     assert [path.name for path in modules if "msgspec.json.decode(" in path.read_text(encoding="utf-8")] == []

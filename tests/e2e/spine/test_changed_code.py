@@ -54,8 +54,8 @@ def said(ran: Ran) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("file", "old", "new"),
     [
-        ("judging/fold.py", "RUNS_TO_CONFIRM = 3", "RUNS_TO_CONFIRM = 3  # times"),
-        ("judging/todo.py", '"""Say which', '"""Tell which'),
+        ("judging/runs/fold.py", "RUNS_TO_CONFIRM = 3", "RUNS_TO_CONFIRM = 3  # times"),
+        ("judging/runs/todo.py", '"""Say which', '"""Tell which'),
         ("incell/check_vector_sync.py", '"""', '"""In other words: '),
         ("incell/cell_episode.py", '"""', '"""In other words: '),
     ],
