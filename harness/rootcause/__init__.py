@@ -1,1 +1,1 @@
-"""Why a cell fails, found by experiment: cells measured one after another, each chosen by what came of those before."""
+"""Find by experiment why a cell fails: cells measured one after another, each chosen by the results before it."""

@@ -1,4 +1,4 @@
-"""What runs without the harness, too: explaining a failure, looking at an environment.
+"""Explain failures and inspect environments with the standard library alone, on Python 3.7 and later.
 
 In Python 3.7 to 3.14, with the standard library and itself alone. The host imports it and adds types;
 `simmatrix-doctor.pyz` carries it to where no new Python is.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -104,6 +105,22 @@ def test_a_room_can_be_overlooked(folder: Path) -> None:
     words = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
     assert words
     assert "TODO" not in words
+
+
+def test_the_list_of_rooms_says_what_the_rooms_say() -> None:
+    """`harness/README.md` has the rooms in their order, each with its own words; every file that it names is there."""
+    text = (PACKAGE / "README.md").read_text()
+    listed = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", text, re.MULTILINE))
+    assert list(listed) == [name for level in ROOMS for name in level]
+    assert listed == {name: said(name) for name in listed}
+    named = re.findall(r"`([a-z_/]+(?:\.py|\.toml|/))`", text)
+    assert [name for name in named if not any((place / name).exists() for place in (PACKAGE, PACKAGE.parent))] == []
+
+
+def said(name: str) -> str:
+    """Return the first paragraph of what a room says about itself."""
+    words = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text())) or ""
+    return " ".join(words.split("\n\n")[0].split())
 
 
 @pytest.mark.parametrize("module", sorted(name for name in MODULES if room(name) in (*PURE, "standalone")))
