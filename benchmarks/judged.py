@@ -64,7 +64,7 @@ class Judged:
 
     @property
     def cured(self) -> bool:
-        """Whether a remedy was proven that leaves the versions that were asked for."""
+        """Return whether a remedy was proven that leaves the versions that were asked for."""
         return bool(self.proof) and self.proof["status"] == "found" and not self.proof["remedy"]["moved"]
 
     def held(self, said: Mapping[str, Any]) -> str:

@@ -75,7 +75,7 @@ class World:
 
     @property
     def line(self) -> int:
-        """How many candidates a search begins with."""
+        """Return how many candidates a search begins with."""
         return self.releases
 
 

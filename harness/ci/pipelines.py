@@ -134,7 +134,7 @@ def render(pipeline: Pipeline, template: str, known: Mapping[str, Action]) -> st
 
 
 def shard_count(cells: Sequence[str], seconds: Mapping[str, float], minutes: int, most: int) -> int:
-    """How many shards of so many minutes, one cell after another, the cells make.
+    """Return how many shards of so many minutes, one cell after another, the cells make.
 
     `seconds` are recorded ones by id; a cell without counts as the median.
     """

@@ -49,7 +49,7 @@ def issue(record: CellRecord, entry: CellEntry, opened: Store) -> str:
 
 
 def is_red(entry: CellEntry) -> bool:
-    """Whether a cell says something against its packages."""
+    """Return whether a cell says something against its packages."""
     return entry.verdict is not Verdict.WORKS and entry.verdict not in UNTOLD
 
 

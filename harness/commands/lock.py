@@ -76,7 +76,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _foreseen(record: CellRecord) -> bool:
-    """Whether the matrix expects that the cell has no lock."""
+    """Return whether the matrix expects that the cell has no lock."""
     expect = record.cell.expect
     return expect is not None and expect.verdict in {Verdict.UNRESOLVABLE, Verdict.UNINSTALLABLE}
 

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_bounds(parser: argparse.ArgumentParser) -> None:
-    """How long to look."""
+    """Return how long to look."""
     runs, minutes = "cells to measure at most [%(default)s]", "minutes to take at most [%(default)g]"
     parser.add_argument("--runs", type=_positive, default=RUNS, metavar="N", help=runs)
     parser.add_argument("--minutes", type=float, default=MINUTES, metavar="M", help=minutes)
@@ -89,7 +89,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _names_cell(args: argparse.Namespace) -> bool:
-    """Whether the one word on the command line is a cell, not a requirement."""
+    """Return whether the one word on the command line is a cell, not a requirement."""
     one = args.requirements[0] if len(args.requirements) == 1 and not (args.files or args.subject) else ""
     return "/" in one and " @ " not in one
 

@@ -48,7 +48,7 @@ class DiffusionPolicy(Adapter):
     )
 
     def knows(self, case):
-        """Whether it is the environment that this adapter makes."""
+        """Return whether it is the environment that this adapter makes."""
         return _named(case) == NAME
 
     def make(self, case, tell, draw=False):

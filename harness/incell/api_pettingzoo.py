@@ -78,7 +78,7 @@ class PettingZoo(Adapter):
                 test.parallel_api_test(raw, num_cycles=CYCLES)
 
     def declares_pictures(self, case):
-        """Whether the environment names the render mode rgb_array."""
+        """Return whether the environment names the render mode rgb_array."""
         try:
             raw = self.bare(case)
             modes = raw.metadata.get("render_modes", ())

@@ -84,7 +84,7 @@ class Robosuite(Adapter):
             raw.close()
 
     def declares_pictures(self, case):
-        """Whether it draws any."""
+        """Return whether it draws any."""
         return not _task(case)[1]
 
 
@@ -212,13 +212,13 @@ def _family(wrapper):
 
 
 def _there(name):
-    """Whether a module could be imported; asked without importing anything."""
+    """Return whether a module could be imported; asked without importing anything."""
     finders = [finder for finder in sys.meta_path if hasattr(finder, "find_spec")]
     return any(finder.find_spec(name, None) is not None for finder in finders)
 
 
 def takes(function, name):
-    """Whether a function names this argument."""
+    """Return whether a function names this argument."""
     import inspect
 
     return name in inspect.signature(function).parameters

@@ -27,7 +27,7 @@ class Tensors(Adapter):
         return [*self.imports, *([found.module] if found else [])]
 
     def knows(self, case):
-        """Whether it is a callable."""
+        """Return whether it is a callable."""
         found = own(case)
         return found is not None and found.exists()
 

@@ -23,7 +23,7 @@ class Adapter:
         return list(self.imports)
 
     def knows(self, case):
-        """Whether the environment of a case can be made without importing the modules that may register it."""
+        """Return whether the environment of a case can be made without importing the modules that may register it."""
         names = self.names()
         return names is None or self.named(case) in names
 
@@ -87,7 +87,7 @@ class Adapter:
         return
 
     def declares_pictures(self, case):
-        """Whether the environment says that it can be drawn; yes where it cannot be asked."""
+        """Return whether the environment says that it can be drawn; yes where it cannot be asked."""
         return True
 
 

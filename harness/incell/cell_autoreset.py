@@ -108,7 +108,7 @@ def alone(env, seed, actions, mode):
 
 
 def _divisible(spaces, space):
-    """Whether a batch of it is arrays, or dicts and tuples of them."""
+    """Return whether a batch of it is arrays, or dicts and tuples of them."""
     if isinstance(space, (spaces.Dict, spaces.Tuple)):
         parts = space.spaces.values() if isinstance(space, spaces.Dict) else space.spaces
         return all(_divisible(spaces, part) for part in parts)

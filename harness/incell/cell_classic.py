@@ -61,7 +61,7 @@ class Gym(Family):
         return hasattr(self._part("core").Env, "seed")
 
     def _heeds(self, raw):
-        """Whether every layer passes a seed on to reset()."""
+        """Return whether every layer passes a seed on to reset()."""
         core = self._part("core")
         while takes(raw.reset, "seed"):
             if not isinstance(raw, core.Wrapper):

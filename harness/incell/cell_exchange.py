@@ -71,7 +71,7 @@ class Step:
 
 
 def reuses(steps):
-    """Whether any part of what the last two steps gave lies in the same memory."""
+    """Return whether any part of what the last two steps gave lies in the same memory."""
     before, last = steps[-2:]
     return any(same_memory(last.parts[name], before.parts[name]) for name in last.parts)
 
@@ -104,7 +104,7 @@ def address(value):
 
 
 def same_memory(one, two):
-    """Whether two arrays begin at one place; None where one of them is no array."""
+    """Return whether two arrays begin at one place; None where one of them is no array."""
     places = address(one), address(two)
     return None if None in places else places[0] == places[1]
 
@@ -120,7 +120,7 @@ def shown(value):
 
 
 def equal(one, two):
-    """Whether two arrays hold the same values; a dimension of size one more or less is no difference."""
+    """Return whether two arrays hold the same values; a dimension of size one more or less is no difference."""
     import numpy as np
 
     left, right = array_of(one), array_of(two)

@@ -28,7 +28,7 @@ class Family(Adapter):
         return [self.name] + ([prefix] if colon else [])
 
     def knows(self, case):
-        """Whether the environment of a case is registered, or a callable of the user's."""
+        """Return whether the environment of a case is registered, or a callable of the user's."""
         if self._own(case) is not None:
             return True
         name, ids = self.named(case).rpartition(":")[2], self.names()
@@ -105,7 +105,7 @@ class Family(Adapter):
             raw.close()
 
     def declares_pictures(self, case):
-        """Whether the environment names the render mode rgb_array."""
+        """Return whether the environment names the render mode rgb_array."""
         try:
             raw = self.bare(case)
             modes = self.pictures(raw)

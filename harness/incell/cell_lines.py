@@ -35,7 +35,7 @@ class Lines:
         self._known = _identity(self._file)
 
     def _is_ours(self):
-        """Whether the descriptor is still the file: a library that closes all of them may have it used again."""
+        """Return whether the descriptor is still the file: a library that closes all of them may have it used again."""
         try:
             return _identity(self._file) == self._known
         except OSError:

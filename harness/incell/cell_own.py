@@ -19,7 +19,7 @@ class Own:
         self.name = name
 
     def exists(self):
-        """Whether the module, which is imported, has it."""
+        """Return whether the module, which is imported, has it."""
         return callable(self._found())
 
     def make(self, options):
@@ -49,7 +49,7 @@ def own(case):
 
 
 def takes(function, name):
-    """Whether a function can be called with an argument of this name."""
+    """Return whether a function can be called with an argument of this name."""
     import inspect
 
     parameters = inspect.signature(function).parameters.values()

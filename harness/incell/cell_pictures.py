@@ -21,7 +21,7 @@ PART = 0.002
 
 
 def same(one, other):
-    """Whether two pictures are the same, pixel by pixel."""
+    """Return whether two pictures are the same, pixel by pixel."""
     return one.shape == other.shape and bool((one == other).all())
 
 
@@ -80,7 +80,7 @@ def values(observation):
 
 
 def changed(before, after):
-    """Whether observations differ by more than a hair."""
+    """Return whether observations differ by more than a hair."""
     if [one.shape for one in before] != [one.shape for one in after]:
         return True
     with np.errstate(all="ignore"):  # a package may have asked numpy to raise

@@ -162,7 +162,7 @@ def _passed(exchange, stored, places):
 
 
 def _keys(probe, exchange, stored, places):
-    """Whether what the environment observes can be found by its name in what TorchRL stores."""
+    """Return whether what the environment observes can be found by its name in what TorchRL stores."""
     wanted = [name for name in exchange.steps[-1].parts if name not in BESIDE]
     renamed = {name: places[name] for name in wanted if places.get(name, name) != name}
     for name, key in renamed.items():
@@ -214,7 +214,7 @@ def _at_end(step, name, stored):
 
 
 def _resets(probe, resets):
-    """How often the environment was reset besides the beginning, and how often with worlds amid an episode."""
+    """Return how often the environment was reset besides the beginning, and how often with worlds amid an episode."""
     amid = [number for number in resets if number]
     if amid:
         probe.finding("interop.torchrl.reset", "torchrl.reset", times=len(amid))

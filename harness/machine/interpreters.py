@@ -182,7 +182,7 @@ def _too_old(version: Version) -> bool:
 
 
 def _fits(asked: Version, version: str) -> bool:
-    """Whether the version has the parts that were asked for; a patch or a pre-release is asked for exactly."""
+    """Return whether the version has the parts that were asked for; a patch or a pre-release is asked for exactly."""
     there = Version(version)
     if len(asked.release) > 2 or asked.is_prerelease:
         return there == asked
@@ -190,7 +190,7 @@ def _fits(asked: Version, version: str) -> bool:
 
 
 def _may_be(path: Path, minor: str | None) -> bool:
-    """Whether a name such as `python3.11` allows this minor, and one that can be tried at all."""
+    """Return whether a name such as `python3.11` allows this minor, and one that can be tried at all."""
     named = _NAMED.fullmatch(path.name)
     return named is None or (Version(named[1]) >= OLDEST and minor in {None, named[1]})
 
@@ -287,7 +287,7 @@ def _known() -> dict[str, _Known]:
 
 
 def _downloadable(request: str) -> bool:
-    """Whether uv may be asked: a version is meant, and neither downloads nor the network are forbidden to it."""
+    """Return whether uv may be asked: a version is meant, and neither downloads nor the network are forbidden to it."""
     allowed = os.environ.get("UV_PYTHON_DOWNLOADS", "").lower() not in {"never", "false", "0"}
     online = os.environ.get("UV_OFFLINE", "").lower() not in {"1", "true"}
     version = None if request == "host" or _is_path(request) else _parse(request)[1]

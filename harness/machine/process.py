@@ -292,7 +292,7 @@ def stop() -> None:
 
 
 def stopped() -> bool:
-    """Whether all was ended: what comes back now says nothing."""
+    """Return whether all was ended: what comes back now says nothing."""
     return _stopped.is_set()
 
 
@@ -490,7 +490,7 @@ def _best_sandbox() -> str:
 
 
 def _holds(sandbox: str) -> bool:
-    """Whether a write into a sealed folder stays out of it there, and is seen where there is an overlay."""
+    """Return whether a write into a sealed folder stays out of it there, and is seen where there is an overlay."""
     with scratch_folder() as scratch:
         home, sealed = scratch / "home", scratch / "sealed"
         home.mkdir()

@@ -96,7 +96,7 @@ def same(one: Cell, other: Cell) -> bool:
 
 
 def comes_to(base: Cell, change: Change, other: Cell) -> bool:
-    """Whether a change makes this other cell of a cell, and not the same cell again."""
+    """Return whether a change makes this other cell of a cell, and not the same cell again."""
     known: dict[str, tuple[Repair, ...]] = {}
     for repair in (*base.question.overlay, *other.question.overlay):
         known[repair.name] = (*(one for one in known.get(repair.name, ()) if one != repair), repair)

@@ -94,7 +94,7 @@ def sources(matrix: Matrix) -> dict[str, str]:
 
 
 def repairing(matrix: Matrix) -> bool:
-    """Whether some of its cells take repaired releases."""
+    """Return whether some of its cells take repaired releases."""
     return any(changes.overlay for _, changes in _changes(matrix))
 
 

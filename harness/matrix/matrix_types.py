@@ -433,7 +433,7 @@ class Matrix(MatrixTable, frozen=True, kw_only=True):
 
     @property
     def expands(self) -> bool:
-        """Whether its plan needs what `NAME.expanded.json` keeps."""
+        """Return whether its plan needs what `NAME.expanded.json` keeps."""
         return bool(self.ranges or self.strategy.covering)
 
     @property
@@ -472,7 +472,7 @@ class Expansion(Table, frozen=True, kw_only=True):
     chosen: Chosen | UnsetType = UNSET
 
     def fits(self, matrix: Matrix) -> bool:
-        """Whether it was made from the ranges and the snapshot that the matrix has now."""
+        """Return whether it was made from the ranges and the snapshot that the matrix has now."""
         current = (
             self.matrix == matrix.name and self.ranges == matrix.ranges and self.axes.keys() == matrix.ranges.keys()
         )

@@ -425,7 +425,7 @@ class Artifact:
 
     @property
     def is_wheel(self) -> bool:
-        """Whether it can be installed as it is."""
+        """Return whether it can be installed as it is."""
         return self.filename.endswith(".whl")
 
 

@@ -395,7 +395,7 @@ def checks_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _stands_for(check: str, names: Sequence[str]) -> bool:
-    """Whether one of these phases names a check: one that cases run unasked, or any, of interop and by `.*`."""
+    """Return whether one of these phases names a check: one that cases run unasked, or any, of interop and by `.*`."""
     phase = check.partition(".")[0]
     return f"{phase}.*" in names or (phase in names and (check in STANDARD or phase == "interop"))
 

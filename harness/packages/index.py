@@ -286,7 +286,7 @@ def _offline_message(place: str) -> str:
 
 
 def _passing(error: Exception) -> bool:
-    """Whether another attempt may do better: no answer, a broken one, an overloaded server."""
+    """Return whether another attempt may do better: no answer, a broken one, an overloaded server."""
     response = getattr(error, "response", None)
     return response is None or response.status_code >= 500 or response.status_code == 429
 

@@ -202,7 +202,7 @@ def _failure(said: uv_command.Said, asking: _Asking) -> Step:
 
 
 def _is_remote(settings: IndexSettings) -> bool:
-    """Whether packages are looked for on the network."""
+    """Return whether packages are looked for on the network."""
     places = index_settings.combined(settings)
     indexes = () if places.no_index else (*places.extra, places.default or "https://")
     return any("://" in place and not place.startswith("file:") for place in (*places.find_links, *indexes))
@@ -234,7 +234,7 @@ def _is_gpu(lock: Lock) -> bool:
 
 
 def _gpu_asked(question: Question) -> bool:
-    """Whether a requirement itself names a local version that is no CPU build (`torch==2.6.0+cu126`)."""
+    """Return whether a requirement itself names a local version that is no CPU build (`torch==2.6.0+cu126`)."""
     lines = (*question.requirements, *question.constraints, *question.overrides)
     return any(re.match(r"torch\b[^#;]*==[^#;]*\+(?!cpu)\w", line) for line in lines)
 

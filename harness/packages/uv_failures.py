@@ -90,7 +90,7 @@ class _Words:
 
 
 def met_source(text: str) -> bool:
-    """Whether uv looked into an sdist (its log is on for `uv_distribution`), be it in the end chosen or not."""
+    """Return whether uv looked into an sdist (its log is on for `uv_distribution`), be it in the end chosen or not."""
     return any(DEBUG.match(line) and SOURCE_BUILD.search(line) for line in text.splitlines())
 
 

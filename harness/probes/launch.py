@@ -181,7 +181,7 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
 
 
 def _full(folder: Path) -> bool:
-    """Whether the disk of a folder has no room left for data, or for names."""
+    """Return whether the disk of a folder has no room left for data, or for names."""
     try:
         disk = os.statvfs(folder)
     except OSError:  # it was removed
@@ -287,7 +287,7 @@ class _Follower:
         self._seen = 0
 
     def advanced(self) -> bool:
-        """Whether another check has started or ended since the last call."""
+        """Return whether another check has started or ended since the last call."""
         before = self._records
         piece = _content(self._left, REPLY, min(wire.LONGEST_LINE, MOST_REPLY - self._seen), self._seen)
         end = piece.rfind(b"\n") + 1

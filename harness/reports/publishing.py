@@ -269,7 +269,7 @@ def carry(source: str | Path, target: str | Path) -> bool:
 
 
 def _same(there: os.stat_result, target: str | Path) -> bool:
-    """Whether the target is the same file, or a copy of it as it stands."""
+    """Return whether the target is the same file, or a copy of it as it stands."""
     try:
         here = os.stat(target)  # noqa: PTH116 - thousands of files
     except OSError:

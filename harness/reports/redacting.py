@@ -54,5 +54,5 @@ def redacted(text: str, words: Mapping[str, str]) -> str:
 
 
 def secret(name: str) -> bool:
-    """Whether a variable of this name holds what nobody should read."""
+    """Return whether a variable of this name holds what nobody should read."""
     return re.search(SECRET, name, re.IGNORECASE) is not None

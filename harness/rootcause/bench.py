@@ -78,7 +78,7 @@ class Trial:
 
     @property
     def untold(self) -> bool:
-        """Whether it says nothing about the packages: this machine or the network was at fault."""
+        """Return whether it says nothing about the packages: this machine or the network was at fault."""
         return self.assessed.untold and not self.works
 
 
@@ -159,7 +159,7 @@ class Bench:
         self._runner = self._made(self.settings)
 
     def stands(self, cell: Cell) -> bool:
-        """Whether the environment of a cell was made before: then only its probes are to be run."""
+        """Return whether the environment of a cell was made before: then only its probes are to be run."""
         interpreter = interpreters.find(cell.python)
         if interpreter is None or cell.subject is not None:
             return False
@@ -172,12 +172,12 @@ class Bench:
 
     @property
     def runs(self) -> int:
-        """How many cells were really measured."""
+        """Return how many cells were really measured."""
         return sum(not trial.at_hand for trial in self.trials)
 
     @property
     def seconds(self) -> float:
-        """How long it has taken so far."""
+        """Return how long it has taken so far."""
         return monotonic() - self.began
 
     def _within(self) -> None:

@@ -197,11 +197,11 @@ class Face:
 
 
 def _within(nodeid: str, chosen: tuple[str, ...]) -> bool:
-    """Whether a node id is one of these or lies below."""
+    """Return whether a node id is one of these or lies below."""
     return any(nodeid == place or nodeid.startswith(f"{place}::") for place in chosen)
 
 
 def _ours(metafunc: pytest.Metafunc, name: str) -> bool:
-    """Whether a fixture that a function asks for is ours, and not one of the user's by the same name."""
+    """Return whether a fixture that a function asks for is ours, and not one of the user's by the same name."""
     found = metafunc._arg2fixturedefs.get(name, ())  # pytest has no other way to ask
     return bool(found) and found[-1].func.__module__ == PLUGIN

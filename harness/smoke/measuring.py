@@ -59,7 +59,7 @@ class Selection:
         return asked.union(*(judging.needs(phase) for phase in asked))
 
     def resolved_only(self, cell: Cell) -> bool:
-        """Whether nothing is wanted of the cell but its lock."""
+        """Return whether nothing is wanted of the cell but its lock."""
         cases = any(self.phases(cell, case.id) for case in cell.cases)
         return self.phases(cell) == {Phase.RESOLVE} and not cases and cell.id not in self.whole
 
@@ -155,7 +155,7 @@ class Measuring:
 
 
 def has_suite(cell: Cell) -> bool:
-    """Whether the cell has a package under test with a suite of its own."""
+    """Return whether the cell has a package under test with a suite of its own."""
     return cell.subject is not None and cell.subject.suite is not None
 
 

@@ -79,5 +79,5 @@ WEIGHTS.update(
 
 
 def weight(name: str) -> int:
-    """How much it counts that a package has to change; 0 for one that seldom is the cause."""
+    """Return how much it counts that a package has to change; 0 for one that seldom is the cause."""
     return WEIGHTS.get(name, 0)

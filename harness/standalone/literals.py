@@ -38,7 +38,7 @@ def clauses(pattern: str) -> Tuple[Clause, ...]:
 
 
 def possible(pattern: str, text: str) -> bool:
-    """Whether a pattern can be found in a text; surely not where a literal of it is missing."""
+    """Return whether a pattern can be found in a text; surely not where a literal of it is missing."""
     return all(any(literal in text for literal in clause) for clause in clauses(pattern))
 
 

@@ -172,7 +172,7 @@ def matches(known: Iterable[Any], evidence: Any) -> Iterator[Hit]:
 
 
 def standing(known: Sequence[Any], around: Any) -> List[Optional[bool]]:
-    """Whether the packages that take part in each are there; None where that cannot be told of all of them."""
+    """Return whether the packages that take part in each are there; None where that cannot be told of all of them."""
     look = _looking(around)
     return [_standing(one, look) for one in known]
 
@@ -244,13 +244,13 @@ def _of_python(one: Any, around: Any) -> bool:
 
 
 def _standing(one: Any, look: Look) -> Optional[bool]:
-    """Whether each part holds: one at least of its requirements."""
+    """Return whether each part holds: one at least of its requirements."""
     found = [_any([look(text) for text in part.requirements]) for part in one.packages]
     return False if False in found else None if None in found else True
 
 
 def _any(found: List[Optional[bool]]) -> Optional[bool]:
-    """Whether one of several holds; None where that cannot be told."""
+    """Return whether one of several holds; None where that cannot be told."""
     return True if True in found else None if None in found else False
 
 

@@ -50,7 +50,7 @@ class Comparison(NamedTuple):
     right: Term
 
     def holds(self, environment: Mapping[str, Any]) -> bool:
-        """Whether it does, in an environment. Raises KeyError for a variable that is not given."""
+        """Return whether it does, in an environment. Raises KeyError for a variable that is not given."""
         variable = self.left.text if self.left.variable else self.right.text
         left, right = (environment[side.text] if side.variable else side.text for side in (self.left, self.right))
         if variable == "extra" or variable in MANY:
@@ -87,7 +87,7 @@ class Group(NamedTuple):
     parts: List[Any]
 
     def holds(self, environment: Mapping[str, Any]) -> bool:
-        """Whether they do. Raises KeyError for a variable that is not given."""
+        """Return whether they do. Raises KeyError for a variable that is not given."""
         found = [part.holds(environment) for part in self.parts]
         return any(found) if self.any_of else all(found)
 
@@ -208,7 +208,7 @@ class Requirement:
             raise self._wrong() from None
 
     def wanted(self, environment: Mapping[str, str], extras: Iterable[str] = ()) -> bool:
-        """Whether it counts in an environment, for one of the extras that were asked for, or for none.
+        """Return whether it counts in an environment, for one of the extras that were asked for, or for none.
 
         Raises KeyError for a variable that the environment lacks, ValueError for a comparison that means nothing.
         """

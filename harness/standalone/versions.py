@@ -82,7 +82,7 @@ class Version:
 
     @property
     def is_prerelease(self) -> bool:
-        """Whether it is one of development, or before the release."""
+        """Return whether it is one of development, or before the release."""
         return self.pre is not None or self.dev is not None
 
     def __str__(self) -> str:
@@ -129,7 +129,7 @@ def version(text: str) -> Version:
 
 
 def is_version(text: str) -> bool:
-    """Whether it is one."""
+    """Return whether it is one."""
     return VERSION.fullmatch(text) is not None
 
 
@@ -171,13 +171,13 @@ class Clause:
         return self.operator in {"==", "!="} or not self.bound.local
 
     def admits_text(self, text: str) -> bool:
-        """Whether a version fits; what is none fits only where `===` names it."""
+        """Return whether a version fits; what is none fits only where `===` names it."""
         if is_version(text):
             return self.admits(version(text), text)
         return self.operator == "===" and text.strip().lower() == self.text.lower()
 
     def admits(self, one: Version, text: str) -> bool:
-        """Whether a version fits; `text` is how it was written."""
+        """Return whether a version fits; `text` is how it was written."""
         if self.operator == "===":
             return text.strip().lower() == self.text.lower()
         if self.operator == "~=":
@@ -246,7 +246,7 @@ def specifiers(text: str) -> Specifiers:
 
 
 def unsatisfiable(together: Iterable[Specifiers]) -> bool:
-    """Whether no version, be it a prerelease, fits all: none at their bounds, or next to one of them."""
+    """Return whether no version, be it a prerelease, fits all: none at their bounds, or next to one of them."""
     every = [clause for each in together for clause in each.clauses]
     named = [clause.text for clause in every if clause.operator == "==="]
     near = named or ["1", *(text for clause in every for text in _near(clause))]

@@ -45,7 +45,7 @@ class Compared:
 
     @property
     def agrees(self) -> bool:
-        """Whether the first failing phase is the same."""
+        """Return whether the first failing phase is the same."""
         return self.by_hand == self.by_harness
 
     @property
@@ -55,7 +55,7 @@ class Compared:
 
     @property
     def line_agrees(self) -> bool:
-        """Whether the decisive line holds what was seen by hand: the exception, or the one beneath it."""
+        """Return whether the decisive line holds what was seen by hand: the exception, or the one beneath it."""
         return not self.fragments or any(fragment[:120] in self.decisive for fragment in self.fragments)
 
 

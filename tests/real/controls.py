@@ -46,7 +46,7 @@ def files(package: dict[str, Any], python: str) -> list[str]:
 
 
 def fits(filename: str, python: str) -> bool:
-    """Whether a wheel is for this Python, and for Linux or for anything."""
+    """Return whether a wheel is for this Python, and for Linux or for anything."""
     minor = int(python.partition(".")[2])
     own = {f"cp3{minor}", f"py3{minor}", "py3", "py2.py3"}
     for tag in parse_wheel_filename(unquote(filename))[3]:

@@ -52,7 +52,7 @@ def beside(control: ControlRecord, *cases: CaseRecord, api: str = "gymnasium") -
 
 
 def doubted(at: Phase, control: str) -> bool:
-    """Whether a failure of this phase is not to be believed, by the letters of the control."""
+    """Return whether a failure of this phase is not to be believed, by the letters of the control."""
     needed: Phase | None = at
     ended = dict(zip(CHECKS, control, strict=True))
     while needed:

@@ -254,12 +254,12 @@ def searched(one: World, confidence: float) -> Boundary[int]:
 
 
 def ran(found: Boundary[int]) -> int:
-    """How many runs it took; what cannot be installed is not run."""
+    """Return how many runs it took; what cannot be installed is not run."""
     return sum(each.answer is not UNTESTABLE for each in found.asked)
 
 
 def right(one: World, found: Boundary[int]) -> bool:
-    """Whether the boundary lies between the neighbours, and nothing between them could have told more."""
+    """Return whether the boundary lies between the neighbours, and nothing between them could have told more."""
     told = found.good is not None and found.bad is not None and found.good < one.broken <= found.bad
     return told and set(found.between) <= one.missing
 

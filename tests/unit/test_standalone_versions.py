@@ -213,7 +213,7 @@ def test_requirements_mean_the_same(changed: dict[str, str]) -> None:
 
 
 def holds(made: Requirement, environment: dict[str, str], extra: str) -> bool | None:
-    """Whether it counts; None where that cannot be told."""
+    """Return whether it counts; None where that cannot be told."""
     try:
         return made.wanted(environment, (extra,) if extra else ())
     except ValueError:

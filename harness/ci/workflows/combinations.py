@@ -89,7 +89,7 @@ def unmatched(matrix: Mapping[str, Any]) -> Iterator[int]:
 
 
 def equal(one: Any, other: Any) -> bool:
-    """Whether two values of YAML are the same; `true` is not 1, and "3.1" is not 3.1."""
+    """Return whether two values of YAML are the same; `true` is not 1, and "3.1" is not 3.1."""
     numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (one, other))
     return bool(one == other) and (numbers or type(one) is type(other))
 

@@ -48,7 +48,7 @@ def evaluate(expression: str, contexts: Contexts) -> Any:
 
 
 def holds(condition: object, contexts: Contexts) -> bool | None:
-    """Whether a step with this `if` is run while nothing has failed; None where only GitHub knows."""
+    """Return whether a step with this `if` is run while nothing has failed; None where only GitHub knows."""
     if not isinstance(condition, str):
         return None if condition is UNKNOWN else bool(condition)
     whole = EMBEDDED.fullmatch(condition.strip())
@@ -78,7 +78,7 @@ def text_of(value: Any) -> str:
 
 
 def truth(value: Any) -> bool:
-    """Whether a value counts as true."""
+    """Return whether a value counts as true."""
     return value is not None and value is not False and value not in (0, "")
 
 

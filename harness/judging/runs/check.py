@@ -97,7 +97,7 @@ def phase_of(check: str) -> Phase:
 
 
 def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
-    """Whether no phase that this one needs is known to have ended otherwise than well."""
+    """Return whether no phase that this one needs is known to have ended otherwise than well."""
     needed = NEEDS.get(phase)
     while needed:
         if known.get(needed, Outcome.PASSED) is not Outcome.PASSED:

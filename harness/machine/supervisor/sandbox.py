@@ -104,7 +104,7 @@ class Layer:
                     yield path
 
     def existed(self, path: str) -> bool:
-        """Whether the sealed folder has it."""
+        """Return whether the sealed folder has it."""
         try:
             os.stat(path, dir_fd=self.lower, follow_symlinks=False)
         except OSError:

@@ -25,7 +25,7 @@ def descendants() -> dict[int, int]:
 
 
 def childless() -> bool:
-    """Whether nothing at all is below this process, told without a look at every process of the machine."""
+    """Return whether nothing at all is below this process, told without a look at every process of the machine."""
     try:
         os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:

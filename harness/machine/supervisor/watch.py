@@ -167,7 +167,7 @@ class Watch:
         }
 
     def ending(self) -> bool:
-        """Whether we are the ones who end it."""
+        """Return whether we are the ones who end it."""
         return self.timed_out or self.out_of_memory or self.killed is not None
 
     def wait(self) -> None:

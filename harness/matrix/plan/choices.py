@@ -84,7 +84,7 @@ class Condition(NamedTuple):
     tests: tuple[tuple[int, tuple[Callable[[str], bool], ...]], ...]
 
     def holds(self, combination: Combination) -> bool:
-        """Whether every axis agrees."""
+        """Return whether every axis agrees."""
         return all(any(test(combination[at].text) for test in tests) for at, tests in self.tests)
 
 

@@ -136,5 +136,5 @@ def _is_pin(choice: Choice) -> bool:
 
 
 def _is_weightless(choice: Choice) -> bool:
-    """Whether a value adds nothing to what is resolved, as environment variables do."""
+    """Return whether a value adds nothing to what is resolved, as environment variables do."""
     return choice.kind is Kind.VARIABLE or (choice.kind is Kind.BUNDLE and not weight(choice.changes))

@@ -60,7 +60,7 @@ class _InBaseline(NamedTuple):
     combinations: frozenset[Combination]
 
     def holds(self, combination: Combination) -> bool:
-        """Whether it is one of them, and every axis agrees."""
+        """Return whether it is one of them, and every axis agrees."""
         return combination in self.combinations and self.when.holds(combination)
 
 

@@ -67,7 +67,7 @@ def _default(choices: Sequence[Choice]) -> Choice:
 
 
 def _at_boundaries(axes: Axes, breaks: Breaks) -> Callable[[Combination], bool]:
-    """Whether every package of a combination has the newest patch of a minor, or stands at a known API break."""
+    """Return whether every package of a combination has the newest patch of a minor, or stands at a known API break."""
     kept: set[Choice] = set()
     for name, choices in axes.items():
         versions = {choice.text: choice for choice in choices if choice.text != ABSENT}
@@ -186,7 +186,7 @@ class Candidates:
         return expansion.chosen
 
     def fits(self, expansion: Expansion) -> bool:
-        """Whether the choice was made from the matrix as it is now."""
+        """Return whether the choice was made from the matrix as it is now."""
         chosen = expansion.chosen
         if not isinstance(chosen, Chosen) or chosen.made_from != self.made_from or not expansion.fits(self.matrix):
             return False

@@ -291,7 +291,7 @@ def _has_ant_v5(asked: Asked) -> bool:
 
 
 def _allows(asked: Asked, package: str, versions: str) -> bool:
-    """Whether what is asked for leaves one of these versions of a package."""
+    """Return whether what is asked for leaves one of these versions of a package."""
     texts = [text for text in (*asked.requirements, *asked.constraints) if required_name(text) == package]
     specifiers = SpecifierSet(versions)
     for text in texts:

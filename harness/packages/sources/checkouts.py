@@ -221,7 +221,7 @@ def _listed(top: Path, below: Path = Path()) -> list[Path]:
 
 
 def _is_left(top: Path, name: Path, below: Path) -> bool:
-    """Whether a file of a checkout lies in a folder that a tool left there."""
+    """Return whether a file of a checkout lies in a folder that a tool left there."""
     return any(_is_leftover(top / folder, at_top=folder.parent == below) for folder in name.parents[:-1])
 
 

@@ -139,7 +139,7 @@ def beside(found: Iterable[Known], one: Known, asked: Iterable[str]) -> dict[str
 
 
 def _plainness(one: Known) -> tuple[bool, ...]:
-    """Whether nothing has to be done that nobody expects: repairs, folders brought, variables."""
+    """Return whether nothing has to be done that nobody expects: repairs, folders brought, variables."""
     return not one.cell["repairs"], not one.cell.get("brought"), not one.variables, not one.cell.get("base")
 
 

@@ -130,7 +130,7 @@ def expectation(cell: CellEntry) -> str:
 
 
 def plain(cell: CellEntry) -> bool:
-    """Whether a cell needs no explanation: it is green or was not run, and nobody expected otherwise."""
+    """Return whether a cell needs no explanation: it is green or was not run, and nobody expected otherwise."""
     return cell.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and cell.as_expected is not False
 
 

@@ -104,7 +104,7 @@ class Bisection:
         return self._between(good)
 
     def _without_good_end(self) -> Status:
-        """Whether there is none, or one of those that nothing could be told of here may be it."""
+        """Return whether there is none, or one of those that nothing could be told of here may be it."""
         lost = [step.candidate.name for step in self.steps if step.trial.untold]
         if not lost:
             self.told.append(f"no candidate was found that works: {self._tried()}")

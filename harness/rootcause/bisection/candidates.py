@@ -100,7 +100,7 @@ def _allows(specifier: str, version: str) -> bool:
 
 
 def _fits(one: Release, interpreter: Interpreter, *, native: bool = False) -> bool:
-    """Whether a release has a wheel for this Python; a `native` one is for few platforms."""
+    """Return whether a release has a wheel for this Python; a `native` one is for few platforms."""
     known = locks.tags(interpreter)
     for file in one.wheels:
         try:
@@ -204,7 +204,7 @@ def places(line: Candidates, version: str) -> tuple[int, ...]:
 
 
 def same(name: str, text: str) -> bool:
-    """Whether two names are of one version, or the same."""
+    """Return whether two names are of one version, or the same."""
     if name == text:
         return True
     try:

@@ -69,7 +69,7 @@ class Predicate:
         return Said(answer=Answer.UNTESTABLE, why=None, words=told)
 
     def _passed(self, trial: Trial) -> bool:
-        """Whether it came through the phase that failed, and through all before it."""
+        """Return whether it came through the phase that failed, and through all before it."""
         if self.failure is None:
             return False
         order = list(Phase)
@@ -100,7 +100,7 @@ def alike(failed: Failure) -> tuple[Phase | None, str]:
 
 
 def failing(trial: Trial) -> bool:
-    """Whether a trial failed of its packages."""
+    """Return whether a trial failed of its packages."""
     if trial.assessed.verdict is Verdict.MISLEADS:
         return True
     return trial.failure is not None and any(outcome in FAILING for outcome in trial.assessed.phases.values())

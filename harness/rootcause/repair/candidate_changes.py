@@ -120,7 +120,7 @@ def in_words(change: Change) -> str:
 
 
 def empty(change: Change) -> bool:
-    """Whether it changes nothing."""
+    """Return whether it changes nothing."""
     return change == Change()
 
 

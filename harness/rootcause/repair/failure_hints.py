@@ -143,7 +143,7 @@ def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, .
 
 
 def named(name: str, evidence: Iterable[Evidence]) -> bool:
-    """Whether a line that says why names the package."""
+    """Return whether a line that says why names the package."""
     pattern = re.compile(rf"\b{re.escape(IMPORTED_AS.get(name, name.replace('-', '_')))}\b", re.IGNORECASE)
     return any(pattern.search(text) for one in evidence for text in one.told)
 

@@ -63,12 +63,12 @@ class Lab:
 
     @property
     def measured(self) -> int:
-        """How many cells were really run."""
+        """Return how many cells were really run."""
         return sum(not one.trial.at_hand for one in self.runs)
 
     @property
     def seconds(self) -> float:
-        """How long it has taken so far."""
+        """Return how long it has taken so far."""
         return monotonic() - self.bench.began
 
     def cell(self, change: Change) -> Cell:
@@ -86,7 +86,7 @@ class Lab:
         )
 
     def same(self, one: Change, other: Change) -> bool:
-        """Whether two changes make the same cell. Raises ValueError as `cell` does."""
+        """Return whether two changes make the same cell. Raises ValueError as `cell` does."""
         return changes.same(self.cell(one), self.cell(other))
 
     def measure(self, change: Change, why: str, *, again: bool = False) -> Trial:
@@ -101,7 +101,7 @@ class Lab:
         return trial
 
     def _tells(self, run: Run) -> bool:
-        """Whether a run says what one up to the present phase would: it was one, or it failed before."""
+        """Return whether a run says what one up to the present phase would: it was one, or it failed before."""
         return run.until is self.until or not passes(run.trial, run.until)
 
     @contextmanager
@@ -169,7 +169,7 @@ def _checks(trial: Trial) -> dict[tuple[str, str], Outcome]:
 
 
 def passes(trial: Trial, until: Phase) -> bool:
-    """Whether a cell that was measured up to a phase came through it."""
+    """Return whether a cell that was measured up to a phase came through it."""
     if trial.works:
         return True
     if trial.assessed.verdict is not Verdict.NOT_RUN:

@@ -86,14 +86,14 @@ class Narrowing:
         return Answer.BAD
 
     def _cured(self, trial: Trial) -> bool:
-        """Whether it came through the phase that matters; where that is the last one, with nothing left out."""
+        """Return whether it came through the phase that matters; where that is the last one, with nothing left out."""
         if self.lab.until is Phase.SUITE:
             return trial.works and weaker(self.failing, trial) is None
         return passes(trial, self.lab.until)
 
     @property
     def _early(self) -> bool:
-        """Whether what is cured is that nothing could be resolved or installed."""
+        """Return whether what is cured is that nothing could be resolved or installed."""
         failed = self.failing.failure
         return failed is not None and failed.phase in {Phase.RESOLVE, Phase.INSTALL}
 

@@ -203,7 +203,7 @@ class Search:
         found.proven = found.trial.works and self._no_cure(self.before, found.trial) is None
 
     def _take(self, found: _Found, change: Change, why: str) -> bool:
-        """Whether a smaller change cures in every phase, too; then it is the one."""
+        """Return whether a smaller change cures in every phase, too; then it is the one."""
         trial = self.lab.measure(change, why)
         if not trial.works or self._no_cure(self.before, trial):
             return False

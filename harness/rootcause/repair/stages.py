@@ -193,7 +193,7 @@ def date(place: Place) -> Iterator[Move]:
 
 
 def _no_other(place: Place) -> bool:
-    """Whether the cell that was measured last fails of the very same."""
+    """Return whether the cell that was measured last fails of the very same."""
     told, before = place.lab.runs[-1].trial.failure, place.trial.failure
     return told is not None and before is not None and told.same(before)
 

@@ -47,7 +47,7 @@ class Boundary(Generic[T]):
 
     @property
     def found(self) -> bool:
-        """Whether there is a boundary."""
+        """Return whether there is a boundary."""
         return self.good is not None
 
 
@@ -61,7 +61,7 @@ class Progress(Generic[T]):
 
 
 def bound(count: int) -> int:
-    """How many answers a binary search between this many candidates needs at most, with both ends confirmed."""
+    """Return how many answers a binary search between this many candidates needs at most, with both ends confirmed."""
     return min(count, 2) + (math.ceil(math.log2(count - 1)) if count > 2 else 0)
 
 

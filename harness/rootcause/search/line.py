@@ -102,7 +102,7 @@ class Line:
 
     @property
     def stands(self) -> bool:
-        """Whether the likeliest place is as likely as asked for, and both its sides were seen."""
+        """Return whether the likeliest place is as likely as asked for, and both its sides were seen."""
         gap = self.gap
         sides = gap.good < 0 or self.good[gap.good] > 0, gap.bad >= self.length or self.bad[gap.bad] > 0
         return all(sides) and gap.mass >= self.rules.confidence and self.contradiction is None
@@ -161,7 +161,7 @@ class Line:
 
     @property
     def _enough(self) -> int:
-        """How many like answers stand against a single boundary."""
+        """Return how many like answers stand against a single boundary."""
         return 1 + math.ceil(math.log(max(1 - self.rules.confidence, 1e-9)) / math.log(FLAKIEST))
 
     @cached_property

@@ -31,7 +31,7 @@ class Minimal(Generic[T]):
 
     @property
     def least(self) -> bool:
-        """Whether each item was seen to be needed."""
+        """Return whether each item was seen to be needed."""
         return not self.unsure
 
 
@@ -101,7 +101,7 @@ class _Search(Generic[T]):
         return len(sets) - 1 - sets.index(found.bad), len(sets) - 1 - sets.index(found.good)
 
     def _good(self, indices: frozenset[int]) -> bool:
-        """Whether a set cures: asked until one side is ahead by as much as the confidence wants."""
+        """Return whether a set cures: asked until one side is ahead by as much as the confidence wants."""
         wanted = max(1, round(-math.log10(max(1 - self.rules.confidence, 1e-9))))
         while True:
             answers = self.answers.get(indices, [])

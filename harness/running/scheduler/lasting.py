@@ -13,7 +13,7 @@ FILE = "file://"
 
 
 def lasts(lock: Lock, question: Question, made: int) -> bool:
-    """Whether nothing can have changed that the lock, made at this time in nanoseconds, depends on.
+    """Return whether nothing can have changed that the lock, made at this time in nanoseconds, depends on.
 
     The instant in the question says what there was, of all packages but those that escaped it. These must come from
     folders of files, and all such folders be as they were.

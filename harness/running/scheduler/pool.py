@@ -167,5 +167,5 @@ def conditioned(step: Step) -> Step:
 
 
 def outdated(step: Step) -> bool:
-    """Whether something was installed on this system since: a failed build is tried again."""
+    """Return whether something was installed on this system since: a failed build is tried again."""
     return step.conditions not in {None, this_machine.conditions()}

@@ -67,6 +67,6 @@ def _seconds(record: CellRecord) -> float:
 
 
 def _reused(record: CellRecord) -> bool:
-    """Whether nothing of it was measured in this run."""
+    """Return whether nothing of it was measured in this run."""
     steps = [step.reused for step in (record.resolve, record.install) if step]
     return bool(steps) and all(steps) and all(phase.reused for phase in _phases(record))

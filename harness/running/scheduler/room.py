@@ -14,7 +14,7 @@ class Room:
         self.slots, self._reading = slots, reading
 
     def admits(self, needed_mb: int, admitted_mb: Sequence[int]) -> bool:
-        """Whether one more probe may start beside those admitted, by what each is expected to hold at most.
+        """Return whether one more probe may start beside those admitted, by what each is expected to hold at most.
 
         What they have not taken yet is spoken for: the largest expectation goes with the largest holder.
         """

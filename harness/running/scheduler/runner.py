@@ -446,7 +446,7 @@ class Runner:
         )
 
     def _tells_less(self, record: CellRecord) -> bool:
-        """Whether a run that was to stop early has nothing to say against what is known of the same lock."""
+        """Return whether a run that was to stop early has nothing to say against what is known of the same lock."""
         if self.settings.until not in {Phase.RESOLVE, Phase.INSTALL} or not record.lock:
             return False
         kept = self.store.load_cell(record.machine, record.cell)

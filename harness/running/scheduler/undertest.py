@@ -173,7 +173,7 @@ class Suite:
         self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)
 
     def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
-        """Whether it is known what becomes of it after these cases, and what; none where it is not reached."""
+        """Return whether it is known what becomes of it after these cases, and what; none where it is not reached."""
         if not _imported(cases):
             return True, None
         found = self.failed or self._recalled()
@@ -225,6 +225,6 @@ class Suite:
 
 
 def _imported(cases: tuple[CaseRecord, ...]) -> bool:
-    """Whether an import passed, without which tests would only say the same again."""
+    """Return whether an import passed, without which tests would only say the same again."""
     ended = {phase.outcome for case in cases for phase in case.phases if phase.phase is Phase.IMPORT}
     return Outcome.PASSED in ended

@@ -115,7 +115,7 @@ def good(cell: Told) -> bool:
 
 
 def _has(cell: Told, env: str) -> bool:
-    """Whether an environment was made and stepped there."""
+    """Return whether an environment was made and stepped there."""
     return any(
         bare(case["env"], case["api"]) == bare(env, case["api"]) and case["phases"].get("single") == "passed"
         for case in cell["cases"]
@@ -147,7 +147,7 @@ def _near(facts: Told, cell: Told, lock: Dict[str, str], wanted: Sequence[str], 
 
 
 def _matters(one: Change) -> bool:
-    """Whether a difference counts: of simulators each, of what they stand on that of the first number."""
+    """Return whether a difference counts: of simulators each, of what they stand on that of the first number."""
     if one.now is None or one.name in SIMULATORS:
         return True
     if not weight(one.name) or not is_version(one.now):
@@ -174,12 +174,12 @@ def _old(one: Near) -> List[Any]:
 
 
 def _against(one: Near, asked: Sequence[Requirement]) -> int:
-    """How many remedies it does not heed, or says nothing of."""
+    """Return how many remedies it does not heed, or says nothing of."""
     return sum(each.name not in one.lock or not each.specifiers.admits(one.lock[each.name]) for each in asked)
 
 
 def _away(one: Optional[str], other: str) -> int:
-    """How many minor versions two Pythons are apart."""
+    """Return how many minor versions two Pythons are apart."""
     numbers = [int(part) for each in (one, other) for part in minor(each).split(".")[1:]]
     return abs(numbers[0] - numbers[1]) if len(numbers) > 1 else 99
 

@@ -206,5 +206,5 @@ def probed(here: Here) -> Dict[str, Any]:
 
 
 def _apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether something can come from the folder or the user site."""
+    """Return whether something can come from the folder or the user site."""
     return one.get("path") != other.get("path") or one.get("hidden") != other.get("hidden")

@@ -116,7 +116,7 @@ def versions_asked(known: Iterable[Any]) -> List[str]:
 
 
 def _mended(one: Any, there: Mapping[str, str]) -> bool:
-    """Whether the remedy asks for other versions than those that are there."""
+    """Return whether the remedy asks for other versions than those that are there."""
     asked = [requirement(text) for text in versions_asked([one])]
     return any(each.name in there and not each.specifiers.admits(there[each.name]) for each in asked)
 

@@ -83,7 +83,7 @@ class Explained(NamedTuple):
 
     @property
     def echoed(self) -> bool:
-        """Whether the line that says why is what one process sees of the death of another."""
+        """Return whether the line that says why is what one process sees of the death of another."""
         return (self.told.decisive or "").partition(":")[0].rpartition(".")[2] in MASKS
 
     def plain(self) -> Dict[str, Any]:
@@ -172,7 +172,7 @@ def _candidates(
 
 
 def _of_python(one: matching.Known, python: Optional[str]) -> bool:
-    """Whether a failure is one of this Python, of which the text may tell no more than "3.10"."""
+    """Return whether a failure is one of this Python, of which the text may tell no more than "3.10"."""
     if not one.python or python is None:
         return True
     if python.count(".") > 1:
@@ -181,7 +181,7 @@ def _of_python(one: matching.Known, python: Optional[str]) -> bool:
 
 
 def _named(one: matching.Known, text: str) -> bool:
-    """Whether a text speaks of each package that takes part."""
+    """Return whether a text speaks of each package that takes part."""
     return all(any(_speaks(requirement(each).name, text) for each in part.requirements) for part in one.packages)
 
 

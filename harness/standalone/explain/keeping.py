@@ -96,7 +96,7 @@ class Keeper:
 
 
 def _leads_on(line: Sequence[bytes]) -> bool:
-    """Whether a line stands between the tracebacks of a chain."""
+    """Return whether a line stands between the tracebacks of a chain."""
     return any(one.startswith((b"The above exception", b"During handling")) for one in line)
 
 

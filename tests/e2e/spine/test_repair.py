@@ -139,7 +139,7 @@ def proof(measured: Measured, which: str) -> dict[str, Any]:
 
 
 def shown(made: dict[str, Any]) -> bool:
-    """Whether each part is needed and all of them are enough, by runs that say so."""
+    """Return whether each part is needed and all of them are enough, by runs that say so."""
     runs, remedy = made["runs"], made["remedy"]
     without = [runs[part["without"] - 1]["verdict"] for part in remedy["parts"]]
     enough = runs[remedy["proof"] - 1]
