@@ -61,8 +61,8 @@ def site(environment: Environment) -> Path:
 @contextmanager
 def using(environment: Environment) -> Iterator[None]:
     """Another process that uses an environment."""
-    code = "import sys, pathlib; from harness import filelocks\n"
-    code += "filelocks.use(pathlib.Path(sys.argv[1])); print('used', flush=True); sys.stdin.read()"
+    code = "import sys, pathlib; from harness.machine.files import file_locks\n"
+    code += "file_locks.use(pathlib.Path(sys.argv[1])); print('used', flush=True); sys.stdin.read()"
     argv = [sys.executable, "-c", code, str(environment.path)]
     with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout
@@ -231,7 +231,7 @@ class TestReuse:
     ) -> None:
         """Of two processes that want one environment at once, one makes it and the other waits for it."""
         code = (
-            "import sys, msgspec; from harness import environments; from harness.model import *\n"
+            "import sys, msgspec; from harness.packages.environments import environments; from harness.model import *\n"
             "lock, python, question = msgspec.json.decode(sys.argv[1], type=tuple[Lock, Interpreter, Question])\n"
             "print(environments.ensure(lock, python, question).reused)"
         )

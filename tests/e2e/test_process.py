@@ -464,7 +464,7 @@ command = Command(argv=(sys.executable, "-I", "-S", "-c", {daemon!r} + "time.sle
 
 STOPPER = """
 import threading, time
-from harness import process
+from harness.machine import process
 ends = [sandbox_mode()]
 thread = threading.Thread(target=lambda: ends.append(run(command)))
 thread.start()

@@ -27,9 +27,9 @@ READS_MUJOCO_GL = ("fake-pointmass",)
 
 ASKED = """
 import json, re
-from harness.judging.check import Ending, check_record
+from harness.judging.runs.check import Ending, check_record
 from harness.model import CheckReply, Outcome, Raised
-from harness.plan import speaking
+from harness.matrix.plan import speaking
 from harness.standalone import keys
 from harness.model.vocabulary import settings
 
