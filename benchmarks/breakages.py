@@ -48,7 +48,7 @@ def bisect(folder: Path, one: Mapping[str, str]) -> None:
 
 
 def certificate(folder: Path, one: Mapping[str, str]) -> Mapping[str, Any] | None:
-    """The certificate of a breakage, if it was made."""
+    """Return the certificate of a breakage, if it was made."""
     found = sorted((folder / "certificates" / one["cell"]).rglob("*.json"))
     return json.loads(found[0].read_text(encoding="utf-8")) if found else None
 
@@ -90,7 +90,7 @@ def _table(listed: Sequence[Mapping[str, str]], made: Mapping[str, Mapping[str, 
 
 
 def said(made: Mapping[str, Any]) -> list[str]:
-    """Return what a certificate claims, and what that took."""
+    """Return the claim of a certificate, and the numbers of its runs, environments and bound."""
     return [made["claim"], *(str(made[key]) for key in ("measured", "built", "bound"))]
 
 

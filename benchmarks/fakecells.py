@@ -48,7 +48,7 @@ INSTANT = "2026-11-20T23:59:59Z"
 
 
 def matrix_text(count: int) -> str:
-    """A matrix of `count` cells on this Python: questions by a version, cells of one question by a variable."""
+    """Return a matrix of `count` cells on this Python: questions by a version, cells of one question by a variable."""
     versions = ", ".join(f'"1.{number}"' for number in range(-(-count // PER_LOCK)))
     values = ", ".join(f'"{number}"' for number in range(PER_LOCK))
     return f"""
@@ -83,7 +83,7 @@ def fill(cells: Sequence[Cell], opened: Store, observer: Observer) -> None:
 
 
 def lock(question: Question, interpreter: Interpreter) -> Lock:
-    """A lock with the packages that were asked for and others beside them."""
+    """Return a lock with the packages that were asked for and others beside them."""
     named = question.requirements[-1].replace(" ", "").partition("==")
     versions = {named[0]: named[2] or "1.0"} | {f"package-{number}": "1.2.3" for number in range(PACKAGES - 1)}
     pins = tuple(_pin(name, version) for name, version in sorted(versions.items()))
@@ -137,7 +137,7 @@ def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) 
 
 
 def _reply(request: Request) -> bytes:
-    """The reply of a probe in which all passed."""
+    """Return the reply of a probe in which all passed."""
     python = {"python": platform.python_version(), "implementation": "CPython", "executable": "$ENV/bin/python"}
     records: list[dict[str, Any]] = [{"kind": "hello", **python}]
     for check in (name for led in request.limits for name in (led, *wire.FOLLOWERS.get(led, ()))):
@@ -153,7 +153,7 @@ def _reply(request: Request) -> bytes:
 
 
 def write_matrix(folder: Path, count: int) -> Path:
-    """The matrix of so many cells, as a file."""
+    """Write a matrix of so many cells and the empty wheels that it needs, and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"cells{count}.toml"
     path.write_text(matrix_text(count))

@@ -64,7 +64,7 @@ def keep(name: str, found: dict[str, Any]) -> None:
 
 
 def seen(repository: dict[str, str], args: argparse.Namespace) -> dict[str, Any]:
-    """Return what `init` wrote and said, and what the cells came to."""
+    """Return the files and messages of `init`, and the results of the cells."""
     folder = args.folder / repository["name"]
     commit = typed(folder, ("git", "rev-parse", "HEAD"), 1)[1].strip()
     if commit != repository["commit"]:
@@ -96,7 +96,7 @@ def chosen(cells: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
 
 
 def ran(folder: Path, matrix: str, cell: dict[str, Any], args: argparse.Namespace) -> dict[str, Any]:
-    """Return what became of one cell, in short."""
+    """Run one cell and return its results, in short."""
     command = simmatrix("run", matrix, "-k", cell["id"], "--until", args.until, "--json")
     code, out, err = typed(folder, command, args.minutes)
     if not out.startswith("{"):
@@ -200,7 +200,7 @@ def suite_words(cell: dict[str, Any]) -> str:
 
 
 def section(repository: dict[str, str], found: dict[str, Any]) -> Iterator[str]:
-    """Yield what was written before and what was seen."""
+    """Yield the expectation that was written before, and the results."""
     expected = " ".join(repository["right"].split())
     yield f"`{repository['source']}` at `{repository['commit'][:12]}`. Expected: {expected}"
     yield from ("", "`init`:", "", "```")

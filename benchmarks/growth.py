@@ -1,4 +1,4 @@
-"""How cost grows with size: `python benchmarks/growth.py` runs fake cells, 10 to 10,000, and writes `growth.md`.
+"""Measure how cost grows with size: `python benchmarks/growth.py` runs 10 to 10,000 fake cells, writes `growth.md`.
 
 The cells are planned, looked up, scheduled, stored and reported by the harness itself; only what they would have
 measured is made up. Whole commands are timed from outside, by the clock and by what they compute; stages by what they
@@ -78,7 +78,7 @@ def main() -> None:
 
 
 def measured(folder: Path, size: int, runs: int) -> dict[str, float]:
-    """Seconds of each stage and of whole commands, and peaks of memory (MB)."""
+    """Return the seconds of each stage and of whole commands, and peaks of memory (MB)."""
     matrix = fakecells.write_matrix(folder, size)
     state = folder / "state"
     env = {**os.environ, "HARNESS_CACHE": str(folder / "cache"), "HARNESS_STATE": str(state)}
@@ -101,7 +101,7 @@ def measured(folder: Path, size: int, runs: int) -> dict[str, float]:
 
 
 def called(command: Sequence[str], env: Mapping[str, str], cwd: Path) -> tuple[float, float, float, str]:
-    """Seconds by the clock, seconds of computing, peak memory (MB) and output of a command that has to succeed."""
+    """Run a command that has to succeed; return wall seconds, CPU seconds, peak memory (MB) and its output."""
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         start = time.perf_counter()
         process = subprocess.Popen(command, env=env, cwd=cwd, stdout=out, stderr=err)
@@ -123,7 +123,7 @@ def prepare(matrix: Path) -> None:
 
 
 def stages(matrix: Path) -> dict[str, float]:
-    """Each stage of a run by itself, in this process."""
+    """Return the CPU seconds of each stage of a run, done in this process, and its peak memory (MB)."""
     gc.set_threshold(GARBAGE)
     opened = store.open_store()
     here = this_machine.facts()
@@ -164,35 +164,35 @@ def stages(matrix: Path) -> dict[str, float]:
 
 
 def peak_mb() -> float:
-    """The most memory that this process held."""
+    """Return the peak memory of this process in MB."""
     import resource  # noqa: PLC0415 - of the child only
 
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 class Made(Runner):
-    """A runner whose cells are installed and probed in no time; what is around that is the real thing."""
+    """A runner that installs and probes cells in no time; everything around that is real."""
 
     records: Mapping[str, CellRecord]
 
     def prepare(self, cell: Cell) -> Prepared:
-        """Ready to be probed."""
+        """Return a cell as ready to be probed."""
         record = self.records[cell.id]
         return Prepared(record=record, cases=cell.cases, claims=(store.digest(cell.id),), environment=record.key)
 
     def probe(self, ready: Prepared) -> CellRecord:
-        """Probed."""
+        """Return the stored record of a cell as probed."""
         return replace(ready.record, reused=False)
 
     def keep(self, record: CellRecord) -> None:
-        """Storing is a stage of its own."""
+        """Do nothing: storing is a stage of its own."""
 
 
 # --- the table -------------------------------------------------------------------------------------------------
 
 
 def render(rows: Mapping[int, Mapping[str, float]], runs: int) -> str:
-    """The table, with what is needed to repeat it."""
+    """Return the table, with what is needed to repeat it."""
     heads = ["cells", *STAGES, "together", COPY, "peak", "nothing changed", "computing", "peak"]
     lines = []
     for size, row in rows.items():
@@ -225,7 +225,7 @@ def render(rows: Mapping[int, Mapping[str, float]], runs: int) -> str:
 
 
 def verdicts(rows: Mapping[int, Mapping[str, float]]) -> Iterator[str]:
-    """The targets, and what was reached."""
+    """Yield the targets, and the values that were reached."""
     sizes = sorted(rows)
     if 500 in rows:
         clock, computing = rows[500]["again"], rows[500]["again_computing"]

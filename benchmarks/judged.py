@@ -1,4 +1,4 @@
-"""How good diagnoses and repairs are: `python benchmarks/judged.py run|repair|score` on the cells of `judged.toml`.
+"""Judge diagnoses and repairs: `python benchmarks/judged.py run|repair|score` on the cells of `judged.toml`.
 
 `run` measures the combinations, `repair` repairs red ones, in an order drawn once, for as many minutes as it is given,
 and `score` holds both against `judged-truth.toml` and writes `judged.md`. What was done before is not done again;
@@ -34,7 +34,7 @@ MINUTES_EACH = 6
 
 @dataclass(frozen=True)
 class Judged:
-    """One failing combination: what is so, and what was said of it."""
+    """One failing combination: the truth about it, and the diagnoses and the repair that we gave."""
 
     label: str
     truth: Mapping[str, Any]
@@ -44,22 +44,22 @@ class Judged:
 
     @property
     def phase(self) -> str | None:
-        """The first phase that failed."""
+        """Return the first phase that failed."""
         return next((phase for phase in PHASES if self.cell["phases"].get(phase) in FAILED), None)
 
     @property
     def named(self) -> str | None:
-        """The cause that was named first: a mask only where nothing else was."""
+        """Return the cause that was named first: a mask only where nothing else was."""
         return first(self.cell["diagnoses"])
 
     @property
     def cause(self) -> str:
-        """How the cause came out, of the cell."""
+        """Return the grade of the cell's diagnosis, see `held`."""
         return self.held(self.cell)
 
     @property
     def explained(self) -> str | None:
-        """How it came out, of the log alone; None where there is none."""
+        """Return the grade of the diagnosis by the log alone, see `held`; None if there is no log."""
         return self.held(self.log) if self.log else None
 
     @property
@@ -68,7 +68,10 @@ class Judged:
         return bool(self.proof) and self.proof["status"] == "found" and not self.proof["remedy"]["moved"]
 
     def held(self, said: Mapping[str, Any]) -> str:
-        """Whether a document names the right cause, a wrong one, or none beside the right line or another one."""
+        """Grade the diagnosis in a document: `right`, `wrong`, `unknown`, or `unknown, another line`.
+
+        The last two name no cause. With `unknown` the decisive line is the right one.
+        """
         named = first(said["diagnoses"])
         if named:
             return "right" if named in self.truth["named"] else "wrong"
@@ -76,7 +79,7 @@ class Judged:
 
 
 def first(found: Sequence[Mapping[str, Any]]) -> str | None:
-    """The cause that is named first: a mask only where nothing else is."""
+    """Return the cause that is named first: a mask only where nothing else is."""
     return next((one["signature"] for one in found if not one["masks"]), found[0]["signature"] if found else None)
 
 
@@ -125,14 +128,14 @@ def repair(folder: Path, minutes: float) -> None:
 
 
 def drawn(known: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The red cells in an order that says nothing about them."""
+    """Return the red cells in an order that says nothing about them."""
     labels = sorted(label for label, cell in known.items() if cell["verdict"] in RED)
     random.Random(SEED).shuffle(labels)
     return labels
 
 
 def cells(folder: Path) -> dict[str, Mapping[str, Any]]:
-    """What was measured, by label."""
+    """Return the measured cells by label."""
     read = json.loads((folder / "report" / "report.json").read_text(encoding="utf-8"))
     return {cell["id"].partition("/")[2]: cell for cell in read["cells"]}
 
@@ -141,7 +144,7 @@ def cells(folder: Path) -> dict[str, Mapping[str, Any]]:
 
 
 def score(folder: Path, _: float) -> None:
-    """Hold what was said against what is so."""
+    """Compare diagnoses and repairs with the truth, print the result and write `judged.md`."""
     known = cells(folder)
     so = truths()
     if missing := [label for label in drawn(known) if label not in so]:
@@ -163,18 +166,21 @@ def score(folder: Path, _: float) -> None:
 
 
 def truths() -> dict[str, Mapping[str, Any]]:
-    """What is so, by label."""
+    """Return the truths of `judged-truth.toml` by label."""
     return {one["cell"]: one for one in tomllib.loads(TRUTH.read_text(encoding="utf-8"))["truth"]}
 
 
 def proof(folder: Path, label: str) -> Mapping[str, Any] | None:
-    """What its repair came to; None where it was not tried."""
+    """Return the result of a cell's repair; None if it was not tried."""
     path = folder / "repairs" / f"{label}.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
 
 
 def log(folder: Path, cell: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """What `explain` makes of what a user would have seen: the log, and the tracebacks of what failed."""
+    """Run `explain` on what a user would have seen: the log, and the tracebacks of failures.
+
+    Returns its document; None if the cell has no evidence.
+    """
     place = folder / "report" / (cell["evidence"] or "")
     if not cell["evidence"]:
         return None
@@ -187,7 +193,7 @@ def log(folder: Path, cell: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def tracebacks(path: Path) -> Iterator[str]:
-    """Those of a probe's reply."""
+    """Yield the tracebacks of a probe's reply."""
     for line in path.read_text(encoding="utf-8").splitlines():
         entry = json.loads(line)
         raised = [one for one in (entry, entry.get("raised")) if isinstance(one, dict)]
@@ -195,7 +201,7 @@ def tracebacks(path: Path) -> Iterator[str]:
 
 
 def page(judged: Sequence[Judged], known: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """The whole document."""
+    """Yield the whole document."""
     today = datetime.now(UTC).strftime("%Y-%m-%d")
     yield "# How good diagnoses and repairs are"
     yield ""
@@ -222,7 +228,7 @@ def page(judged: Sequence[Judged], known: Mapping[str, Mapping[str, Any]]) -> It
 
 
 def figures(judged: Sequence[Judged]) -> Iterator[str]:
-    """What the issue asks for."""
+    """Yield a table of the figures that the issue asks for."""
     phases = sum(one.phase == one.truth["phase"] for one in judged)
     causes = Counter(one.cause for one in judged)
     logs = Counter(one.explained for one in judged if one.explained)
@@ -249,12 +255,12 @@ def figures(judged: Sequence[Judged]) -> Iterator[str]:
 
 
 def share(count: int, whole: int) -> str:
-    """A count, and what it is of a hundred."""
+    """Return a count of a whole, with its percentage."""
     return f"{count} of {whole} ({100 * count / whole:.0f} of 100)" if whole else "none"
 
 
 def row(one: Judged) -> str:
-    """One line of the table."""
+    """Return the line of the table for one combination."""
     phase = one.phase if one.phase == one.truth["phase"] else f"{one.phase}, but it is {one.truth['phase']}"
     return (
         "| "
@@ -264,7 +270,7 @@ def row(one: Judged) -> str:
 
 
 def repaired(one: Judged) -> Iterable[str]:
-    """How its repair ended."""
+    """Return the cells of the table about a repair: result, runs, environments built, seconds."""
     if one.proof is None:
         return ("not tried", "", "", "")
     does = "; ".join((one.proof.get("remedy") or {}).get("does", ()))

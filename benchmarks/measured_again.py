@@ -32,7 +32,7 @@ Cells = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """Hold one field of a cell that is said otherwise."""
+    """One field of a cell that differs between two reports."""
 
     cell: str
     field: str
@@ -42,7 +42,10 @@ class Difference:
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """Why cells differ: those that the glob fits, in these fields, from and to what these patterns find."""
+    """A reason why cells differ.
+
+    It holds for cells that the glob fits, in these fields, if the patterns find the values before and after.
+    """
 
     id: str
     why: str
@@ -71,7 +74,7 @@ def cells(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def differences(before: Cells, after: Cells) -> Iterator[Difference]:
-    """Each field of each cell that is said otherwise, but for numbers in a line."""
+    """Yield each field of each cell that differs, except for decimal numbers in a line."""
     for name in {**before, **after}:
         old, new = before.get(name, {}), after.get(name, {})
         for field in {**old, **new}:
@@ -81,7 +84,7 @@ def differences(before: Cells, after: Cells) -> Iterator[Difference]:
 
 
 def at(commit: str, name: str) -> dict[str, Any]:
-    """The report of a matrix at a commit."""
+    """Return the report of a matrix at a commit."""
     asked = ["git", "show", f"{commit}:reports/{name}/report.json"]
     told = subprocess.run(asked, check=True, capture_output=True, cwd=HERE.parent).stdout
     return dict(json.loads(told))
@@ -90,7 +93,7 @@ def at(commit: str, name: str) -> dict[str, Any]:
 def page(
     commit: str, names: Sequence[str], total: int, found: Mapping[str, list[Difference]], known: Mapping[str, Reason]
 ) -> str:
-    """The table of all differences, by reason."""
+    """Return the table of all differences, by reason."""
     lines = [
         "# The committed reports, measured a second time",
         "",
@@ -112,7 +115,7 @@ def page(
 
 
 def main() -> int:
-    """Hold the reports against those of before."""
+    """Compare the reports with those of a commit; return 1 if a difference has no reason."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("commit")
     parser.add_argument("--write", action="store_true")

@@ -58,7 +58,7 @@ class Unequal(Exception):
 
 @dataclass(frozen=True)
 class Bench:
-    """Where everything lies: the wheels, the tools, the variables that all sides share."""
+    """The folders of wheels and tools, and the variables and interpreters that all sides share."""
 
     folder: Path
     wheels: Path
@@ -114,22 +114,22 @@ class Side:
         self.packages[style] = dict(packages(work, self.environments))
 
     def median(self, style: str, state: str) -> float:
-        """Seconds."""
+        """Return the median seconds of a style in a state."""
         return statistics.median(self.seconds[style, state])
 
     def told(self, style: str, state: str) -> str:
-        """Seconds, and seconds of computing, as the table shows them."""
+        """Return the median seconds, and those of computing, as the table shows them."""
         return f"{self.median(style, state):.2f} s ({statistics.median(self.computed[style, state]):.1f})"
 
 
 def of_children() -> float:
-    """Seconds that ended children, and theirs, have computed."""
+    """Return the seconds that ended child processes, and their children, have computed."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def packages(work: Path, pattern: str) -> Iterator[tuple[tuple[str, str], frozenset[str]]]:
-    """What lies in each environment: (Python, gymnasium) to names and versions."""
+    """Yield the packages of each environment: (Python, gymnasium), and names with versions."""
     for site in work.glob(f"{pattern}/lib/python3*/site-packages"):
         names = frozenset(path.name.removesuffix(".dist-info") for path in site.glob("*.dist-info"))
         gymnasium = next(name for name in names if name.startswith("gymnasium-"))
@@ -140,7 +140,7 @@ def packages(work: Path, pattern: str) -> Iterator[tuple[tuple[str, str], frozen
 
 
 def ask(work: Path) -> None:
-    """Put down what each cell is asked, by the names that the tools give them; answers of before go."""
+    """Write the request of each cell, by the names that the tools give them; earlier replies are removed."""
     for reply in work.glob("state/evidence/*/reply.jsonl"):
         reply.unlink()
     shutil.rmtree(work / "requests", ignore_errors=True)
@@ -158,7 +158,7 @@ def ask(work: Path) -> None:
 
 
 def passed(work: Path) -> int:
-    """Checks that passed, by the replies: the peers' beside their requests, ours where evidence is kept."""
+    """Count the checks that passed, by the replies: the peers' beside their requests, ours where evidence is kept."""
     replies = [*work.glob("requests/*/*/reply.jsonl"), *work.glob("state/evidence/*/reply.jsonl")]
     records = [json.loads(line) for reply in replies for line in reply.read_text().splitlines()]
     return sum(record["kind"] == "check" and record["outcome"] == "passed" for record in records)
@@ -168,32 +168,32 @@ def passed(work: Path) -> int:
 
 
 def counted(said: str) -> int:
-    """Tests that passed, by what pytest printed."""
+    """Count the tests that passed, by the output of pytest."""
     return sum(int(number) for number in re.findall(r"^(?:=+ )?(\d+) passed", said, re.MULTILINE))
 
 
 def nox(bench: Bench, work: Path, style: str, state: str) -> int:
-    """nox with uv, two sessions at a time; what exists is taken as it is."""
+    """Run nox with uv, two sessions at a time; what exists is taken as it is."""
     reuse = () if state == COLD else ("-R",)
     parallel = ("-j", str(CORES), "--allow-parallel")
     return counted(bench.call(work, (bench.tools / "nox/bin/nox", "-s", style, *parallel, *reuse)))
 
 
 def tox(bench: Bench, work: Path, style: str, _state: str) -> int:
-    """tox with tox-uv, two environments at a time; `-o` shows what they print, so that it can be counted."""
+    """Run tox with tox-uv, two environments at a time; `-o` shows what they print, so that it can be counted."""
     command = (bench.tools / "tox/bin/tox", "run-parallel", "-p", str(CORES), "-o", "-f", style)
     return counted(bench.call(work, command))
 
 
 def hatch(bench: Bench, work: Path, style: str, _state: str) -> int:
-    """hatch with uv; it runs its matrix one after the other."""
+    """Run hatch with uv; it runs its matrix one after the other."""
     uv = str(bench.tools / "hatch/bin/uv")
     command = (bench.tools / "hatch/bin/hatch", "run", f"{style}:checks")
     return counted(bench.call(work, command, HATCH_ENV_TYPE_VIRTUAL_UV_PATH=uv))
 
 
 def ours(bench: Bench, work: Path, style: str, state: str) -> int:
-    """simmatrix, two cells at a time as it does by itself."""
+    """Run simmatrix, two cells at a time as it does by itself."""
     if style == USUAL:
         more = ("--matrix-fresh",) if state == WARM else ()
         suite = ("--pyargs", "harness.smoke", "--matrix", "probes.toml", "-q", "-n", str(CORES))
@@ -203,7 +203,7 @@ def ours(bench: Bench, work: Path, style: str, state: str) -> int:
 
 
 def bare(bench: Bench, work: Path, style: str, state: str) -> int:
-    """uv and the interpreter, cells spread over the cores."""
+    """Run uv and the interpreter alone, cells spread over the cores."""
     uv = bench.tools / "hatch/bin/uv"
 
     def cell(asked: tuple[str, str]) -> int:
@@ -225,7 +225,7 @@ def bare(bench: Bench, work: Path, style: str, state: str) -> int:
 
 
 def sides() -> tuple[Side, ...]:
-    """All of them, in the order of the table."""
+    """Return all sides, in the order of the table."""
     return (
         Side(OURS, ours, "cache/environments/*"),
         Side("nox", nox, ".nox/*"),
@@ -261,7 +261,7 @@ def main() -> None:
 
 
 def prepared(folder: Path) -> Bench:
-    """Wheels and tools, made once; every side sees the same interpreters, the same uv and no index."""
+    """Prepare wheels and tools, once; every side sees the same interpreters, the same uv and no index."""
     foreign = ("UV_", "PIP_", "HARNESS_", "NOX", "TOX", "HATCH", "VIRTUAL_ENV", "PYTHON")
     user = dict(os.environ)
     clean = {name: value for name, value in user.items() if not name.startswith(foreign)}
@@ -294,7 +294,7 @@ def prepared(folder: Path) -> Bench:
 
 
 def rounds(bench: Bench, measured: Sequence[Side], style: str, number: int) -> None:
-    """One round: every side once in each state, another one first each time."""
+    """Run one round: every side once in each state, another one first each time."""
     turn = [*measured[number % len(measured) :], *measured[: number % len(measured)]]
     works = {side.name: bench.folder / "work" / re.sub(r"\W", "", side.name) for side in turn}
     for work in works.values():
@@ -310,7 +310,7 @@ def rounds(bench: Bench, measured: Sequence[Side], style: str, number: int) -> N
 
 
 def compare(measured: Sequence[Side], style: str) -> None:
-    """Refuse a comparison of unlike things."""
+    """Raise Unequal if the sides have different packages or ran different numbers of checks."""
     cells = len(PYTHONS) * len(GYMNASIUM)
     reference = measured[0].packages[style]
     for side in measured:
@@ -329,7 +329,7 @@ def compare(measured: Sequence[Side], style: str) -> None:
 
 
 def installed(tool: Path, name: str) -> str:
-    """The version of a tool."""
+    """Return the version of a tool."""
     said = subprocess.run((tool / "bin" / name, "--version"), capture_output=True, text=True, check=True)
     found = re.search(r"\d+(?:\.\d+)+", said.stdout + said.stderr)
     return found[0] if found else "?"
@@ -339,7 +339,7 @@ def installed(tool: Path, name: str) -> str:
 
 
 def render(measured: Sequence[Side], styles: Sequence[str], runs: int, tools: Mapping[str, str]) -> str:
-    """Both tables, with what is needed to repeat them."""
+    """Return both tables, with what is needed to repeat them."""
     named = ", ".join(f"{tool} {number}" for tool, number in tools.items())
     lines = [
         "# The six-cell job beside other tools",
@@ -363,7 +363,7 @@ def render(measured: Sequence[Side], styles: Sequence[str], runs: int, tools: Ma
 
 
 def table(measured: Sequence[Side], style: str) -> list[str]:
-    """One row for each state, with the target where there is one."""
+    """Return the lines of the table: one row for each state, with the target where there is one."""
     peers = [side for side in measured if side.name in TOOLS]
     by_name = {side.name: side for side in measured}
     heads = " | ".join(f"{side.name}, {side.checks[style]} checks" for side in measured)

@@ -14,7 +14,7 @@ from harness.model import Plan
 
 
 def matrix_text() -> str:
-    """A matrix of 5 x 20 x 25 x 2 x 2 = 10,000 combinations, with conditions of every sort."""
+    """Return a matrix of 5 x 20 x 25 x 2 x 2 = 10,000 combinations, with conditions of every sort."""
     gymnasium = ", ".join(f'"1.{minor}.{patch}"' for minor in range(5) for patch in range(4))
     mujoco = ", ".join(f'"3.{minor}.0"' for minor in range(25))
     return f"""
@@ -51,7 +51,7 @@ reason = "another"
 
 
 def planned(text: str) -> Plan:
-    """The plan of the matrix."""
+    """Return the plan of the matrix."""
     return plan.expand(matrix_file.read(text, "large.toml"), host_python="3.11.7")
 
 

@@ -1,4 +1,4 @@
-"""What the harness costs: `python benchmarks/spine.py` measures side by side and writes `benchmarks/spine.md`.
+"""Measure what the harness costs: `python benchmarks/spine.py` runs side by side and writes `benchmarks/spine.md`.
 
 Each figure is a median of several runs, the two sides of a ratio in turn. It needs the network once, to fill caches.
 """
@@ -75,7 +75,7 @@ class Bench:
         self.env = {**os.environ, "HARNESS_CACHE": str(folder / "cache"), "HARNESS_STATE": str(folder / "state")}
 
     def help(self) -> Row:
-        """Start-up against that of the tool that everybody waits for anyway."""
+        """Compare our start-up with the import of nox, a tool that everybody waits for anyway."""
         ours, other = self.in_turn(
             lambda: self.timed([sys.executable, "-m", "harness", "--help"]),
             lambda: self.timed([sys.executable, "-c", "import nox"]),
@@ -83,7 +83,7 @@ class Bench:
         return Row("`simmatrix --help`", seconds(ours), f"`import nox` {seconds(other)}", f"{ours / other:.2f}", "≤ 2")
 
     def plan(self) -> Row:
-        """A matrix of 10,000 combinations, the whole process."""
+        """Measure `plan` of a matrix of 10,000 combinations, the whole process."""
         file = self.folder / "large.toml"
         file.write_text(plan_10k.matrix_text())
         command = [sys.executable, "-m", "harness", "plan", str(file), "--json"]
@@ -92,7 +92,7 @@ class Bench:
         return Row("`plan` of 10,000 combinations", seconds(spent), "", f"{peak:.0f} MB", "< 2 s, 300 MB")
 
     def rerun(self) -> Row:
-        """`run quickstart` when nothing changed, less the start of the interpreter and its imports."""
+        """Measure `run quickstart` when nothing changed, less the start of the interpreter and its imports."""
         self.simmatrix("run", "quickstart")
         ours, start = self.in_turn(
             lambda: self.timed([sys.executable, "-m", "harness", "run", "quickstart"]),
@@ -104,7 +104,7 @@ class Bench:
         )
 
     def overhead(self) -> Row:
-        """One new cell, downloads cached, against uv and the interpreter doing the same work by hand."""
+        """Compare one new cell, downloads cached, with uv and the interpreter doing the same work by hand."""
         matrix = self.folder / "one.toml"
         matrix.write_text(CELL)
         self.simmatrix("run", str(matrix))
@@ -113,13 +113,16 @@ class Bench:
         return Row("`run` of one new cell", seconds(ours), f"by hand {seconds(bare)}", difference, "measured")
 
     def fresh_cell(self, matrix: Path) -> float:
-        """The harness with an empty store and no environments, downloads cached."""
+        """Return the seconds of a run with an empty store and no environments, downloads cached."""
         for folder in ("state", "cache/environments", "cache/pycache"):
             shutil.rmtree(self.folder / folder, ignore_errors=True)
         return self.simmatrix("run", str(matrix))
 
     def by_hand(self) -> float:
-        """Resolve, make the environment, install, and run the same checks in two processes, without the harness."""
+        """Return the seconds of the same work without the harness.
+
+        Resolve, make the environment, install, and run the same checks in two processes.
+        """
         work = Path(tempfile.mkdtemp(dir=self.folder))
         (work / "in.txt").write_text("gymnasium[classic-control]==1.2.3\n")
         python, uv = str(work / "env" / "bin" / "python"), find_uv_bin()
@@ -140,7 +143,7 @@ class Bench:
         return spent
 
     def request(self, work: Path, checks: tuple[str, ...]) -> str:
-        """A file that asks the in-cell side for these checks of CartPole."""
+        """Write a request to the in-cell side for these checks of CartPole, and return its path."""
         folder = Path(tempfile.mkdtemp(dir=work))
         case = Case(id="cartpole", env="CartPole-v1", api="gymnasium", checks=checks)
         limits = dict.fromkeys(checks, 120.0)
@@ -149,29 +152,29 @@ class Bench:
         return str(folder / "request.json")
 
     def simmatrix(self, *arguments: str) -> float:
-        """One run of the command, in seconds."""
+        """Run the command once and return the seconds."""
         return self.timed([sys.executable, "-m", "harness", *arguments])
 
     def timed(self, command: Sequence[str]) -> float:
-        """Wall-clock seconds of a command that has to succeed."""
+        """Return the wall-clock seconds of a command that has to succeed."""
         start = time.perf_counter()
         subprocess.run(command, check=True, env=self.env, cwd=self.folder, capture_output=True)
         return time.perf_counter() - start
 
     def in_turn(self, one: Callable[[], float], other: Callable[[], float]) -> tuple[float, float]:
-        """Medians of both, measured in turn so that a noisy machine is noisy for both; one warm-up each."""
+        """Return the medians of both, measured in turn so that a noisy machine is noisy for both; one warm-up each."""
         one(), other()
         pairs = [(one(), other()) for _ in range(self.runs)]
         return statistics.median(p[0] for p in pairs), statistics.median(p[1] for p in pairs)
 
 
 def seconds(value: float) -> str:
-    """Seconds as the table shows them."""
+    """Return seconds as the table shows them."""
     return f"{value:.2f} s"
 
 
 def render(rows: Sequence[Row], runs: int) -> str:
-    """The table, with what is needed to repeat it."""
+    """Return the table, with what is needed to repeat it."""
     lines = [f"| {row.what} | {row.ours} | {row.other} | {row.figure} | {row.target} |" for row in rows]
     return "\n".join(
         [

@@ -40,7 +40,7 @@ class Line:
 
     @property
     def command(self) -> str:
-        """What is typed."""
+        """Return the command line to type."""
         return shlex.join(["simmatrix", "try", *self.table["typed"], "--python", self.table["python"]])
 
     @property
@@ -105,7 +105,7 @@ def _type(line: Line, snapshot: str, folder: Path) -> None:
 
 
 def page(lines: Sequence[Line], lists: Mapping[str, Any]) -> str:
-    """The page: how many of the answers are right, and each with what was typed and what is true."""
+    """Return the page: how many of the answers are right, and each with what was typed and what is true."""
     forty = [line for line in lines if line.name in lists["package"]]
     counts = Counter(line.grade for line in forty)
     days = sorted({line.answer["on"] for line in lines if line.answer})

@@ -81,7 +81,7 @@ class World:
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """How a search of a world ended; `tested` are the runs of what could be installed, `asked` all."""
+    """The end of a search in a world; `tested` counts the runs of what could be installed, `asked` all."""
 
     seed: int
     right: bool
@@ -93,7 +93,7 @@ class Ended:
 
 
 def world(seed: int) -> World:
-    """The world of a seed: every other is flaky, every fourth has a pair."""
+    """Return the world of a seed: every other is flaky, every fourth has a pair."""
     rng = random.Random(f"world {seed}")
     pair = seed % 4 == 3
     releases = rng.randint(4, 16) if pair else rng.randint(6, 48)
@@ -107,7 +107,7 @@ def world(seed: int) -> World:
 
 
 def imagined(one: World, rate: float | None = None, sure: float = SURE) -> Ended:
-    """The search with a die instead of environments; `rate` is the chance of a wrong look, if not that of the world."""
+    """Search with a die instead of environments; `rate` is the chance of a wrong look, if not that of the world."""
     rng = random.Random(f"runs {one.seed}")
     wrong = rate if rate is not None else FLAKY if one.flaky else 0.0
 
@@ -148,7 +148,7 @@ def _ended(one: World, right: bool, asked: Sequence[tuple[object, Answer]], boun
 
 
 def real(one: World, folder: Path) -> Ended:
-    """The search of uv's resolutions, environments and probes."""
+    """Search with uv's resolutions, environments and probes."""
     place = folder.absolute() / "index" / str(one.seed)
     shutil.rmtree(place, ignore_errors=True)
     market.opened(place, place, folder / "no wheels", list(_releases(one)))
@@ -219,19 +219,19 @@ def _pair(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> E
 
 
 class Quiet:
-    """Nobody is told."""
+    """An observer that reports nothing."""
 
     def started(self, cell: Cell) -> None:
-        """Nothing."""
+        """Report nothing."""
 
     def step(self, cell: Cell, text: str) -> None:
-        """Nothing."""
+        """Report nothing."""
 
     def done(self, record: CellRecord) -> None:
-        """Nothing."""
+        """Report nothing."""
 
     def say(self, text: str) -> None:
-        """Nothing."""
+        """Report nothing."""
 
 
 # --- the table -------------------------------------------------------------------------------------------------
@@ -275,7 +275,7 @@ def main() -> None:
 
 
 def page(known: list[Ended]) -> Iterator[str]:
-    """The table of all worlds."""
+    """Yield the table of all worlds."""
     yield "# Worlds with planted culprits"
     yield ""
     machine = f"{os.cpu_count()} cores, {platform.platform()}, Python {platform.python_version()}"
@@ -308,7 +308,10 @@ def page(known: list[Ended]) -> Iterator[str]:
 
 
 def _sureness() -> Iterator[str]:
-    """What a confidence costs and how often it is right, over more worlds and more rates than are asked for."""
+    """Yield a table of confidences: their cost, and how often they are right.
+
+    It has more worlds and more rates than are asked for.
+    """
     singles = [one for one in map(world, range(MANY)) if not one.pair]
     yield f"The same of {len(singles)} worlds of one culprit, by how many looks of a hundred at what is broken go well:"
     yield ""

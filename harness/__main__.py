@@ -65,7 +65,7 @@ GARBAGE = 50_000
 
 
 def console() -> None:
-    """Entry point of the installed commands."""
+    """Run the command line of an installed command, and exit."""
     output.guard()
     sys.exit(main(sys.argv[1:]))
 
@@ -107,7 +107,7 @@ def _stand_somewhere() -> None:
 
 
 def _parsed(module: Any, parser: argparse.ArgumentParser, rest: Sequence[str]) -> argparse.Namespace:
-    """The arguments; where a verb takes a command after `--`, that is no argument of ours, and stays as it is."""
+    """Parse the arguments of a verb. If it takes a command after `--`, `after` holds that command as it is."""
     if not hasattr(module, "split"):
         return parser.parse_args(rest)
     ours, command = module.split(rest)
@@ -115,7 +115,10 @@ def _parsed(module: Any, parser: argparse.ArgumentParser, rest: Sequence[str]) -
 
 
 def _unforeseen(error: Exception) -> int:
-    """Tell a machine that is short of something, and a name that no file can have, from a bug of ours."""
+    """Print an unforeseen error and return its exit code.
+
+    An impossible file name and a shortage of this machine are no bugs, and are reported as such.
+    """
     if isinstance(error, OSError) and error.errno in NO_NAME:
         print(f"simmatrix: {_shortened(str(error.filename))}: {error.strerror}; name another path", file=sys.stderr)
         return BadInput.exit_code
@@ -135,7 +138,7 @@ def _shortened(path: str) -> str:
 
 
 def _imported(name: str) -> Any:
-    """A module; what importing it makes lives to the end, so that looking for garbage in it is a waste of time."""
+    """Import a module. Its objects live to the end, so the garbage collector never looks at them."""
     if name in sys.modules:
         return sys.modules[name]
     gc.disable()

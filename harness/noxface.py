@@ -49,7 +49,7 @@ class Offer:
 
     @property
     def tags(self) -> tuple[str, ...]:
-        """The matrix and the Python."""
+        """Return the nox tags of the session: the matrix and, if it has one, the Python."""
         return (self.called, f"py{self.python}") if self.python else (self.called,)
 
 
@@ -62,7 +62,7 @@ def cells(*matrices: str) -> None:
 
 
 def offered(names: Iterable[str]) -> Iterator[Offer]:
-    """The sessions of some matrices, without network; one that cannot be planned is told, and fails when it is run."""
+    """Yield the sessions of matrices, without network. A matrix that cannot be planned is reported and fails if run."""
     known: dict[str, Plan] = {}
     for name in names:
         try:
@@ -78,7 +78,7 @@ def offered(names: Iterable[str]) -> Iterator[Offer]:
 
 
 def sessions(name: str, called: str, planned: Sequence[Cell]) -> Iterator[Offer]:
-    """A session per cell, or one per Python where those would be too many to list."""
+    """Yield a session per cell, or one per Python if the cells are too many to list."""
     if len(planned) <= MOST:
         for each in planned:
             for cell_id in (each.id, *filter(_typed, {cellid.older(each)} - {each.id})):
@@ -98,7 +98,7 @@ def _typed(cell_id: str) -> bool:
 
 
 def _glob(called: str, python: str, planned: Sequence[Cell]) -> str | None:
-    """What matches the cells of one Python and no other, wherever in their ids it stands."""
+    """Return a glob for exactly the cells of one Python, wherever their ids name it. None if there is none."""
     for glob in (f"{called}/py{python}_*", f"{called}/*_py{python}_*", f"{called}/*_py{python}"):
         if all(cellid.fits(glob, each) == (each.axes["python"] == python) for each in planned):
             return glob
@@ -153,7 +153,7 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
 
 
 def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str]) -> None:
-    """Fail where a cell is not as expected or could not be told, skip where nothing can be said of any."""
+    """End the session: fail if a cell is unexpected, out of date or inconclusive, skip if no cell could be measured."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON)
     fail_on = {*parser.parse_known_args(session.posargs)[0].fail_on}
@@ -172,7 +172,7 @@ def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str
 
 
 def _told(entries: Sequence[CellEntry]) -> str:
-    """How the first one ended and why, and how many more there are."""
+    """Return the outcome and the reason of the first cell, and the number of further cells."""
     first, *rest = entries
     where = f" in {first.phase}" if first.phase and first.verdict is not Verdict.UNAVAILABLE else ""
     why = f": {first.decisive.rstrip('.')}" if first.decisive else ""

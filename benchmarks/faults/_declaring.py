@@ -1,4 +1,4 @@
-"""What a fault is, and where faults are found."""
+"""Declare faults, and find all declared ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Unavailable(Exception):
 
 
 class Came(NamedTuple):
-    """What came of a fault, in one sentence, and whether the promise held."""
+    """The result of a fault in one sentence, and whether the promise held."""
 
     what: str
     held: bool

@@ -76,14 +76,14 @@ class Desk(commandline.Desk):
 
     @property
     def shelf(self) -> Path:
-        """Where wheels of this fault alone lie."""
+        """Return the folder for the wheels of this fault alone; make it if it does not exist."""
         folder = self.folder / "shelf"
         folder.mkdir(exist_ok=True)
         return folder
 
     @property
     def scratch(self) -> Path:
-        """The TMPDIR of its commands."""
+        """Return the TMPDIR of its commands."""
         folder = self.folder / "tmp"
         folder.mkdir(exist_ok=True)
         return folder

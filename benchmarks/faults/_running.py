@@ -1,4 +1,4 @@
-"""Doing one fault apart: in namespaces of its own where this machine allows it, with a deadline."""
+"""Run one fault apart: in namespaces of its own where this machine allows it, with a deadline."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ GRACE, UP = 5.0, 0x41
 
 @functools.cache
 def apart() -> tuple[str, ...]:
-    """Return what to put before a command so that its mounts, processes and network are its own."""
+    """Return the prefix of a command that gives it mounts, processes and network of its own; empty if not allowed."""
     try:
         allowed = subprocess.run((*APART, "true"), capture_output=True, check=False).returncode == 0
     except FileNotFoundError:
@@ -155,7 +155,7 @@ def loopback() -> None:
 
 
 def texts(fault: Fault) -> dict[str, str]:
-    """Return what the declaration says."""
+    """Return the texts of a fault's declaration by name."""
     words = {name: getattr(fault, name) for name in ("row", "section", "done", "promise", "documented")}
     return {"fault": f"{fault.module}.{fault.name}", **words}
 

@@ -36,7 +36,7 @@ def committed() -> list[dict[str, Any]]:
 
 
 def machine() -> dict[str, str]:
-    """Return what a reader needs to know of this machine."""
+    """Return the facts about this machine that a reader needs."""
     return {
         "system": f"{platform.system()} {platform.release().split('-')[0]} {platform.machine()}",
         "python": platform.python_version(),

@@ -312,7 +312,7 @@ def reaching(desk: Desk, more: str = "") -> Path:
 
 
 def pwned(*folders: Path) -> list[str]:
-    """Return what the package left outside."""
+    """Return the folders in which the package left a file outside, by name."""
     return sorted(str(path.parent.name) for folder in folders for path in folder.rglob("hx_pwned"))
 
 

@@ -89,12 +89,12 @@ Find = Callable[[Desk], list[Path]]
 
 
 def inside(pattern: str) -> Find:
-    """Return what finds files below the cache."""
+    """Return a function that finds files below the cache."""
     return lambda desk: sorted(desk.cache.glob(pattern))
 
 
 def stored(pattern: str) -> Find:
-    """Return what finds files below the state."""
+    """Return a function that finds files below the state."""
     return lambda desk: sorted(desk.state.glob(pattern))
 
 

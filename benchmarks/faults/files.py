@@ -62,7 +62,7 @@ def npy(header: str, rest: str = "bytes(100)") -> str:
 
 
 def evidence(desk: Desk) -> dict[str, int]:
-    """Return what is kept of evidence and in the report's folder: path to size."""
+    """Return the files kept as evidence and in the report's folder: path to size in bytes."""
     files = (path for path in desk.state.rglob("*") if path.is_file())
     return {str(path.relative_to(desk.state)): path.stat().st_size for path in files}
 

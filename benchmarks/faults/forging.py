@@ -1,4 +1,4 @@
-"""What no mechanism holds: a package that lies about itself in its own process, that reads files, that calls."""
+"""Faults that no mechanism prevents: a package that lies about itself in its own process, reads files, or calls out."""
 
 from __future__ import annotations
 

@@ -26,12 +26,12 @@ def _spent() -> float:
 
 
 def text(name: str, content: str | bytes) -> Make:
-    """Return what writes a file."""
+    """Return a function that writes a file."""
     return lambda folder: (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
 def fifo(name: str) -> Make:
-    """Return what makes a named pipe."""
+    """Return a function that makes a named pipe."""
     return lambda folder: os.mkfifo(folder / name)
 
 

@@ -1,4 +1,4 @@
-"""What is printed: a package's own words on a terminal, in Markdown, in annotations and in an issue."""
+"""Faults of printed texts: a package's own words on a terminal, in Markdown, in annotations and in an issue."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ for _row, (_what, _text) in SEQUENCES.items():
 
 
 def live(text: str) -> list[str]:
-    """Return what a Markdown page would follow, show or call, code apart."""
+    """Return the live parts of a Markdown page, which it would follow, show or call; code does not count."""
     fenced = re.sub(r"(?ms)^(`{3,})[^`\n]*\n.*?^\1`*$", "", text)
     plain = re.sub(r"(?m)^ {4}.*$", "", fenced)
     spans = re.sub(r"(?<!`)(`+)(?!`).+?(?<!`)\1(?!`)", "", plain)

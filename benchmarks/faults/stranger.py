@@ -1,4 +1,4 @@
-"""What a stranger tried at last: an index that drips, a HOME that is removed, a working folder that is gone."""
+"""Faults that a stranger tried last: an index that drips, a HOME that is removed, a working folder that is gone."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ GYMNASIUM = ["0.29.1", "1.2.3"]
 @nox.session(python=PYTHONS)
 @nox.parametrize("gymnasium", GYMNASIUM)
 def plain(session: nox.Session, gymnasium: str) -> None:
-    """The files of our probes as scripts."""
+    """Run the files of our probes as scripts."""
     session.install(f"gymnasium[classic-control]=={gymnasium}")
     for asked in ("checks", "repeat"):
         session.run("python", "-s", "incell/bootstrap.py", f"requests/{session.python}-{gymnasium}/{asked}.json")
@@ -19,6 +19,6 @@ def plain(session: nox.Session, gymnasium: str) -> None:
 @nox.session(python=PYTHONS)
 @nox.parametrize("gymnasium", GYMNASIUM)
 def tested(session: nox.Session, gymnasium: str) -> None:
-    """The check files inside pytest."""
+    """Run the check files inside pytest."""
     session.install(f"gymnasium[classic-control]=={gymnasium}", "pytest")
     session.run("pytest", "-q", "checks")

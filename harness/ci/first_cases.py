@@ -1,4 +1,4 @@
-"""The first cases of a project: the installed package is asked in a cell what it registers, and some of it is tried."""
+"""Find the first cases of a project: list the environments of the installed package in a cell, and try some of them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class _Listed:
 
 @dataclass
 class Scout:
-    """Asks and tries in cells of one project; `extras` are those that its users may install, in order."""
+    """A search for cases in cells of one project; `extras` are those that its users may install, in order."""
 
     opened: Store
     observer: Observer
@@ -83,7 +83,7 @@ class Scout:
         return FirstCases(notes=(trouble,) if trouble else ())
 
     def _with_extras(self, python: str, listed: _Listed) -> FirstCases:
-        """Take what runs as it is installed; where nothing does, what runs with one of the extras."""
+        """Return the environments that run without extras; if none does, those that run with one of the extras."""
         cases = self._running(python, (), listed.found)
         if cases:
             return self._found(listed, cases, ())
@@ -107,7 +107,7 @@ class Scout:
         )
 
     def _nothing_runs(self, listed: _Listed) -> FirstCases:
-        """Keep one case that fails for a reason a user meets; what only lacks an argument is no case."""
+        """Keep one case that fails for a reason users meet. An environment that only lacks an argument is no case."""
         notes = [*([listed.trouble] if listed.trouble else [])]
         real = {env: why for env, why in self.tried.items() if not needs_arguments(why)}
         asking = [env for env in self.tried if env not in real]
@@ -136,7 +136,7 @@ class Scout:
         return Runner(self.opened, Settings(until=until, offline=self.offline), self.observer)
 
     def _listed(self, python: str, extras: tuple[str, ...]) -> _Listed:
-        """Ask what is registered; again without a submodule whose import ends the process."""
+        """List the registered environments. Repeat it without a submodule whose import ends the process."""
         runner = self._runner(Phase.INSTALL)
         try:
             ready = runner.prepare(self._cell(python, extras))
@@ -157,7 +157,7 @@ class Scout:
             skip.append(told)
 
     def _asked(self, site: launch.Site, modules: tuple[str, ...], skip: Sequence[str]) -> _Listed | str:
-        """Ask one process; where it ends before it has told all, return the module that it imported then."""
+        """List the environments in one process. If it ends too early, return the module that it was importing."""
         case = Case(id="list", env="*", api="", imports=modules, kwargs={"skip": list(skip)})
         with launch.probe(site, case, {LISTING: LIMIT}) as run:
             reply = next((check for check in run.reply.checks if check.check == LISTING), None)
@@ -195,7 +195,7 @@ class Scout:
 
 
 def _case(candidate: Candidate) -> Case:
-    """Return the case as a matrix that names it has it."""
+    """Return the case that a matrix with this candidate has."""
     asked = plan.Asked(requirements=(), python=HOST, envs=(candidate.env,), api=candidate.api)
     (case,) = plan.cases_for(replace(asked, subject=Subject(source="."), imports=candidate.imports))
     return case
@@ -206,7 +206,7 @@ def _drafted(candidate: Candidate, note: str | None = None) -> Drafted:
 
 
 def _failure(assessed: Assessed, case: str) -> str | None:
-    """Return why a case did not get through `single`, None where it did."""
+    """Return the reason why a case did not pass `single`, None if it did."""
     found = next((tried for tried in assessed.cases if tried.record.case == case), None)
     phases = {phase.phase: phase for phase in found.phases} if found else {}
     single = phases.get(Phase.SINGLE)
@@ -217,12 +217,12 @@ def _failure(assessed: Assessed, case: str) -> str | None:
 
 
 def _trouble(assessed: Assessed) -> str:
-    """Return why a cell did not come as far as its cases."""
+    """Return the reason why a cell did not reach its cases."""
     return f"{assessed.verdict.replace('_', ' ')}: {assessed.decisive or 'no line says why'}"
 
 
 def _read(facts: Any) -> _Listed:
-    """Read what a cell told, which may be anything."""
+    """Read the answer of a cell, which may have any shape."""
     found, failed = read(facts)
     return _Listed(found=found, failed=failed, imported=True)
 

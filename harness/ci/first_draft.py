@@ -1,4 +1,4 @@
-"""Finds the content of a first matrix: environments of the installed package, its tests, versions that install."""
+"""Find the content of a first matrix: environments of the installed package, its tests, versions that install."""
 
 from __future__ import annotations
 

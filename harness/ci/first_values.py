@@ -1,4 +1,4 @@
-"""Values of a first matrix that fail only because of the newest releases that stand beside them."""
+"""Find values of a first matrix that fail only because of the newest releases of the other axes."""
 
 from __future__ import annotations
 
@@ -41,6 +41,6 @@ def clashing(
 
 
 def _resolves(runner: Runner, cell: Cell, interpreter: Interpreter) -> bool:
-    """Return whether there is a lock; what the network or this machine keeps from being told counts as one."""
+    """Return whether the cell resolves. If the network or this machine prevents an answer, assume that it does."""
     lock, step = runner.lock_of(cell, interpreter)
     return lock is not None or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE

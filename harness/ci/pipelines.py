@@ -1,4 +1,4 @@
-"""A matrix as a workflow of a CI platform or a cluster: plan, balanced shards, a merge that judges."""
+"""Render a matrix as a workflow for a CI platform or a cluster: plan, balanced shards, a merge that judges."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TYPICAL = 60.0
 
 
 class Provider(StrEnum):
-    """Where a matrix is run."""
+    """A platform that runs a matrix."""
 
     GITHUB = "github"
     GITLAB = "gitlab"
@@ -65,7 +65,7 @@ class Action(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     read: date | None = None
 
     def __str__(self) -> str:
-        """What follows `uses: `."""
+        """Return the text that follows `uses: ` in a workflow."""
         if self.commit is None:
             return (
                 f"{self.repository}@{self.tag} # by tag: no copy of its repository was at hand to read the commit from"
@@ -75,13 +75,13 @@ class Action(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pipeline:
-    """What a workflow is made for.
+    """The values that fill the template of a workflow.
 
-    `matrix` is what the commands in it are given: the name of a built-in matrix or a path in the repository. `made_by`
+    `matrix` is the argument of the commands in it: the name of a built-in matrix or a path in the repository. `made_by`
     is the command that makes the workflow. `planning` are the options with which a workflow counts its shards itself
-    each time it runs; where a platform cannot, `shards` stand in the file. `measuring` are the options of `run`.
-    `state` tells caches of one state of the matrix from those of another; without a snapshot (not `dated`) what is
-    locked changes while the matrix does not. `limit` is in minutes.
+    each time it runs; if a platform cannot, the file has the number of `shards`. `measuring` are the options of `run`.
+    `state` distinguishes the caches of one state of the matrix from those of another. Without a snapshot (not `dated`),
+    locks change while the matrix does not. `limit` is in minutes.
     """
 
     matrix: str
@@ -106,7 +106,7 @@ def actions(text: str) -> dict[str, Action]:
 
 
 def render(pipeline: Pipeline, template: str, known: Mapping[str, Action]) -> str:
-    """The whole file: the template filled."""
+    """Return the text of the workflow file: the filled template."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(
@@ -134,7 +134,7 @@ def render(pipeline: Pipeline, template: str, known: Mapping[str, Action]) -> st
 
 
 def shard_count(cells: Sequence[str], seconds: Mapping[str, float], minutes: int, most: int) -> int:
-    """Return how many shards of so many minutes, one cell after another, the cells make.
+    """Return the number of shards of so many minutes each that the cells need, if they run one after another.
 
     `seconds` are recorded ones by id; a cell without counts as the median.
     """
@@ -145,12 +145,12 @@ def shard_count(cells: Sequence[str], seconds: Mapping[str, float], minutes: int
 
 
 def shard_outputs(count: int) -> str:
-    """The shards as outputs of a GitHub step: `count`, and `shards` as a JSON list."""
+    """Return the shards as outputs of a GitHub step: `count`, and `shards` as a JSON list."""
     return f"count={count}\nshards={json.dumps([*range(1, count + 1)])}\n"
 
 
 def plan_page(plan: Plan, count: int) -> str:
-    """What will be run, as Markdown."""
+    """Return the plan as Markdown: the values of its axes, and the combinations left out."""
     values = {axis: in_order(cell.axes[axis] for cell in plan.cells if axis in cell.axes) for axis in plan.axes}
     lines = [
         f"## {plan.matrix}: {number(len(plan.cells), 'cell')} in {number(count, 'shard')}",
@@ -177,7 +177,7 @@ _PLAIN = re.compile(r"(?!-)[A-Za-z0-9_./+@:-]+( +(?!-)[A-Za-z0-9_./+@:-]+)*")
 
 
 def plain(text: str, what: str) -> str:
-    """The text of an option that goes into a workflow as it is; refused where a platform would read more into it."""
+    """Return an option's text for use in a workflow as it is. Raises BadInput if a platform would read more into it."""
     if _PLAIN.fullmatch(text):
         return text
     message = f"{what} {text!r}: a workflow takes letters, digits, spaces and ./+@:_- here, no word that starts with -"
@@ -185,7 +185,7 @@ def plain(text: str, what: str) -> str:
 
 
 def python(text: str) -> str:
-    """The version of a Python that this can be installed into."""
+    """Return the version of a Python that simmatrix can be installed into. Raises BadInput for any other."""
     if re.fullmatch(r"3\.\d+(\.\d+)?", text) and int(text.split(".")[1]) >= OLDEST[1]:
         return text
     message = f"--python {text}: simmatrix runs on Python {'.'.join(map(str, OLDEST))} or newer; cells on any"
@@ -193,7 +193,7 @@ def python(text: str) -> str:
 
 
 def install_words(noted: str | None, release: str) -> str | None:
-    """Return what pip installs to get a simmatrix: a commit, an address, or a release; None where only a folder has it.
+    """Return the pip arguments for a simmatrix: a commit, an address, or a release. None if only a folder has it.
 
     `noted` is the text of its direct_url.json (PEP 610), which installers leave of what did not come from an index.
     """
@@ -207,7 +207,7 @@ def install_words(noted: str | None, release: str) -> str | None:
 
 
 def words(text: str, what: str) -> str:
-    """Words of a shell, each quoted; refused where the platform would put something of its own in their place."""
+    """Return words of a shell, each quoted. Raises BadInput for expressions, which the platform would replace."""
     try:
         found = shlex.split(text)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""`simmatrix accept MATRIX -k GLOB --reason TEXT`: expectations for what is red now."""
+"""`simmatrix accept MATRIX -k GLOB --reason TEXT`: write expectations for cells that are red now."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HELP = "Write expectations for cells that are red now, each with its reason, int
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `accept`."""
+    """Add the options of `accept`."""
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-k", metavar="GLOB", required=True, help="cells whose id matches, e.g. '*mujoco4*'")
     parser.add_argument("--reason", metavar="TEXT", required=True, type=_reason, help="why they are red")
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Write the tables; 1 where a red cell cannot be expected to be what it is."""
+    """Write the expectations. Return 0, or 1 if no single expectation fits the results of some red cell."""
     path = _editable(args.matrix)
     plan = open_matrix.load(args.matrix, tell, offline=True)
     chosen = choose(plan.cells, args.k)
@@ -67,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _check(name: str, plan: Plan, accepted: Sequence[str], entries: dict[str, list[CellEntry]], today: str) -> None:
-    """Read the file again: every accepted cell is as expected now, and nothing else has changed."""
+    """Read the file again. Raise HarnessError unless every accepted cell is as expected and nothing else changed."""
 
     def judged(cell: Cell) -> list[Any]:
         return [expectation_writer.as_expected(cell, entry, today) for entry in entries[cell.id]]
@@ -85,7 +85,7 @@ def _check(name: str, plan: Plan, accepted: Sequence[str], entries: dict[str, li
 
 
 def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
-    """The last results of this machine."""
+    """Return the last results of this machine by cell id. Raises BadInput if there are none."""
     opened = store.open_store()
     dated = open_matrix.dated(plan, opened)
     here = this_machine.facts()
@@ -98,7 +98,7 @@ def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
 
 
 def _reported(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
-    """The results of a report, which must be of this matrix as it is."""
+    """Return the results of a report by cell id. Raises BadInput if its cells differ from the matrix as it is now."""
     path = report.found(source)
     made = document.read(given_files.read_content(path), str(path))
     planned = {cell.id: cell for cell in plan.cells}
@@ -134,7 +134,7 @@ def _standing(chosen: Sequence[Cell], entries: dict[str, list[CellEntry]]) -> st
 
 
 def _editable(name: str) -> Path:
-    """The file of a matrix; one inside an installed package belongs to that package."""
+    """Return the path of a matrix file. Raises BadInput for a matrix that belongs to the installed package."""
     path = open_matrix.locate(name).resolve()
     if path.is_relative_to((open_matrix.PACKAGE / "matrices").resolve()):
         message = f"{name}: belongs to the installed simmatrix; copy it and accept in the copy: cp {path} {path.name}"
@@ -150,7 +150,7 @@ def _reason(text: str) -> str:
 
 
 def _until(text: str) -> str:
-    """The value of `--until`, as it is to stand in the file."""
+    """Return the value of `--until` as it was typed. Raises ArgumentTypeError if it is no date or has passed."""
     try:
         instant = Instant.canonical(text)
     except ValueError as error:

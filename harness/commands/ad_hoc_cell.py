@@ -1,4 +1,4 @@
-"""The one combination of requirements that a command line asks for, as `try` and `repair` do: options, and its cell."""
+"""Read one combination of requirements from the command line of `try` or `repair`, and plan its cell."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from harness.running.open_matrix import REUSED_FOR_HOURS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options that say what is tried."""
+    """Add the options that describe the combination to try."""
     parser.add_argument("requirements", metavar="REQUIREMENT", nargs="*", help="such as 'gymnasium[mujoco]==1.2.3'")
     parser.add_argument(
         "-r",
@@ -78,7 +78,7 @@ RESOLVER_OPTIONS = {
 
 
 def _subject(args: argparse.Namespace) -> Subject:
-    """The package under test, whose extras and groups are those asked for."""
+    """Return the package under test that `--subject` names, with the extras and groups of the command line."""
     remote = args.subject.startswith(checkouts.REPOSITORY)
     source = args.subject if remote else str(Path(args.subject).resolve())
     with located("--extra, --group"):
@@ -88,14 +88,14 @@ def _subject(args: argparse.Namespace) -> Subject:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Given:
-    """What a command line's files and its `--subject` say."""
+    """The requirement files and the `--subject` of a command line, as read."""
 
     inputs: Inputs
     subject: Subject | None
 
 
 def read(args: argparse.Namespace) -> Given:
-    """Read the files; what of them cannot be modelled is told. Raises BadInput."""
+    """Read the files. Print a note for each part that is not modelled, or read unlike pip. Raises BadInput."""
     tested = _subject(args) if args.subject else None
     of_files = ([], []) if tested else (args.extra, args.group)
     given = inputs.read(args.files, extras=of_files[0], groups=of_files[1])
@@ -105,7 +105,7 @@ def read(args: argparse.Namespace) -> Given:
 
 
 def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner: scheduler.Runner) -> Plan:
-    """The one-cell plan, its Python chosen and its instant set; what is wrong is said before anything is kept."""
+    """Return the one-cell plan, with its Python and its instant. Options are checked before the instant is stored."""
     given = read_before.inputs
     overlay, taken = _overlay(args.overlay)
     asked = plan.Asked(
@@ -140,7 +140,10 @@ def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner:
 
 
 def _brought(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
-    """The API of environments where nothing on the command line tells it: that which the requirements bring."""
+    """Return the API that the requirements bring; None if the command line decides it, or if there is no lock.
+
+    Raises BadInput if the lock has neither gymnasium nor gym.
+    """
     env = plan.unspoken(asked)
     if env is None:
         return None
@@ -157,7 +160,7 @@ def _brought(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runne
 
 
 def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]:
-    """The repairs that `--overlay` asks for; and requirements, which follow it where it names no package."""
+    """Return the repairs that `--overlay` asks for, and those of its values that are requirements, not names."""
     if not given:
         return (), ()
     known = open_matrix.recipes(Path("matrices"))
@@ -169,9 +172,9 @@ def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]
 
 
 def models(cases: Iterable[Case]) -> dict[str, str]:
-    """Models of the user's own that environments name, as `mujoco:FILE.xml`: the cell gets them in its HOME.
+    """Return the user's own models that environments name, such as `mujoco:FILE.xml`: file name to text.
 
-    One that is not in this folder may be the simulator's, where that brings models of its own.
+    The cell gets them in its HOME. A file that is not in this folder may be a model that the simulator brings.
     """
     found = {}
     for case in cases:
@@ -200,7 +203,7 @@ def _variable(text: str) -> tuple[str, str]:
 
 
 def _asked_python(text: str) -> str:
-    """The value of `--python`."""
+    """Return the value of `--python`. Raises BadInput if it is a path without a Python, or no version."""
     if "/" in text:
         if interpreters.find(text) is None:
             message = f"--python {text}: there is no Python here that can be run"
@@ -212,13 +215,16 @@ def _asked_python(text: str) -> str:
 
 
 def _version(python: str) -> str:
-    """What cells are named after: the version of an interpreter given by its path."""
+    """Return the version that names the cell: for a path or `host` that of the interpreter, else the text itself."""
     found = interpreters.find(python) if "/" in python or python == HOST else None
     return found.version if found else python
 
 
 def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
-    """The active environment's Python if it can be had, else the newest that the requirements allow."""
+    """Return the active environment's Python if it is allowed, else the newest one here on which the cell resolves.
+
+    If the cell resolves on none, return the newest allowed one.
+    """
     about = package_under_test.about(cell.subject) if cell.subject else None
     allowed = SpecifierSet(given.python or "") & SpecifierSet(about.python if about else "")
     active = interpreters.active_version()
@@ -236,7 +242,7 @@ def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
 
 
 def _lacking(allowed: SpecifierSet) -> str:
-    """The oldest version that is allowed, where no interpreter here is."""
+    """Return an allowed version that is not installed here: a pinned one, else the oldest. BadInput if none."""
     pinned = [each.version for each in allowed if each.operator == "==" and not each.version.endswith(".*")]
     found = next((v for v in (*pinned, *(f"3.{minor}" for minor in range(7, 100))) if allowed.contains(v)), None)
     if found is None:

@@ -1,4 +1,4 @@
-"""`simmatrix bisect CELL --axis PACKAGE | --date | --python`: the release, day or Python at which a cell broke."""
+"""`simmatrix bisect CELL --axis PACKAGE | --date | --python`: find the release, day or Python at which a cell broke."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ HINTS = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `bisect`."""
+    """Add the options of `bisect`."""
     parser.add_argument("cell", metavar="CELL", help="a cell of a matrix (MATRIX/LABEL) or of `try`")
     along = parser.add_mutually_exclusive_group(required=True)
     along.add_argument("--axis", metavar="PACKAGE", help="along the releases of a package that exist for its Python")
@@ -83,17 +83,17 @@ class Asked:
 
     @property
     def axis(self) -> str:
-        """What is bisected: a package, or the option that says what else."""
+        """Return the axis of the search: the name of a package, `--date` or `--python`."""
         return DATE if self.args.date else PYTHON if self.args.python else str(self.args.axis)
 
     @property
     def kept(self) -> Kept:
-        """What releases are looked at."""
+        """Return the settings for the releases to look at: yanked ones, pre-releases, offline."""
         return Kept(yanked=self.args.yanked, pre=self.args.pre, offline=self.args.offline)
 
 
 def main(args: argparse.Namespace) -> int:
-    """Look for the boundary; the exit code is that of the contract."""
+    """Search for the boundary, write the certificate, and return the exit code of its status (`CODES`)."""
     _check(args)
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
@@ -141,7 +141,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
-    """The line of candidates, and what is to be searched on it."""
+    """Return the line of candidates and the search on it. Raises BadInput if the line or its ends allow none."""
     args = asked.args
     held = _held(asked, base)
     line = _line(asked, held)
@@ -176,7 +176,7 @@ def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
 
 
 def _held(asked: Asked, base: Trial | None) -> dict[str, str]:
-    """What the cell's lock holds; else what it asks for."""
+    """Return the versions in the cell's lock by package; without a lock, the versions that the cell pins."""
     if base and base.record.lock:
         text = (asked.opened.folder / base.record.lock).read_text(encoding="utf-8")
         return {name: version for name, (version, _) in locks.pinned(text).items()}
@@ -194,7 +194,7 @@ def _line(asked: Asked, held: dict[str, str]) -> Candidates:
 
 
 def _own(asked: Asked, held: dict[str, str]) -> str | None:
-    """The name of the candidate that the cell is as it stands."""
+    """Return the candidate name of the unchanged cell: its Python, its instant, or its version of the package."""
     if asked.args.python:
         return asked.interpreter.minor
     if asked.args.date:
@@ -203,7 +203,7 @@ def _own(asked: Asked, held: dict[str, str]) -> str | None:
 
 
 def _with_own(line: Candidates, own: str) -> Candidates:
-    """The line with the cell as it stands in its place."""
+    """Return the line with the unchanged cell as one of its candidates, in order."""
     same = next((one for one in line.candidates if candidates.same(one.name, own)), None)
     mine = Candidate(name=own, change=Change(), uploaded=same.uploaded if same else None)
     others = [one for one in line.candidates if one is not same]
@@ -215,7 +215,7 @@ def _at(line: Candidates, own: str | None) -> int:
 
 
 def _hints(asked: Asked, line: Candidates, bad: int, base: Trial | None) -> Iterator[int]:
-    """Yield where a good end may be: the first day with all that is pinned; what worked elsewhere; what is declared."""
+    """Yield places where a good end may be: the first day, versions that worked elsewhere, versions by metadata."""
     if asked.args.date:
         yield from [0] if bad else []
     elif not asked.args.python:
@@ -227,7 +227,7 @@ def _hints(asked: Asked, line: Candidates, bad: int, base: Trial | None) -> Iter
 
 
 def _green(asked: Asked) -> Iterator[str]:
-    """Versions of the package in cells of the same environments that work: in this store, and as measured before."""
+    """Yield versions of the package in working cells with the same environments, of this store and of reports."""
     envs = {case.env for case in asked.cell.cases if case.env}
     known = shipped_signatures.beside(asked.opened.folder)
     for record in asked.opened.cells():
@@ -246,7 +246,7 @@ def _green(asked: Asked) -> Iterator[str]:
 
 
 def _again(asked: Asked, done: Bisected) -> str:
-    """One command that repeats it."""
+    """Return one command line that repeats the bisection."""
     args = asked.args
     along = [asked.axis] if asked.axis in {DATE, PYTHON} else ["--axis", asked.axis]
     ends = ["--good", done.line[0].name, "--bad", done.line[-1].name] if done.boundary else []
@@ -267,7 +267,7 @@ def _folder(asked: Asked) -> Path:
 
 
 def _write(made: BisectDocument, done: Bisected, opened: Store, folder: Path) -> BisectDocument:
-    """Write the certificate and the locks of both neighbours; gives it with their places."""
+    """Write the certificate and the locks of both neighbours. Return the certificate with the paths of these files."""
     files = [folder / "bisect.json", folder / "bisect.md"]
     sides = {}
     for side, step in (("good", done.good), ("bad", done.bad)):

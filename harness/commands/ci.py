@@ -1,4 +1,4 @@
-"""`simmatrix ci MATRIX --provider P`: a workflow that runs a matrix on GitHub, on GitLab, or on a Slurm cluster."""
+"""`simmatrix ci MATRIX --provider P`: write a workflow that runs a matrix on GitHub, GitLab, or a Slurm cluster."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DIFFERENCES = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `ci`."""
+    """Add the options of `ci`."""
     parser.add_argument(
         "matrix", metavar="MATRIX", help="a matrix file of this repository, or the name of a built-in one"
     )
@@ -101,7 +101,7 @@ def _count(text: str) -> int:
 
 
 def _shards(args: argparse.Namespace, plan: Plan) -> int:
-    """As many as were asked for, else by the work that there is; a platform takes only so many."""
+    """Return the number of shards: `--shards`, else by the work. Raises BadInput above the limit of the platform."""
     most = pipelines.MOST_SHARDS[args.provider]
     if args.shards and args.shards > most:
         message = f"--shards {args.shards}: {args.provider} runs at most {most} jobs of one kind"
@@ -117,7 +117,7 @@ def _shards(args: argparse.Namespace, plan: Plan) -> int:
 
 
 def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
-    """The whole file, the same bytes for the same matrix, options and version."""
+    """Return the text of the workflow file: the same bytes for the same matrix, options and version."""
     provider = Provider(args.provider)
     for option in _given(args, pipelines.FOREIGN[provider]):
         message = f"{option}: means nothing to {provider}; leave it out"
@@ -145,12 +145,12 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
 
 
 def installable() -> str | None:
-    """Return what pip installs to get this simmatrix; None where only this machine has it."""
+    """Return the pip arguments that install this simmatrix, None if only this machine has it."""
     return pipelines.install_words(distribution("simmatrix").read_text("direct_url.json"), version("simmatrix"))
 
 
 def _this_version(*, quiet: bool) -> str:
-    """Return the words for this simmatrix; where no index gave it, the release is a guess, which is said."""
+    """Return the pip arguments for this simmatrix. If only this machine has it, guess the release and print a note."""
     known = installable()
     if known is None and not quiet:
         tell(
@@ -161,14 +161,14 @@ def _this_version(*, quiet: bool) -> str:
 
 
 def _state(path: str | None) -> str:
-    """A built-in matrix changes with its version only, a file with any commit."""
+    """Return the cache key of the matrix: the version of simmatrix for a built-in one, else a hash of its files."""
     if path is None:
         return version("simmatrix")
     return f"${{{{ hashFiles('{path}', '{path.removesuffix('.toml')}.expanded.json') }}}}"
 
 
 def _given(args: argparse.Namespace, names: Sequence[str]) -> Iterator[str]:
-    """The options that differ from what they are by themselves, as they are typed."""
+    """Yield the options that differ from their defaults, as they are typed."""
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     for name in names:
@@ -180,7 +180,7 @@ def _given(args: argparse.Namespace, names: Sequence[str]) -> Iterator[str]:
 
 
 def _in_repository(name: str) -> str:
-    """The path of a matrix as the workflow names it: from the root of the repository, which is the working folder."""
+    """Return the path of a file from the root of its repository. Raises BadInput unless that is the working folder."""
     here = Path.cwd()
     root = next((folder for folder in (here, *here.parents) if (folder / ".git").exists()), here)
     if root != here:
@@ -197,7 +197,7 @@ def _in_repository(name: str) -> str:
 
 
 def _check(file: Path, text: str) -> int:
-    """Compare to the byte; what differs goes to stderr."""
+    """Compare a file with a text byte by byte. Return 0 if equal, else print the difference to stderr and return 1."""
     try:
         there = given_files.read_content(file, f"--check {file}")
     except BadInput as error:

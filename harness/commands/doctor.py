@@ -1,4 +1,4 @@
-"""`simmatrix doctor`: what is wrong with an environment that exists, and the nearest that is known to work."""
+"""`simmatrix doctor`: inspect an existing environment, and name the nearest combination that is known to work."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HELP = (
 
 
 class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """Another version of a package; `now` is None where it is not there."""
+    """A change to another version of a package; `now` is None if the package is not installed."""
 
     name: str
     now: str | None
@@ -42,10 +42,10 @@ class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Nearest(msgspec.Struct, frozen=True, kw_only=True):
-    """The nearest combination that was measured to work: `changes` lead to it, `also` differ and seldom matter.
+    """The nearest combination that was measured to work: `changes` lead to it, `also` are other, minor differences.
 
-    `env` is the environment that was asked for, where it was made and stepped there; `uncovered` is installed, and
-    was not there.
+    `env` is the requested environment, if it was made and stepped there. `uncovered` are packages that are installed
+    here but not in that combination.
     """
 
     cell: str
@@ -63,7 +63,7 @@ class Nearest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DifferenceEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """Something that is otherwise without the caller's settings; `by` are those that make it, as far as known."""
+    """A difference that the caller's settings make; `by` are the settings that cause it, as far as known."""
 
     kind: str
     module: str
@@ -73,7 +73,7 @@ class DifferenceEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Imported(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of importing a module."""
+    """The result of importing a module: its file and version, or the error."""
 
     error: str | None
     file: str | None
@@ -81,7 +81,7 @@ class Imported(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
-    """What was looked at, and why; `scrubbed` are the variables that the second look was without."""
+    """The inspected environment, and why this one; `scrubbed` are the variables left out of the second inspection."""
 
     python: str
     why: str
@@ -119,7 +119,7 @@ class Doctored(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `doctor`."""
+    """Add the options of `doctor`."""
     parser.add_argument("--python", metavar="PATH", help="an interpreter, or the folder of an environment")
     parser.add_argument("--env", metavar="ID", help="make and step this environment in it, too")
     parser.add_argument("--api", metavar="A", help="the API that it speaks, such as gym where gymnasium is there, too")
@@ -138,7 +138,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Look, and say what was found."""
+    """Inspect the environment, print the findings, and return the exit code."""
     if args.standalone:
         doctor_pyz.write(args.standalone)
         print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
@@ -166,7 +166,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def signatures() -> list[Any]:
-    """The known failures as what stands alone reads them."""
+    """Return the known failures in the form that the standalone modules read."""
     return [matching.read(one.as_file) for one in shipped_signatures.known()]
 
 

@@ -1,4 +1,4 @@
-"""`simmatrix explain [FILE|-] [-- COMMAND...]`: why something failed, and what to do. `standalone/explain` does it."""
+"""`simmatrix explain [FILE|-] [-- COMMAND...]`: name the cause of a failure and the fix, by `standalone/explain`."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ def _open(identifier: str) -> int:
 
 
 def known() -> list[matching.Known]:
-    """The known failures as what stands alone reads them."""
+    """Return the known failures in the form that the standalone modules read."""
     return [matching.read(one.as_file) for one in shipped_signatures.known()]
 
 
 def _output(command: Sequence[str]) -> str | None:
-    """The file that a command's output goes to; the oldest ones are removed. None where none can be made there."""
+    """Create a file for a command's output, and remove the oldest such files. Return None if that is not possible."""
     name = re.sub(r"[^A-Za-z0-9.-]+", "-", Path(command[0]).name if command else "none")[:40]
     file = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.getpid()}-{name}.log"
     try:

@@ -1,4 +1,4 @@
-"""`simmatrix fetch MATRIX --to DIR`: everything that a matrix needs, in a folder for machines without network."""
+"""`simmatrix fetch MATRIX --to DIR`: collect all that a matrix needs in a folder, for machines without network."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ HELP = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `fetch`."""
+    """Add the options of `fetch`."""
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="the folder, made where it is absent")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Fetch; exit 3 when something could not be had, 0 when all is there, be it the reason why a cell has no lock."""
+    """Fetch all cells. Return 0 if each has its files, or the reason why it has no lock; else 3."""
     planned = open_matrix.load(args.matrix, tell)
     _check_no_subject(args.matrix, selected(planned.cells, args.k))
     opened = store.open_store()
@@ -69,21 +69,21 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _check_no_subject(name: str, cells: Sequence[Cell]) -> None:
-    """Refuse what would be fetched by halves."""
+    """Refuse cells with a package under test, which fetch does not bring. Raises BadInput."""
     if any(cell.subject for cell in cells):
         message = f"{name}: fetch does not bring a package under test; build its wheel and name that as a requirement"
         raise BadInput(message)
 
 
 def _controls(records: Sequence[CellRecord], opened: store.Store) -> tuple[Cell, ...]:
-    """What has to be run where one of these cells fails."""
+    """Return the controls that have to run if one of these cells fails."""
     locked = ((one.cell, (opened.folder / one.lock).read_text(encoding="utf-8")) for one in records if one.lock)
     found = (control for cell, lock in locked for control in controls.possible(cell, lock))
     return tuple({control.id: control for control in found}.values())
 
 
 def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
-    """What is there of earlier fetches; of a matrix that was changed since, nothing."""
+    """Return the manifest of earlier fetches, without this matrix if it has changed since. None if there is none."""
     old = offline_collect.intact(folder)
     mine = next((one for one in old.matrices if one.name == matrix), None) if old else None
     if old is None or mine is None:
@@ -105,7 +105,7 @@ def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
 
 
 def _dated(planned: Plan, earlier: Manifest | None, opened: store.Store) -> Plan:
-    """The plan as of the instant of the earlier fetch, so that all cells of the folder are as of one."""
+    """Return the plan as of the instant of the earlier fetch, if any: all its cells in the folder share one instant."""
     instants = {one.name: one.instant for one in earlier.matrices} if earlier else {}
     instant = instants.get(planned.matrix)
     return open_matrix.as_of(planned, instant) if instant else open_matrix.dated(planned, opened)

@@ -1,4 +1,4 @@
-"""The one cell that a command line names: by its id, its label or a glob, of a matrix or of what was run here."""
+"""Find the one cell that a command line names by id, label or glob: of a matrix, or of `try` runs on this machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LISTED = 10
 
 
 def named(verb: str, text: str, opened: Store, *, offline: bool = False) -> tuple[Plan, Cell]:
-    """The cell, as its matrix plans it today, and its plan; one of `try` as it was run. Raises BadInput."""
+    """Return the plan and its cell, as the matrix plans it today; a cell of `try` as it was run. Raises BadInput."""
     matrix, _, label = text.partition("/")
     if text.endswith(".toml") or not label:
         message = (

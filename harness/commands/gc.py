@@ -1,4 +1,4 @@
-"""`simmatrix gc`: remove what is old or too much from cache and state; all of it can be made again."""
+"""`simmatrix gc`: remove waste and old files from cache and state; all but probe runs can be made again."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ EXAMPLE = 30.0
 
 
 class Removed(msgspec.Struct, frozen=True, kw_only=True):
-    """What went of one kind: how many, and the bytes on disk that this freed."""
+    """The removed items of one kind: how many, and the bytes on disk that this freed."""
 
     kind: Kind
     number: int
@@ -55,7 +55,7 @@ class Collected(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `gc`."""
+    """Add the options of `gc`."""
     parser.add_argument("--older-than", metavar="DAYS", type=_days, help="also what was not used for so many days")
     parser.add_argument(
         "--max-size", metavar="SIZE", type=_size, help="until cache and state are no larger: 20GB, 500MB"
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Remove it and say what went."""
+    """Remove the chosen items, and print how many and how much was freed."""
     places = cleanup.Places(cache=store.cache_folder(), state=_state(), evidence=args.evidence)
     before = time() - args.older_than * DAY if args.older_than is not None else None
     size_before = _total(places)
@@ -102,7 +102,7 @@ def main(args: argparse.Namespace) -> int:
 
 @dataclass(slots=True)
 class _Basket:
-    """Takes items, and counts what of them really went."""
+    """A collector of items: it removes them, and counts those removed and those in use."""
 
     dry: bool
     cache: Path
@@ -111,7 +111,7 @@ class _Basket:
     in_use: int = 0
 
     def take(self, items: Iterable[Item], disk: Disk) -> None:
-        """Remove these, those in use apart."""
+        """Remove items, except those in use. A dry run only counts them."""
         left = Disk(sizes=disk.sizes)
         for item in items:
             if self.dry or cleanup.remove(item, self.cache):
@@ -125,7 +125,7 @@ class _Basket:
 
 
 def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
-    """Let uv remove what it will not look at again; the size then. What environments share with it frees nothing."""
+    """Let uv prune its cache. Return the bytes left in cache and state; files shared with environments free nothing."""
     folder = places.cache / "uv"
     if basket.dry or not folder.is_dir():
         return size
@@ -139,7 +139,7 @@ def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
 
 
 def _state() -> Path:
-    """The state folder, which is not made for this."""
+    """Return the path of the state folder without creating it."""
     return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
 
 
@@ -169,7 +169,7 @@ def _print(made: Collected) -> None:
 
 
 def _suggest(places: cleanup.Places) -> None:
-    """What a limit would free."""
+    """Print how many bytes a limit would free."""
     items, disk = _known(places)
     old = cleanup.chosen(items, disk, 0, before=time() - EXAMPLE * DAY, most=None)
     every = Disk(sizes=disk.sizes)

@@ -1,4 +1,4 @@
-"""`simmatrix init [FOLDER]`: matrix, nox session and workflow for somebody's project; nothing is overwritten."""
+"""`simmatrix init [FOLDER]`: write a matrix, a nox session and a workflow for a project; nothing is overwritten."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ else:
 class Started(msgspec.Struct, frozen=True, kw_only=True):
     """The document of `init --json`; `jobs` are those of the workflow of --from.
 
-    `not_found_out` says what has to wait, such as ranges where the index was not asked.
+    `not_found_out` lists open questions, such as ranges if the index was not asked.
     """
 
     schema: int = 1
@@ -59,7 +59,7 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `init`."""
+    """Add the options of `init`."""
     parser.add_argument("folder", metavar="FOLDER", nargs="?", type=Path, default=Path(), help="of the project [here]")
     parser.add_argument("--from", dest="workflow", type=Path, metavar="WORKFLOW", help="a workflow file of GitHub")
     parser.add_argument("--name", help="of the matrix [the project's]")
@@ -81,7 +81,7 @@ class _Files:
     open: list[str] = field(default_factory=list)
 
     def write(self, path: Path, text: str) -> bool:
-        """Write a file unless there is one; False where there was."""
+        """Write a file unless there is one. Return whether it was written."""
         if path.exists():
             self.kept.append(path.as_posix())
             return False
@@ -92,7 +92,7 @@ class _Files:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Write what is missing; what is there stays as it is. 3 where something could not be found out."""
+    """Write the missing files, and keep existing ones. Return 0, or 3 if something could not be found out."""
     say = tell if args.json else print
     jobs = _jobs(args.workflow) if args.workflow else ()
     if not args.folder.is_dir():
@@ -158,7 +158,7 @@ def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, f
 
 
 def _planned(path: Path, args: argparse.Namespace, files: _Files) -> None:
-    """Expand the ranges of a matrix and count its cells; without the index that waits."""
+    """Expand the ranges of a matrix and count its cells. Note an open question if the index cannot be asked."""
     try:
         files.cells[path] = len(open_matrix.load(str(path), tell, offline=args.offline).cells)
     except CouldNotTell as error:
@@ -169,7 +169,7 @@ def _planned(path: Path, args: argparse.Namespace, files: _Files) -> None:
 
 
 def _path(name: str) -> Path:
-    """Return where a matrix is written, which keeps the project as buildable as it was."""
+    """Return the path of a matrix file, in a folder that does not break the project's build."""
     return (
         Path(drafts.matrix_folder(*_texts("pyproject.toml", "setup.py", "setup.cfg"), src=Path("src").is_dir()))
         / f"{name}.toml"
@@ -206,7 +206,7 @@ def _names(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> t
 
 
 def _name(about: Project, given: str | None) -> str:
-    """What the matrix is called: files and folders are, too."""
+    """Return the name of the matrix, also of its files and folders. Raises BadInput if it cannot be a label."""
     try:
         return str(Label.canonical(about.name if given is None else given))
     except ValueError as error:
@@ -228,7 +228,7 @@ def _nox(matrices: list[Path], files: _Files) -> None:
 
 
 def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
-    """Write what `simmatrix ci` makes, beside the workflow of another matrix."""
+    """Write the workflow that `simmatrix ci` makes, under another name if there is one of another matrix."""
     folder = Path(".github/workflows")
     path = folder / "simmatrix.yml"
     if path.exists() and f"ci {matrix} " not in path.read_text(encoding="utf-8", errors="replace"):
@@ -258,7 +258,7 @@ def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
 
 
 def _head() -> str:
-    """What a checkout says of its branch."""
+    """Return the text of `.git/HEAD`, which names the branch; empty if there is no such file."""
     head = Path(".git/HEAD")
     return head.read_text(encoding="utf-8").strip() if head.is_file() else ""
 
@@ -271,7 +271,7 @@ def _jobs(workflow: Path) -> tuple[Job, ...]:
 
 
 def _told(jobs: tuple[Job, ...], workflow: Path) -> Iterator[str]:
-    """What each leg claims and installs."""
+    """Yield lines on each leg: its combination, the packages it installs, and claims that it does not keep."""
     for job in jobs:
         yield f"{workflow}: job {job.name}: {number(len(job.legs), 'combination')}"
         for leg in job.legs:

@@ -1,4 +1,4 @@
-"""`show CELL --issue`: a red cell as a report for its upstream, without what is nobody's business."""
+"""`show CELL --issue`: write a report for upstream from a red cell, with private names redacted."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PUBLIC = frozenset({"pypi.org", "files.pythonhosted.org", "download.pytorch.org"
 
 
 def issue(record: CellRecord, entry: CellEntry, opened: Store) -> str:
-    """The report. Raises BadInput where there is nothing to report."""
+    """Return the redacted report of a red cell as text. Raises BadInput if the cell is not red."""
     if not is_red(entry):
         message = f"show {entry.id} --issue: it is {word(entry.verdict)}: there is nothing to report to anybody"
         raise BadInput(message)
@@ -54,7 +54,7 @@ def is_red(entry: CellEntry) -> bool:
 
 
 def _texts(record: CellRecord, entry: CellEntry, state: Path) -> Iterator[tuple[str, str]]:
-    """The evidence of the phase that decided, of the case that failed as the cell did first."""
+    """Yield the evidence (name and text) of the deciding phase, if possible of a case with the cell's decisive line."""
     steps = {Phase.RESOLVE: record.resolve, Phase.INSTALL: record.install}
     step = steps.get(entry.phase) if entry.phase else None
     places = [step.log] if step and step.log else []
@@ -73,7 +73,7 @@ def _read(path: Path) -> str | None:
 
 
 def words() -> dict[str, str]:
-    """Names of this machine and its user, and what stands for them."""
+    """Return the private names of this machine, its user and its indexes, each with its replacement."""
     found: dict[str, str] = {str(Path.home()): "~"}
     with suppress(OSError, KeyError):  # nobody of that number is known here
         found[getpass.getuser()] = "<user>"

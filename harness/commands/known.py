@@ -1,4 +1,4 @@
-"""`simmatrix known [PACKAGE | SIGNATURE]`: what was measured, and which issues are known."""
+"""`simmatrix known [PACKAGE | SIGNATURE]`: list measured packages and known issues, or open one of them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Print what is known. Exit 2 for a name that nothing has."""
+    """Print measured packages and known issues: all, or those of a name. An unknown name raises BadInput (exit 2)."""
     document = result_index.load()
     issues = known_issues.with_cells(issue_texts.load(), document["cells"])
     answer = _answer(args.name, measured_cells.known(document), issues)

@@ -43,7 +43,7 @@ class Locked(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `lock`."""
+    """Add the options of `lock`."""
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
     parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), metavar="N", help=JOBS)
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Lock the cells; exit 1 when one has no lock for a reason of its packages, 3 when it could not be told."""
+    """Lock the cells. Return 0, or 1 if one unexpectedly has no lock, or 3 if that could not be decided."""
     settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
     opened = store.open_store()
     ask = resolving.asking(opened, settings)

@@ -1,4 +1,4 @@
-"""`simmatrix merge DIR...`: the reports of shards and machines as one."""
+"""`simmatrix merge DIR...`: merge the reports of shards and machines into one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ TEXTS = frozenset({".jsonl", ".log", ".txt"})
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `merge`."""
+    """Add the options of `merge`."""
     parser.add_argument("sources", metavar="DIR", nargs="+", help="a folder that `run --out` wrote, or one of several")
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/merged]")
     parser.add_argument("--format", choices=("terminal", "md", "json"), default="terminal", help="of what is printed")
@@ -89,7 +89,7 @@ def _tell(whole: Document, reports: int, missing: int) -> None:
 
 
 def _found(names: Sequence[str], out: Path) -> list[Path]:
-    """Every report of these places, once; one that this command wrote before counts only where it is named."""
+    """Return every report in these places once. An earlier output of this command counts only if it is named itself."""
     written = (out / NAME).resolve()
     known: dict[Path, Path] = {}
     for name in names:
@@ -104,7 +104,7 @@ def _found(names: Sequence[str], out: Path) -> list[Path]:
 
 
 def _below(folder: Path) -> Iterator[Path]:
-    """The reports in a folder; inside the folder of one there is no other."""
+    """Yield the reports below a folder. Folders inside that of a report are not searched."""
     for place, folders, names in os.walk(folder):
         if NAME in names:
             yield Path(place, NAME)
@@ -118,13 +118,13 @@ def _below(folder: Path) -> Iterator[Path]:
 
 @dataclass(slots=True)
 class _Files:
-    """What the reports name, by content. They may come from anywhere: nothing outside their own folders is read."""
+    """The files that reports name, by content. Reports may come from anywhere: only their own folders are read."""
 
     places: dict[str, Path] = field(default_factory=dict)
     missing: int = 0
 
     def taken(self, path: Path) -> merging.Source:
-        """Read a report, in which a file is named by its path and its content."""
+        """Read a report, and replace the name of each file by a token of its path and content."""
         made = document.read(given_files.read_content(path), str(path))
         known = {name: self._token(path.parent, name) for name in sorted(document.paths(made))}
         self.missing += sum(not token for token in known.values())
@@ -148,7 +148,7 @@ class _Files:
         return token
 
     def copy(self, names: dict[str, str], folder: Path) -> None:
-        """Put files by their tokens under names below a folder."""
+        """Copy files, given by their tokens, to names below a folder. Raises BadInput if a name leads out of it."""
         for token, name in names.items():
             source, target = self.places[token], folder / name
             if not target.resolve().is_relative_to(folder.resolve()):
@@ -159,7 +159,7 @@ class _Files:
 
 
 def _inside(folder: Path, path: Path) -> Iterator[tuple[str, Path]]:
-    """A file, or the texts of a folder, by their names in it; a link that leads out of the report is none of them."""
+    """Yield a file, or the texts of a folder, with their names in it. Links and files outside a report are skipped."""
     candidates = sorted(path.iterdir()) if path.is_dir() else [path]
     for file in candidates:
         plain = file.is_file() and not file.is_symlink() and file.resolve().is_relative_to(folder.resolve())

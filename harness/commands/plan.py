@@ -1,4 +1,4 @@
-"""`simmatrix plan MATRIX`: the cells of a matrix, and the combinations left out, each with its reason."""
+"""`simmatrix plan MATRIX`: list the cells of a matrix, and the combinations left out, each with its reason."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `plan`."""
+    """Add the options of `plan`."""
     parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
     parser.add_argument("--offline", action="store_true", help="never ask the index")

@@ -1,4 +1,4 @@
-"""`simmatrix recommend PACKAGE...`: which versions work together, as measured."""
+"""`simmatrix recommend PACKAGE...`: name versions that were measured to work together."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _phases(text: str) -> tuple[Phase, ...]:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Print what is known; 0 where something is known to be good, 1 where nothing is."""
+    """Print the combinations that were measured. Return 0 if one of them works, else 1."""
     query = _query(args)
     document = result_index.load()
     cells = measured_cells.known(document)
@@ -90,13 +90,13 @@ def _query(args: argparse.Namespace) -> Query:
 
 
 def _check(cells: Sequence[Known], query: Query, *, offline: bool) -> None:
-    """Refuse a package or a release that no index has; what was measured is there. Raises BadInput."""
+    """Refuse packages and releases that no index has, without asking for measured ones. Raises BadInput."""
     unseen = [one for one in query.wanted if not any(one.fits(cell.pins.get(one.name)) for cell in cells)]
     misspelt.check([one.text for one in unseen], lambda text: print(text, file=sys.stderr), offline=offline)
 
 
 def _try(query: Query) -> str:
-    """Return the command that would measure it."""
+    """Return the `simmatrix try` command that would measure the query."""
     words = ["simmatrix", "try", *(one.text for one in query.wanted)]
     words += ["--python", query.python] if query.python else []
     words += ["--env", query.env] if query.env else []

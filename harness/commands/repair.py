@@ -1,4 +1,4 @@
-"""`simmatrix repair CELL | REQUIREMENT...`: the smallest change that turns a red cell green, proven by a rerun."""
+"""`simmatrix repair CELL | REQUIREMENT...`: find the smallest change that turns a red cell green; a rerun proves it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ RUNS, MINUTES = 40, 15.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `repair`."""
+    """Add the options of `repair`."""
     ad_hoc_cell.add_arguments(parser)
     add_bounds(parser)
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_bounds(parser: argparse.ArgumentParser) -> None:
-    """Return how long to look."""
+    """Add the options that limit the search: `--runs` and `--minutes`."""
     runs, minutes = "cells to measure at most [%(default)s]", "minutes to take at most [%(default)g]"
     parser.add_argument("--runs", type=_positive, default=RUNS, metavar="N", help=runs)
     parser.add_argument("--minutes", type=float, default=MINUTES, metavar="M", help=minutes)
@@ -62,7 +62,7 @@ def _positive(text: str) -> int:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Look for a remedy; the exit code is that of the contract."""
+    """Search for a remedy, write lock and proof, and return the exit code of the status (`CODES`)."""
     if not (args.requirements or args.files or args.subject):
         message = "repair: name a cell, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'"
         raise BadInput(message)
@@ -95,7 +95,7 @@ def _names_cell(args: argparse.Namespace) -> bool:
 
 
 def _typed(base: Cell) -> str:
-    """The command line that was typed."""
+    """Return the command line as it was typed; `simmatrix repair CELL` if it was another verb."""
     words = sys.argv[1:]
     return shlex.join(["simmatrix", *(words if words[:1] == ["repair"] else ["repair", base.id])])
 
@@ -103,7 +103,7 @@ def _typed(base: Cell) -> str:
 def repair(
     base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds, board: scheduler.Observer, *, command: str
 ) -> tuple[RepairDocument, Repaired]:
-    """Look for a remedy of one cell; its records and those of the remedy are kept."""
+    """Search for a remedy of one cell. Store the records of the cell and of the remedy."""
     with _lab(base, opened, settings, bounds, board) as lab:
         repaired = Search(lab).run()
         lab.keep(repaired.before)
@@ -115,7 +115,7 @@ def repair(
 def every(
     records: Sequence[CellRecord], opened: Store, settings: scheduler.Settings, board: scheduler.Observer
 ) -> tuple[CellRecord, ...]:
-    """Look for a remedy of every red cell, once per cause, and write the proofs; gives the cells with remedies."""
+    """Search for a remedy of every red cell, once per cause. Write the proofs, return the records of cured cells."""
     settings, bounds = replace(settings, fresh=False, again=False), Bounds(runs=RUNS, minutes=MINUTES)
     cured = []
     for ended in repairs.every(records, opened, lambda cell: _lab(cell, opened, settings, bounds, board)):
@@ -145,7 +145,7 @@ def _folder(opened: Store, base: Cell) -> Path:
 
 
 def write(made: RepairDocument, repaired: Repaired, opened: Store, folder: Path) -> RepairDocument:
-    """Write lock and proof into a folder; gives the document with their places."""
+    """Write lock and proof into a folder. Return the document with the paths of these files."""
     if made.status in {Status.GREEN, Status.UNTOLD}:
         return made
     files = [folder / "repair.json", folder / "repair.md"]

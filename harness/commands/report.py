@@ -1,4 +1,4 @@
-"""`simmatrix report [SOURCE...]`: tables from stored results."""
+"""`simmatrix report [SOURCE...]`: make tables from stored results."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NAME = "report.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `report`."""
+    """Add the options of `report`."""
     parser.add_argument("sources", metavar="SOURCE", nargs="*", help="file, folder or matrix [every matrix run here]")
     parser.add_argument("--format", type=_formats, default=None, metavar="KINDS",
                         help=f"comma-separated, of {', '.join(FORMATS)} [terminal; md,json with --out]")  # fmt: skip
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Show what was measured; the exit code is that of `run`."""
+    """Print or write tables of stored results. Return the exit code that `run` would."""
     if args.into:
         return readme_blocks.renew(args.into, of_block)
     if args.judge_again:
@@ -98,12 +98,12 @@ def _judged_again(args: argparse.Namespace) -> int:
 
 
 def _folder(name: str) -> Path:
-    """The folder of a report, whose document need not be there."""
+    """Return the folder of a report. Its report.json may be missing if the index of its evidence is there."""
     return Path(name) if (Path(name) / packs.INDEX).is_file() else found(name).parent
 
 
 def found(name: str) -> Path:
-    """The report file that a path or the name of a matrix stands for."""
+    """Return the report.json that a path or the name of a matrix stands for. Raises BadInput if there is none."""
     reports = store.state_folder() / "reports"
     if name.endswith(".toml"):
         name = Path(name).stem
@@ -120,7 +120,7 @@ def found(name: str) -> Path:
 
 
 def _read(sources: Sequence[Path], out: Path | None) -> Document:
-    """The documents as one. A single one keeps its paths, so that its page comes out the same to the byte."""
+    """Read reports and combine them into one. A single one keeps its paths, so its page stays the same to the byte."""
     documents = [document.read(given_files.read_content(source), str(source)) for source in sources]
     if len(sources) == 1:
         return document.moved(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
@@ -133,7 +133,7 @@ def _moved(made: Document, source: Path, target: Path) -> Document:
 
 
 def _carried(folder: Path, out: Path) -> document.Locate:
-    """Copy what lies beside a report into another folder, under the same names."""
+    """Return a function that copies a file of a report into another folder, and returns its path there."""
 
     def carried(path: str) -> str:
         if ".." in Path(path).parts:
@@ -155,7 +155,7 @@ def _write(form: str, whole: Document, report: Report, out: Path) -> None:
 
 
 def _tables(report: Report) -> str:
-    """Return when and where it was measured, then the small tables, each below its legend, as Markdown."""
+    """Return, as Markdown, the place and time of the measurements, then the small tables, each below its legend."""
     pivots = [sheet.pivot for sheet in report.sheets if sheet.pivot]
     captioned = [f"{_caption(one)}\n\n{report_markdown.small_table(one)}" for one in pivots]
     return "\n".join([f"{report_markdown.coverage(report)}\n", *captioned])
@@ -166,7 +166,7 @@ def _caption(pivot: Pivot) -> str:
 
 
 def of_block(source: Path, pivot: tuple[str, str] | None) -> str:
-    """What a block of somebody's Markdown file holds."""
+    """Return the tables of a report, as Markdown for a block in a user's file."""
     return _tables(tables.report(_read([found(str(source))], None), pivot))
 
 

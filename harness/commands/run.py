@@ -29,7 +29,7 @@ HELP = "Lock, build, install, probe and report every cell of one or more matrice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `run`."""
+    """Add the options of `run`."""
     parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
     parser.add_argument("-j", "--jobs", type=select_cells.jobs, default=scheduler.default_jobs(), metavar="N",
                         help=select_cells.JOBS)  # fmt: skip
@@ -67,7 +67,7 @@ UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHAS
 
 
 def main(args: argparse.Namespace) -> int:
-    """Run the matrices; the exit code is that of the contract."""
+    """Run the matrices and publish their reports. Return the exit code, which depends on `--fail-on`."""
     layer = select_cells.fetched_folder(args.fetched) if args.fetched else None
     settings = scheduler.Settings(
         jobs=args.jobs,
@@ -107,7 +107,7 @@ def main(args: argparse.Namespace) -> int:
 def _proved(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
-    """The plans with the remedied cells of what is red, and what came of those."""
+    """Run red cells again with the remedies of known failures. Return the plans with these cells, and their records."""
     known, recipes = shipped_signatures.beside(opened.folder), partial(open_matrix.recipes, Path())
     assessed = {plan.matrix: [assess(record, known) for record in _of(plan, records)] for plan in plans}
     found = [cell for plan in plans for cell in remedy_trials.untried(plan.cells, assessed[plan.matrix], recipes)]
@@ -123,7 +123,7 @@ def _proved(
 def _repaired(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
-    """The plans with the repaired cells of what is red, and what came of those."""
+    """Search for a repair of each red cell. Return the plans with the repaired cells, and their records."""
     from harness.commands import repair  # noqa: PLC0415 - start-up
 
     with progress.Progress(0, 1, publishing.headline) as board:
@@ -139,7 +139,7 @@ def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:
 def _chosen(
     args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: Fetched | None
 ) -> tuple[Cell, ...]:
-    """The cells to be worked on; a shard may be empty, and nothing may have failed."""
+    """Return the cells to run, after -k, --shard and --only-failed. A shard, or the failed cells, may be none."""
     cells = select_cells.selected([cell for plan in plans for cell in plan.cells], args.k)
     if args.shard:
         seconds = layer.seconds() if layer else _committed(args.matrices, plans)
@@ -154,7 +154,7 @@ def _chosen(
 
 
 def _committed(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:
-    """Seconds of cells in the reports that are committed for these matrices."""
+    """Return the seconds of cells, by id, from the reports that are committed for these matrices."""
     files = (
         select_cells.committed_report(open_matrix.locate(name), plan.matrix)
         for name, plan in zip(names, plans, strict=True)

@@ -1,4 +1,4 @@
-"""`simmatrix schema [NAME]`: JSON Schemas of matrix files and of every document."""
+"""`simmatrix schema [NAME]`: print the JSON Schemas of matrix files and of every document."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `schema`."""
+    """Add the options of `schema`."""
     parser.add_argument("name", metavar="NAME", nargs="?", help=f"one of {', '.join(DOCUMENTS)}")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write it to a file instead of stdout")
     parser.add_argument("--json", action="store_true", help="without a name: all schemas as one JSON object")

@@ -26,7 +26,7 @@ JOBS = "cells at a time, or auto: as many as there are cores and memory for [cor
 
 
 def jobs(text: str) -> int:
-    """The value of `--jobs`."""
+    """Return the value of `--jobs`: a number of at least 1, or AUTO for `auto`."""
     if text == "auto":
         return AUTO
     if not text.isdigit() or int(text) < 1:
@@ -36,7 +36,7 @@ def jobs(text: str) -> int:
 
 
 def shard(text: str) -> shards.Shard:
-    """The value of `--shard`."""
+    """Return the shard that the value of `--shard` (I/N) names."""
     from harness.running import shards  # noqa: PLC0415 - start-up
 
     try:
@@ -46,14 +46,14 @@ def shard(text: str) -> shards.Shard:
 
 
 def fetched_folder(folder: Path) -> Fetched:
-    """The value of `--fetched`."""
+    """Open the folder that `--fetched` names."""
     from harness.running import offline_bundle  # noqa: PLC0415 - start-up
 
     return offline_bundle.open_folder(folder)
 
 
 def committed_report(matrix: Path, name: str) -> Path | None:
-    """The report that is committed for a matrix file: `reports/NAME/` beside it, or beside its `matrices/`."""
+    """Return the report committed for a matrix file, if any: in `reports/NAME/` beside it or its `matrices/`."""
     folder = matrix.absolute().parent
     places = [folder.parent] if folder.name == "matrices" else []
     files = (place / "reports" / name / "report.json" for place in (*places, folder))
@@ -61,7 +61,7 @@ def committed_report(matrix: Path, name: str) -> Path | None:
 
 
 def durations(files: Iterable[Path]) -> dict[str, float]:
-    """Seconds of cells by their ids, from report documents; a later one counts over an earlier one."""
+    """Return the seconds of cells by id, from report documents. A later document overrides an earlier one."""
     from harness.running import shards  # noqa: PLC0415 - start-up
 
     seconds: dict[str, float] = {}
@@ -72,7 +72,7 @@ def durations(files: Iterable[Path]) -> dict[str, float]:
 
 
 def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
-    """The cells whose id, or label, a glob matches; an empty selection is bad input."""
+    """Return the cells whose id or label a glob matches. Raises BadInput if there are none."""
     if pattern is None:
         return tuple(cells)
     found = tuple(cell for cell in cells if cellid.fits(pattern, cell))
@@ -84,7 +84,7 @@ def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
 
 
 def selected(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
-    """The cells chosen to be worked on, one at least."""
+    """Return the cells to work on, chosen by a glob. Raises BadInput if there are none."""
     if not cells:
         message = "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
         raise BadInput(message)
@@ -101,14 +101,14 @@ def check_distinct(plans: Sequence[Plan]) -> None:
 
 
 def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, float]) -> tuple[Cell, ...]:
-    """The cells of one shard, none where there are more shards than cells."""
+    """Return the cells of one shard. Some shards are empty if there are more shards than cells."""
     from harness.running import shards  # noqa: PLC0415 - start-up
 
     return shards.split(cells, wanted.count, seconds)[wanted.number - 1]
 
 
 def failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
-    """The cells whose last record here is not as expected or inconclusive; one that was never run is none of them."""
+    """Return the cells whose last record here is inconclusive or not as expected. Cells that never ran are left out."""
     here, today = this_machine.facts().id, store.now()
     return tuple(cell for cell in cells if _failed(cell, opened, here, today))
 

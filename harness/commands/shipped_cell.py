@@ -1,4 +1,4 @@
-"""A cell that was measured before and came with the harness, or that `HARNESS_RESULTS` names."""
+"""Load a cell that was measured before: from the reports of the harness, or from those that `HARNESS_RESULTS` names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`simmatrix show CELL`: everything known of one cell."""
+"""`simmatrix show CELL`: show everything known about one cell."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LISTED = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `show`."""
+    """Add the options of `show`."""
     parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one: '*mujoco-3.3*'")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print it as a report document, and nothing else, on stdout")
@@ -110,7 +110,7 @@ def _several(pattern: str, found: Sequence[str]) -> str:
 
 
 def _matching(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
-    """The records of the one cell that an id, a label or a glob names, by machine; none where it was not run here."""
+    """Return the records of the one cell that an id, label or glob names, by machine; none if it was not run here."""
     found = sorted({cell.id for cell in cellid.chosen(pattern, [record.cell for record in records])})
     if len(found) == 1:
         return sorted((record for record in records if record.cell.id == found[0]), key=lambda record: record.machine)
@@ -120,7 +120,10 @@ def _matching(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
 
 
 def _document(records: Sequence[CellRecord], known: Sequence[CellRecord], opened: Store) -> Document:
-    """The records as a document whose paths start from the working folder, judged beside what changes made of them."""
+    """Return the records as a document, judged together with changed versions of the cell.
+
+    Its paths start from the working folder.
+    """
     cell = records[0].cell
     near = {cell.id, cell.base}
     together = [record for record in known if record.cell.id in near or record.cell.base == cell.id]
@@ -181,7 +184,7 @@ def _change(cell: CellEntry) -> Iterator[str]:
 
 
 def _diagnosis(one: DiagnosisEntry) -> Iterator[str]:
-    """A known failure that it is: cause, remedy, whether that is proven here, and where more is said."""
+    """Yield lines on a known failure: its cause, its remedy, whether the remedy is proven here, and references."""
     yield f"known as {one.signature}"
     yield f"  cause      {one.cause}"
     yield f"  seen       {one.seen}"
@@ -208,14 +211,14 @@ def _facts(cell: CellEntry) -> Iterator[str]:
 
 
 def _tests(suite: SuiteEntry) -> str:
-    """Return how many tests ended how; of a suite that could not be run, why."""
+    """Return the number of tests by outcome as text, or the reason why the suite could not be run."""
     if suite.not_run:
         return f"not run: {suite.decisive}"
     return ", ".join(f"{count} {how}" for how, count in suite.tests.items())
 
 
 def _subject(subject: SubjectEntry) -> str:
-    """The package under test: what was measured, and where its source stood."""
+    """Return the package under test as text: name, extras, version, groups, commit, and whether it was changed."""
     extras = f"[{','.join(subject.extras)}]" if subject.extras else ""
     groups = f" with {', '.join(subject.groups)}" if subject.groups else ""
     commit = f" at {subject.commit[:12]}" if subject.commit else ""
@@ -242,7 +245,7 @@ def _case(case: CaseEntry) -> Iterator[str]:
 
 
 def _log(evidence: str | None) -> Iterator[str]:
-    """The end of the log; a folder of evidence holds it as `log.txt`."""
+    """Yield the path of the evidence and the last lines of its log, which a folder holds as `log.txt`."""
     if evidence is None:
         return
     path = Path(evidence)
@@ -254,7 +257,7 @@ def _log(evidence: str | None) -> Iterator[str]:
 
 
 def _next(cell: Cell, entry: CellEntry) -> Iterator[str]:
-    """The commands that a reader may want to type now."""
+    """Yield the commands that a reader may want to type next."""
     yield "next"
     if entry.lock and entry.verdict is Verdict.WORKS:
         yield f"  uv pip sync --require-hashes {shlex.quote(entry.lock)}"

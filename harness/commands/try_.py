@@ -1,4 +1,4 @@
-"""`simmatrix try REQUIREMENT...`: one combination, answered in one line."""
+"""`simmatrix try REQUIREMENT...`: measure one combination, and answer in one line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HELP = "Try one combination of requirements: lock, install, and run environments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `try`."""
+    """Add the options of `try`."""
     ad_hoc_cell.add_arguments(parser)
     parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
     parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Try it; 0 only for `works`, 1 where it does not, 3 where it cannot be told here."""
+    """Try the combination. Return 0 only for `works`, 1 if it does not work, 3 if that cannot be decided here."""
     given = ad_hoc_cell.read(args)
     opened = store.open_store()
     settings = scheduler.Settings(fresh=args.fresh, offline=args.offline, verify=args.verify)

@@ -1,4 +1,4 @@
-"""What the settings of a machine make each library draw on, what is wrong with them, and which ones to take."""
+"""Predict how each library draws under a machine's settings, name the errors, and recommend settings."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ LIBRARIES = (
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Here:
-    """What there is to draw with: EGL's devices, and whether OSMesa and a display answer."""
+    """The ways to draw on a machine: EGL's devices, and whether OSMesa and a display answer."""
 
     devices: tuple[Device, ...]
     osmesa: bool
@@ -53,7 +53,7 @@ CROSSED = Here(devices=(Device(cuda=1), Device(cuda=0), Device()), osmesa=True, 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Drawn:
-    """What a library draws with: `egl` on a device, `osmesa`, `glfw`; or the error with which it fails instead."""
+    """The way a library draws: `egl` on a device, `osmesa`, `glfw`; or the error with which it fails instead."""
 
     way: str
     device: int | None = None
@@ -62,7 +62,7 @@ class Drawn:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Advice:
-    """Variables to set and to unset before drawing, and why these."""
+    """Variables to set and to unset before drawing, and the reason."""
 
     variables: Variables
     unset: tuple[str, ...]
@@ -70,7 +70,7 @@ class Advice:
 
 
 def drawn(who: Library, variables: Variables, here: Here, argument: int | None = None) -> Drawn:
-    """What a library draws with under these variables, `argument` being robosuite's device argument."""
+    """Return the way a library draws under these variables; `argument` is robosuite's device argument."""
     settings = Settings(
         argument=argument, egl=variables.get(EGL_ID), cuda=variables.get(CUDA), old=variables.get(OLD_EGL_ID)
     )
@@ -85,7 +85,7 @@ def drawn(who: Library, variables: Variables, here: Here, argument: int | None =
 
 
 def _unable(way: str, platform: str, here: Here) -> str | None:
-    """Why this way cannot be gone, whatever the device; `platform` is PYOPENGL_PLATFORM."""
+    """Return the error that rules this way out whatever the device, or None; `platform` is PYOPENGL_PLATFORM."""
     name = {"egl": "EGL", "osmesa": "OSMesa"}.get(way)
     if name and platform and platform.lower() != way:
         said = f"The {PYOPENGL} environment variable is set to {platform!r} (should be either unset or {way!r})."
@@ -96,7 +96,10 @@ def _unable(way: str, platform: str, here: Here) -> str | None:
 
 
 def _way(library: str, value: str | None) -> tuple[str, str | None]:
-    """What MUJOCO_GL makes a library draw with, or why it refuses; robosuite makes it egl, whatever it was."""
+    """Return the way to draw that MUJOCO_GL selects for a library, and its error if the library refuses the value.
+
+    robosuite uses egl, whatever the value, unless it is osmesa or glx.
+    """
     if library == "robosuite":
         return {"osmesa": "osmesa", "glx": "glfw"}.get(value or "", "egl"), None
     plain = (value or "").lower().strip()
@@ -113,7 +116,7 @@ def _way(library: str, value: str | None) -> tuple[str, str | None]:
 
 
 def troubles(variables: Variables, here: Here) -> dict[str, list[Library]]:
-    """What is wrong with these variables: the libraries that fail with them, by what they raise."""
+    """Return the libraries that fail with these variables, by the error that they raise."""
     found: dict[str, list[Library]] = {}
     for who in LIBRARIES:
         error = drawn(who, variables, here).error
@@ -123,14 +126,14 @@ def troubles(variables: Variables, here: Here) -> dict[str, list[Library]]:
 
 
 def told(error: str, failing: Sequence[Library], variables: Variables) -> str:
-    """Such a trouble in a sentence, with what its own text leaves out."""
+    """Describe an error of `troubles` in a sentence; add CUDA_VISIBLE_DEVICES if the error's number comes from it."""
     blamed = EGL_ID in error and EGL_ID not in variables and CUDA in variables
     hint = f" (the number is that of {CUDA}={variables[CUDA]})" if blamed else ""
     return f"{', '.join(who.name for who in failing)} cannot draw here: {error}{hint}"
 
 
 def apart(variables: Variables, here: Here) -> str | None:
-    """Which libraries draw on different devices under the same variables, if any do."""
+    """Return a sentence with the device of each library if the libraries draw on different devices, else None."""
     places: dict[int, list[str]] = {}
     for who in LIBRARIES:
         device = drawn(who, variables, here).device
@@ -143,7 +146,11 @@ def apart(variables: Variables, here: Here) -> str | None:
 
 
 def possible(here: Here) -> Iterator[tuple[str, Variables, int | None]]:
-    """Each value that could be set alone, out of range by one, as (what is typed, variables, device argument)."""
+    """Yield each setting to compare, as (text to type, variables, device argument).
+
+    Each is set alone, to every device number and to one beyond the last. Then both variables are set,
+    CUDA_VISIBLE_DEVICES out of range.
+    """
     base = {GL: "egl"}
     numbers = range(len(here.devices) + 1)
     yield "nothing", base, None
@@ -156,7 +163,7 @@ def possible(here: Here) -> Iterator[tuple[str, Variables, int | None]]:
 
 
 def recommended(variables: Variables, here: Here) -> Advice | None:
-    """The one setting with which the most libraries draw on one device; another way where few can; None for none.
+    """Return the setting with which the most libraries draw on one device; another way if few can, None for none.
 
     CUDA_VISIBLE_DEVICES is left as it is where it can be: it is not set for the sake of drawing.
     """
@@ -180,15 +187,15 @@ def recommended(variables: Variables, here: Here) -> Advice | None:
 
 
 def applied(advice: Advice, variables: Variables) -> dict[str, str]:
-    """The variables as they are after the advice."""
+    """Return the variables after the advice is applied."""
     kept = {name: value for name, value in variables.items() if name not in advice.unset}
     return {**kept, **advice.variables}
 
 
 def _candidates(variables: Variables, here: Here) -> Iterator[Advice]:
-    """Settings worth a try, the best first: a device of CUDA's, another one, no device, a window.
+    """Yield settings worth a try, the best first: a CUDA device, another EGL device, OSMesa, a window.
 
-    Where CUDA_VISIBLE_DEVICES names devices that EGL has, it is one of them.
+    If CUDA_VISIBLE_DEVICES names devices that EGL has, these are the only EGL devices that are tried.
     """
     working = [place for place, device in enumerate(here.devices) if device.works]
     given = [part.strip() for part in variables.get(CUDA, "").split(",")]
@@ -205,7 +212,11 @@ def _candidates(variables: Variables, here: Here) -> Iterator[Advice]:
 
 
 def _worth(advice: Advice, variables: Variables, here: Here) -> tuple[int, ...]:
-    """What is best is largest: most libraries on the device that is meant, or all that can draw; nothing for none."""
+    """Return a sort key of an advice, the best largest; empty if no library can draw.
+
+    The key is (whether most libraries draw on the named device, how many draw there, how many draw at all). Without a
+    named device every library that draws counts as right.
+    """
     after = applied(advice, variables)
     results = [drawn(who, after, here) for who in LIBRARIES]
     drawing = [result for result in results if result.error is None]
@@ -216,5 +227,5 @@ def _worth(advice: Advice, variables: Variables, here: Here) -> tuple[int, ...]:
 
 
 def outcomes(variables: Variables, here: Here, argument: int | None = None) -> Sequence[Drawn]:
-    """What each of `LIBRARIES` draws with."""
+    """Return the way each of `LIBRARIES` draws, in their order; only robosuite takes `argument`."""
     return [drawn(who, variables, here, argument if who.library == "robosuite" else None) for who in LIBRARIES]

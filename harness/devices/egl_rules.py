@@ -1,7 +1,8 @@
-"""Which EGL device each library draws on: what its releases really do with the settings, as functions without I/O.
+"""Predict which EGL device each library draws on: the rules that its releases really follow, without I/O.
 
-Read from the releases' sources and held to measurements: a test compares every cell of the matrix robosuite-egl, and
-with a stand-in of several devices what one machine cannot show. What the libraries' pages say of it is elsewhere.
+Read from the releases' sources and held to measurements: a test compares every cell of the matrix robosuite-egl, and a
+stand-in of several devices covers the cases that one machine cannot show. The rules that the libraries' pages publish
+are elsewhere.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ KNOWS_CUDA = SpecifierSet(">=4.0.0")
 
 
 class Stage(StrEnum):
-    """When it is decided."""
+    """The step at which a library decides on its device."""
 
     IMPORT = "import"
     MAKE = "make"
@@ -36,7 +37,7 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Settings:
-    """What is asked for: each as it is set, None where it is not. `old` is EGL_DEVICE_ID."""
+    """The settings that choose a device, each as it is set, None if it is not. `old` is EGL_DEVICE_ID."""
 
     argument: int | None = None
     egl: str | None = None
@@ -54,7 +55,7 @@ class Device:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Choice:
-    """The place of the chosen device in EGL's list, or what is raised instead, and when; neither without EGL."""
+    """The place of the chosen device in EGL's list, or the error raised instead, and its stage; neither without EGL."""
 
     device: int | None = None
     error: str | None = None
@@ -63,9 +64,9 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Precedence:
-    """What `releases` of one library do, in sentences, the first that applies first.
+    """The rules by which `releases` of one library choose a device, in sentences, the first that applies first.
 
-    `run` is false for what was read in its source, and never run by this project.
+    `run` is false for rules that were read in its source, and never run by this project.
     """
 
     library: str
@@ -75,7 +76,7 @@ class Precedence:
 
 
 class _Raised(Exception):
-    """What the library raises."""
+    """The error that the library raises."""
 
 
 Chooser = Callable[[Settings, Sequence[Device]], int]
@@ -84,7 +85,7 @@ Chooser = Callable[[Settings, Sequence[Device]], int]
 def chosen(
     library: str, release: str, settings: Settings, devices: Sequence[Device], mujoco: str | None = None
 ) -> Choice:
-    """The device that a release of a library draws on, asked for EGL; `mujoco` is the release of MuJoCo beside it.
+    """Return the device that a release of a library draws on by EGL; `mujoco` is the release of MuJoCo beside it.
 
     Libraries are robosuite, gymnasium, mujoco, dm_control.
     """
@@ -115,7 +116,7 @@ def chosen(
 
 
 def _agreeing(settings: Settings) -> None:
-    """Check as robosuite does when it is imported."""
+    """Check the variables as robosuite does when it is imported."""
     if settings.cuda and settings.egl is not None and not (settings.egl.isdigit() and settings.egl in settings.cuda):
         message = f"AssertionError: {EGL_ID} needs to be set to one of the device id specified in {CUDA}"
         raise _Raised(message)
@@ -182,7 +183,10 @@ def _by_cuda(settings: Settings, devices: Sequence[Device]) -> int:
 
 
 def _visible(place: Mapping[int, int], visible: Sequence[int]) -> list[int]:
-    """The devices of CUDA_VISIBLE_DEVICES in its order: by CUDA's numbers, else as many as it names from 0 on."""
+    """Return the places of the devices in CUDA_VISIBLE_DEVICES, in its order; empty if they are not there.
+
+    Its numbers are CUDA's. If CUDA lacks one of them, as many devices as it names are taken, from 0 on.
+    """
     for numbers in (visible, range(len(visible))):
         if visible and all(number in place for number in numbers):
             return [place[number] for number in numbers]
@@ -190,7 +194,7 @@ def _visible(place: Mapping[int, int], visible: Sequence[int]) -> list[int]:
 
 
 def _cuda_numbers(text: str | None) -> list[int]:
-    """The numbers of CUDA_VISIBLE_DEVICES; none where one part of it is no number, or negative."""
+    """Return the numbers of CUDA_VISIBLE_DEVICES; none if a part of it is not a number, or negative."""
     try:
         found = [int(part) for part in (text or "").split(",") if part.strip()]
     except ValueError:
@@ -202,7 +206,7 @@ def _cuda_numbers(text: str | None) -> list[int]:
 
 
 def _opened(places: Sequence[int], devices: Sequence[Device], failed: str = "") -> int:
-    """The first of these devices that can be initialised."""
+    """Return the first of these places whose device can be initialised. Raises the library's error if none can."""
     for place in places:
         if devices[place].works:
             return place
@@ -313,7 +317,7 @@ PUBLISHED = f"{EGL_ID}, then {ARGUMENT}, then {CUDA}"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Typed:
-    """What is typed in a shell with spaces around `=`, and what a program started after it, or by it, then has.
+    """A line typed in a shell with spaces around `=`, and the value that a program started after it, or by it, has.
 
     `value` is None where the variable stays unset; `says` is what the shell answers.
     """

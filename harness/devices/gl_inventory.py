@@ -1,4 +1,4 @@
-"""What can draw in the caller's own environment: each EGL device, OSMesa and the display, asked one by one."""
+"""Ask each way to draw in the caller's own environment: every EGL device, OSMesa and the display, one by one."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from harness.machine.this_machine import PROBE
 from harness.model.hostile_data import Unreadable
 
 SECONDS = 60.0
-MOST = 32
+MOST_DEVICES = 32
 
 Answer = dict[str, str]
 """What a way of drawing says of itself, or `missing`: why there is none."""
 
 
 class Ways(msgspec.Struct, frozen=True, kw_only=True):
-    """What there is: EGL's devices in EGL's order, or why there are none, and the two other ways."""
+    """The ways to draw: EGL's devices in EGL's order, or why there are none, and the two other ways."""
 
     devices: tuple[Answer, ...]
     egl_missing: str | None
@@ -31,7 +31,7 @@ class Ways(msgspec.Struct, frozen=True, kw_only=True):
     display: Answer
 
     def as_devices(self) -> tuple[Device, ...]:
-        """The devices as `rendering` has them."""
+        """Return the devices as `egl_rules` describes them."""
         numbers = (int(one["cuda"]) if "cuda" in one else None for one in self.devices)
         return tuple(
             Device(cuda=number, works="missing" not in one) for number, one in zip(numbers, self.devices, strict=True)
@@ -41,18 +41,19 @@ class Ways(msgspec.Struct, frozen=True, kw_only=True):
 def ways() -> Ways:
     """Ask everything that could draw, each in a process of its own, with the caller's variables."""
     first = _ask("device:0")
-    count = min(int(first.get("count", "0")), MOST)
+    count = min(int(first.get("count", "0")), MOST_DEVICES)
     devices = [first, *(_ask(f"device:{place}") for place in range(1, count))] if count else []
     missing = None if devices else "EGL lists no device" if "count" in first else first["missing"]
     kept = tuple({name: text for name, text in one.items() if name != "count"} for one in devices)
     return Ways(devices=kept, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
 
 
-MOST = 1 << 20
+MOST_ANSWER = 1 << 20
+"""Bytes of what a way of drawing says of itself."""
 
 
 def _ask(way: str) -> Answer:
-    """What the probe says; how it died, where it did: drivers do."""
+    """Run the probe for one way and return its answer; `missing` says how its driver crashed or hung."""
     with scratch_folder() as folder:
         answer = folder / "answer.json"
         command = Command(
@@ -65,7 +66,7 @@ def _ask(way: str) -> Answer:
         )
         done = run(command)
         try:
-            found: Any = guarded_files.decoded(answer, MOST, lambda text: msgspec.json.decode(text, type=Answer))
+            found: Any = guarded_files.decoded(answer, MOST_ANSWER, lambda text: msgspec.json.decode(text, type=Answer))
         except Unreadable:
             how = f"crashed with signal {done.signal}" if done.signal else "did not answer"
             count = {"count": str(int(way.partition(":")[2]) + 1)} if way.startswith("device:") else {}

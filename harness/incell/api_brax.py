@@ -89,7 +89,7 @@ class Task(World):
         self.state = state
 
     def describe(self):
-        """The device, the backend, and the sizes."""
+        """Return the device, the backend, and the sizes."""
         with library:
             return {
                 "device": str(self.jax.devices()[0]),

@@ -132,7 +132,7 @@ class Start:
 
 
 def known_states():
-    """The initial positions and velocities of the data set; None where the checkout has none."""
+    """Return the initial positions and velocities of the data set; None where the checkout has none."""
     import numpy as np
 
     folder = os.path.join(os.environ.get(VARIABLE, ""), *DATA)
@@ -141,7 +141,7 @@ def known_states():
 
 
 def generated_states(env):
-    """Initial positions around the environment's own, and its own velocities."""
+    """Return initial positions around the environment's own, and its own velocities."""
     import numpy as np
 
     random = np.random.RandomState(0)
@@ -179,7 +179,7 @@ class Kitchen(Classic):
             return context.call(ask)
 
     def describe(self):
-        """The spaces, and where the initial states are from."""
+        """Return the spaces, and where the initial states are from."""
         generated = "generated: {} around the environment's own, standard deviation {}".format(STATES, SPREAD)
         return dict(super().describe(), told={"initial states": "of the data set" if known_states() else generated})
 
@@ -225,7 +225,7 @@ def _dilled(start):
 
 
 def _asked(case):
-    """The runner's arguments."""
+    """Return the runner's arguments."""
     asked = {name: value for name, value in case["kwargs"].items() if name != "dummy"}
     for name in asked:
         if name not in RUNNER:

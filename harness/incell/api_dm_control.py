@@ -25,7 +25,7 @@ class Suite(Adapter):
     imports = ("dm_control.suite",)
 
     def modules(self, case):
-        """The suite, or the module of a callable that makes an environment."""
+        """Return the suite, or the module of a callable that makes an environment."""
         found = own(case)
         return [found.module] if found else list(self.imports)
 
@@ -34,7 +34,7 @@ class Suite(Adapter):
         return own(case) is not None or super().knows(case)
 
     def names(self):
-        """All tasks, as `domain/task`."""
+        """Return all tasks, as `domain/task`."""
         return ["/".join(task) for task in importlib.import_module("dm_control.suite").ALL_TASKS]
 
     def make(self, case, tell, draw=False):
@@ -79,7 +79,7 @@ class Task(Environment):
         return first.observation
 
     def _generator(self):
-        """What a task of the suite, or an environment of composer, takes its randomness from."""
+        """Return the random generator of a task of the suite, or of an environment of composer."""
         kept = getattr(getattr(self.raw, "task", None), "random", None)
         return getattr(self.raw, "random_state", None) if kept is None else kept
 
@@ -125,7 +125,7 @@ class Task(Environment):
             return context.call(ask)
 
     def get_state(self):
-        """Return what dm_control calls the state, and what else a simulation goes on from: time and warm start."""
+        """Return the state by dm_control, and the time and warm start that a simulation also goes on from."""
         with library:
             physics = self.raw.physics
             return physics.get_state(), physics.data.time, physics.data.qacc_warmstart.copy()
@@ -158,7 +158,7 @@ class Task(Environment):
         return values.astype(self.actions.dtype)
 
     def describe(self):
-        """The specs."""
+        """Return the specs as text."""
         with library:
             specs = {"observation_space": self.promised, "action_space": self.actions}
             return {name: str(spec)[:500] for name, spec in specs.items()}

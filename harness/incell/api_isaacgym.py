@@ -62,7 +62,7 @@ class IsaacGym(Adapter):
 
 
 def arguments(case):
-    """The arguments of a case, completed."""
+    """Return the arguments of a case, completed."""
     unknown = sorted(set(case["kwargs"]) - set(DEFAULTS))
     chosen = dict(DEFAULTS, **case["kwargs"])
     if unknown or chosen["path"] not in ("tensor", "cpu") or chosen["pipeline"] not in ("gpu", "cpu"):
@@ -72,7 +72,10 @@ def arguments(case):
 
 
 def there(chosen, needed):
-    """The devices that CUDA and Vulkan see. A device that is needed and that this machine has not is no failure."""
+    """Return the devices that CUDA and Vulkan see.
+
+    A device that is needed and that this machine has not is no failure.
+    """
     seen = {role: devices(way) for role, (way, _) in SEES.items()}
     for role in needed:
         wanted, found = chosen[role + "_device"], seen[role]
@@ -82,7 +85,7 @@ def there(chosen, needed):
 
 
 def told(seen):
-    """The devices by their numbers, as their drivers call them, and which of both are one and the same."""
+    """Return the names of the devices in the order of their numbers, and which of both are one and the same."""
     facts = {role: found and [named(device) for device in found] for role, found in seen.items()}
     graphics = {device["uuid"]: number for number, device in enumerate(seen["graphics"] or ()) if device["uuid"]}
     facts["same"] = [graphics.get(device["uuid"]) for device in seen["compute"] or ()]
@@ -90,7 +93,7 @@ def told(seen):
 
 
 def named(device):
-    """The name of a device, and that it is no hardware."""
+    """Return the name of a device, marked if it is no hardware."""
     return device["name"] + (" (software)" if device.get("kind") == "software" else "")
 
 
@@ -169,7 +172,7 @@ class Simulation(Environment):
         return camera
 
     def _states(self):
-        """The states of all bodies before the first step: a tensor on the GPU, an array else."""
+        """Return the states of all bodies before the first step: a tensor on the GPU, an array else."""
         with library:
             if self.tensors is None:
                 self.start = self.gym.get_sim_rigid_body_states(self.sim, self.gymapi.STATE_ALL).copy()
@@ -250,7 +253,7 @@ class Simulation(Environment):
         return self._picture(number, raw)
 
     def _picture(self, number, raw):
-        """The colours of a picture, whose fourth channel is no colour."""
+        """Return the colours of a picture, whose fourth channel is no colour."""
         picture = numbers(raw, place("the camera image of environment {}".format(number)))
         if picture.size != HEIGHT * WIDTH * CHANNELS or picture.dtype.name != "uint8":
             got = "{} values of {}".format(picture.size, picture.dtype)
@@ -258,7 +261,7 @@ class Simulation(Environment):
         return picture.reshape(HEIGHT, WIDTH, CHANNELS)[:, :, :3].copy()
 
     def describe(self):
-        """The release, and the devices of this machine."""
+        """Return the release, and the devices of this machine."""
         with library:
             version = self.gym.get_version()
         return {"told": dict(told(self.seen), version="{}.{}".format(version.major, version.minor))}

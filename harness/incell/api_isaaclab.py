@@ -134,7 +134,7 @@ class Task(World):
         return arrays
 
     def _array(self, value, name):
-        """The values of a tensor that lies where the task computes."""
+        """Return the values of a tensor that lies where the task computes."""
         if not isinstance(value, self.torch.Tensor):
             violate("isaaclab.not_tensor", where=place(name), got=shown(value))
         if value.device != self.torch.device(self.task.device):
@@ -142,7 +142,7 @@ class Task(World):
         return value.detach().cpu().numpy().copy()
 
     def draw(self):
-        """Return what a camera of the first world sees."""
+        """Return the picture of a camera in the first world."""
         outputs = [sensor.data.output for sensor in self.task.scene.sensors.values() if hasattr(sensor.data, "output")]
         pictures = next(output[COLOURS] for output in outputs if COLOURS in output)
         return getattr(pictures, "torch", pictures)[0].cpu().numpy()
@@ -159,7 +159,7 @@ class Task(World):
             self.task.sim.forward()
 
     def describe(self):
-        """The device, the spaces and the physics; once it was driven, how long that took."""
+        """Return the device, the spaces and the physics; once it was driven, how long that took."""
         with library:
             names = ("single_observation_space", "single_action_space", "observation_space", "action_space")
             facts = {name: str(getattr(self.task, name))[:500] for name in names}

@@ -63,7 +63,7 @@ class Simulation(World):
         self.data = state
 
     def describe(self):
-        """The device, and the sizes of the model."""
+        """Return the device, and the sizes of the model."""
         with library:
             return {"device": str(self.jax.devices()[0]), "nq": self.sizes["qpos"][0], "nv": self.sizes["qvel"][0]}
 

@@ -30,7 +30,7 @@ class Bindings(Adapter):
         return Simulation(mujoco, model, tell, draw)
 
     def picture(self, case):
-        """The colours of those scenes of ours that have some above and others below."""
+        """Return the colours of those scenes of ours that have some above and others below."""
         return PICTURES.get(named(case))
 
 
@@ -109,17 +109,17 @@ class Simulation(Environment):
         return values
 
     def describe(self):
-        """The sizes of the model."""
+        """Return the sizes of the model."""
         return {name: int(getattr(self.model, name)) for name in ("nq", "nv", "nu", "nbody", "ngeom", "nsensordata")}
 
     def close(self):
-        """Let go of what draws."""
+        """Close the renderer."""
         if self.drawer is not None:
             self.drawer.close()
 
 
 class Renderer:
-    """What draws since MuJoCo 2.3."""
+    """Renderer of MuJoCo 2.3 and later."""
 
     def __init__(self, mujoco, model):
         self.raw = mujoco.Renderer(model, HEIGHT, WIDTH)
@@ -136,7 +136,7 @@ class Renderer:
 
 
 class Context:
-    """What draws before: a context of OpenGL, whose pictures begin at the bottom."""
+    """Renderer before MuJoCo 2.3: an OpenGL context, whose pictures begin at the bottom."""
 
     def __init__(self, mujoco, model):
         self.mujoco = mujoco

@@ -71,7 +71,7 @@ class Simulation(World):
                     getattr(self.data, name).assign(value)
 
     def describe(self):
-        """The device, and the sizes of the model."""
+        """Return the device, and the sizes of the model."""
         with library:
             return {"device": str(self.data.qpos.device), "nq": self.sizes["qpos"][0], "nv": self.sizes["qvel"][0]}
 

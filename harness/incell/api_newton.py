@@ -75,7 +75,7 @@ class Simulation(World):
         return {name: self.seen(place(name), shaped[name], (self.bodies, size)) for name, size in parts.items()}
 
     def describe(self):
-        """The device, and the sizes of the model."""
+        """Return the device, and the sizes of the model."""
         with library:
             return {"device": str(self.model.device), "solver": type(self.solver).__name__, "bodies": self.bodies}
 
@@ -91,7 +91,7 @@ def _solver(newton, name):
 
 
 def _collider(newton, solver, model):
-    """What finds contacts; MuJoCo's solver finds its own."""
+    """Return a function that finds contacts; with MuJoCo's solver, which finds its own, that returns None."""
     if solver.__name__ == "SolverMuJoCo":
         return lambda state: None
     pipeline = newton.CollisionPipeline(model)

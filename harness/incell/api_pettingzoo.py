@@ -34,7 +34,7 @@ class PettingZoo(Adapter):
     imports = ("pettingzoo",)
 
     def modules(self, case):
-        """The library, and the module of the environment."""
+        """Return the library, and the module of the environment."""
         found = own(case)
         module = found.module if found else _module(case)
         return [*self.imports, *([module] if found or self.knows(case) else [])]
@@ -44,7 +44,7 @@ class PettingZoo(Adapter):
         return own(case) is not None or _module(case).partition(".")[2].replace(".", "/") in self.names()
 
     def names(self):
-        """All modules of environments, as `classic/rps_v2`."""
+        """Return all modules of environments, as `classic/rps_v2`."""
         return sorted(_modules())
 
     def make(self, case, tell, draw=False):
@@ -64,7 +64,7 @@ class PettingZoo(Adapter):
         return (module.env if turns else module.parallel_env)(**options)
 
     def make_vector(self, makers, way, tell):
-        """Environments in batches are those of SuperSuit, another library."""
+        """Skip: environments in batches are those of SuperSuit, another library."""
         skip("pettingzoo.no_batches")
 
     def check_env(self, case):
@@ -89,7 +89,7 @@ class PettingZoo(Adapter):
 
 
 def _named(case):
-    """What follows the name of the library."""
+    """Return the id of the case's environment without the name of the library."""
     prefix, _, rest = case["env"].partition(":")
     return rest if prefix == "pettingzoo" else case["env"]
 
@@ -101,7 +101,7 @@ def _module(case):
 
 
 def _modules():
-    """The modules of environments that lie in the library's folder, before it is imported."""
+    """Yield the modules of environments that lie in the library's folder, before it is imported."""
     for folder in sys.path:
         below = os.path.join(folder, "pettingzoo")
         for family in sorted(os.listdir(below)) if os.path.isdir(below) else ():
@@ -132,7 +132,7 @@ class Group(Environment):
         self.masks = {}
 
     def agent(self, name):
-        """An agent, and what examines its observations; both made when it first appears."""
+        """Return an agent, and what examines its observations; both made when it first appears."""
         if name not in self.known:
             agent = Agent(self.raw, name)
             spaces = importlib.import_module(type(agent.observation_space).__module__.partition(".")[0] + ".spaces")
@@ -169,11 +169,11 @@ class Group(Environment):
             self._seed(agent)
 
     def draw(self):
-        """Return what render() returns."""
+        """Return the result of render()."""
         return self.raw.render()
 
     def describe(self):
-        """The spaces by agent."""
+        """Return the spaces by agent."""
         spaces = {}
         for kind in ("observation_space", "action_space"):
             spaces[kind] = str({name: str(getattr(agent, kind)) for name, (agent, _) in self.known.items()})[:500]

@@ -38,12 +38,12 @@ class Bullet(Adapter):
         return Simulation(importlib.import_module("pybullet"), name, tell)
 
     def picture(self, case):
-        """The colours of the scene of ours."""
+        """Return the colours of the scene of ours."""
         return PICTURE if named(case) == SCENE else None
 
 
 def named(case):
-    """What follows the name of the API."""
+    """Return the name of the case's environment without the name of the API."""
     return case["env"].partition(":")[2] or case["env"]
 
 
@@ -134,7 +134,7 @@ class Simulation(Environment):
         return self.random.uniform(-STRONGEST, STRONGEST, len(self.joints))
 
     def describe(self):
-        """The build, and what is there."""
+        """Return the build, and what is there."""
         with library:
             return {"api_version": self.bullet.getAPIVersion(), "bodies": len(self.bodies), "joints": len(self.joints)}
 
@@ -144,7 +144,7 @@ class Simulation(Environment):
 
 
 def scene(bullet, here):
-    """A floor, a red box that floats above a blue one, a sphere that falls beside, and an arm with a motor."""
+    """Build a floor, a red box that floats above a blue one, a sphere that falls beside, and an arm with a motor."""
     box(bullet, here, (0.5, 0.05, 0.2), (0, 0.3, 1.8), RED)
     box(bullet, here, (0.5, 0.05, 0.2), (0, 0.3, 0.3), BLUE)
     shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=0.1, **here)
@@ -154,19 +154,19 @@ def scene(bullet, here):
 
 
 def floor(bullet, here):
-    """A large box that does not move."""
+    """Add a large box that does not move."""
     return box(bullet, here, (5, 5, 0.5), (0, 0, -0.5), GREY, solid=True)
 
 
 def box(bullet, here, half, place, colour, solid=False):
-    """A box that does not move."""
+    """Add a box that does not move."""
     seen = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=colour, **here)
     shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **here) if solid else -1
     return bullet.createMultiBody(0, shape, seen, place, **here)
 
 
 def arm(bullet, here):
-    """A link that turns about the y axis at a base that stands."""
+    """Add a link that turns about the y axis at a base that stands."""
     half = (0.04, 0.04, 0.25)
     base = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=[0.03] * 3, rgbaColor=GREY, **here)
     shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **here)

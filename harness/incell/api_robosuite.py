@@ -31,11 +31,11 @@ class Robosuite(Adapter):
     imports = ("robosuite",)
 
     def named(self, case):
-        """The name of the environment, without a wrapper around it."""
+        """Return the name of the environment, without a wrapper around it."""
         return _task(case)[0]
 
     def names(self):
-        """All environments; None of a release that does not list them."""
+        """Return all environments; None of a release that does not list them."""
         found = getattr(importlib.import_module("robosuite"), "ALL_ENVIRONMENTS", None)
         return None if found is None else sorted(map(str, found))
 
@@ -68,7 +68,7 @@ class Robosuite(Adapter):
         return _family(raw).limited(raw, steps)
 
     def _batching(self):
-        """The library that the wrapper is of."""
+        """Return the library that the wrapper is of."""
         if not any(_there(name) for name in FAMILIES):
             skip("robosuite.no_batches")
         with library:
@@ -148,7 +148,7 @@ class Task(Environment):
         return self.random.uniform(self.low, self.high)
 
     def describe(self):
-        """The bounds of actions and the shapes of observations."""
+        """Return the bounds of actions and the shapes of observations."""
         shapes = ", ".join("{} {}".format(name, getattr(part, "shape", "")) for name, part in self.latest.items())
         bounds = "{} to {}".format(self.low.tolist(), self.high.tolist())
         return {"action_spec": bounds[:500], "observation": shapes[:500]}
@@ -174,7 +174,7 @@ class Task(Environment):
 
 
 def _task(case):
-    """The name of the task, and whether it is asked for in its gym wrapper."""
+    """Return the name of the task, and whether it is asked for in its gym wrapper."""
     name = case["env"]
     name = name[len("robosuite:") :] if name.startswith("robosuite:") else name
     wrapped = WRAPPED.match(name)
@@ -201,7 +201,7 @@ def _wrapper():
 
 
 def _library(wrapper):
-    """The name of the library whose environment a wrapper is."""
+    """Return the name of the library whose environment a wrapper is."""
     kinds = wrapper.__mro__ if isinstance(wrapper, type) else type(wrapper).__mro__
     found = [kind.__module__.partition(".")[0] for kind in kinds]
     return next(name for name in FAMILIES if name in found)

@@ -105,7 +105,7 @@ class Batch(World):
         return seen
 
     def _array(self, where, value):
-        """The values of a tensor that lies where the environment computes."""
+        """Return the values of a tensor that lies where the environment computes."""
         if not isinstance(value, self.torch.Tensor):
             violate("value.as_other", where=where, got=shown(value), promised="a tensor")
         if value.device != self.torch.device(self.raw.device):
@@ -113,7 +113,7 @@ class Batch(World):
         return value.detach().cpu().numpy().copy()
 
     def describe(self):
-        """The device, the worlds, and the spaces."""
+        """Return the device, the worlds, and the spaces."""
         with library:
             names = ("single_observation_space", "single_action_space")
             told = {name: str(getattr(self.raw, name))[:500] for name in names}

@@ -1,4 +1,4 @@
-"""What an adapter is: one API, and one environment of it as the phases drive it.
+"""Define adapters: one API, and one environment of it as the phases drive it.
 
 `API` in each `api_NAME.py` is an `Adapter`. These files are loaded before the libraries under test: whatever a library
 may have forgotten to import itself (numpy, too) is imported inside functions.
@@ -19,7 +19,7 @@ class Adapter:
     """True where a batch has room for one number only as the reward of each environment."""
 
     def modules(self, case):
-        """Names of modules to import first for a case."""
+        """Return the names of modules to import first for a case."""
         return list(self.imports)
 
     def knows(self, case):
@@ -28,21 +28,21 @@ class Adapter:
         return names is None or self.named(case) in names
 
     def names(self):
-        """All environments that there are, by the names that ids have; None where they cannot be listed."""
+        """Return the names of all environments as ids have them; None if they cannot be listed."""
         return
 
     def named(self, case):
-        """The name of the environment of a case, without ours before it."""
+        """Return the name of a case's environment, without the API's name before it."""
         prefix, colon, rest = (case["env"] or "").partition(":")
         return rest if colon and prefix == case["api"] else case["env"]
 
     def versions(self, case):
-        """The names that there are of the environment of a case in any version."""
+        """Return the names that exist for a case's environment in any version."""
         stem = _stem(self.named(case).rpartition(":")[2])
         return [one for one in self.names() or () if _stem(one) == stem]
 
     def nearest(self, case):
-        """The names most like that of a case, the nearest first; None where they cannot be listed."""
+        """Return the names most like that of a case, the nearest first; None if they cannot be listed."""
         import difflib
 
         names = self.names()
@@ -92,7 +92,7 @@ class Adapter:
 
 
 def _stem(name):
-    """A name without its version."""
+    """Return a name without its version."""
     return name.rpartition("-v")[0] or name
 
 
@@ -129,7 +129,7 @@ class Environment:
         skip("skip.no_pictures")
 
     def where_drawn(self, ask):
-        """Return what a function says in the thread that draws, with the context current that drew last."""
+        """Call a function in the thread that draws, with the context current that drew last, and return its result."""
         return ask()
 
     def reset(self, seed=None):
@@ -166,7 +166,7 @@ class Environment:
         return
 
     def describe(self):
-        """What it promises, as text by name."""
+        """Return the promises of the environment as text, by name."""
         return {}
 
     def close(self):

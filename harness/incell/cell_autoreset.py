@@ -47,7 +47,10 @@ def beside_single(probe, env, mode, maker):
 
 
 class Batch:
-    """What each environment of a batch gives: (observation, reward, ended, last observation of the episode) by step."""
+    """The results of each environment of a batch, by step.
+
+    A result is (observation, reward, ended, last observation of the episode).
+    """
 
     def __init__(self, env, mode):
         self.env = env

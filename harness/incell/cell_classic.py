@@ -20,7 +20,7 @@ class Gym(Family):
         super().__init__("gym")
 
     def ids(self):
-        """The ids that are registered."""
+        """Return the ids that are registered."""
         registry = super().ids()
         return registry if isinstance(registry, dict) else registry.env_specs
 
@@ -54,7 +54,7 @@ class Gym(Family):
         super().check_env(case)
 
     def pictures(self, raw):
-        """The render modes that an environment names."""
+        """Return the render modes that an environment names."""
         return super().pictures(raw) or raw.metadata.get("render.modes", ())
 
     def _classic(self):

@@ -1,4 +1,4 @@
-"""What draws: the OpenGL context that is current in this thread, asked through libraries that are loaded already.
+"""Describe the OpenGL context that is current in this thread, using only libraries that are loaded already.
 
 Nothing is loaded here that was not: a library under test may depend on it and have forgotten to say so.
 """
@@ -12,13 +12,13 @@ LONGEST = 300
 
 
 def current():
-    """`api` (egl, osmesa, glx), vendor, renderer, version and, of EGL, `device`; empty where no context is current."""
+    """Return `api` (egl, osmesa, glx), vendor, renderer, version and, of EGL, `device`; empty without a context."""
     found = asked(("libEGL.so", _egl), ("libOSMesa.so", _osmesa), ("libGLX.so", _glx), ("libGL.so", _glx))
     return {name: text[:LONGEST] for name, text in found.items() if text}
 
 
 def asked(*ways):
-    """What the first loaded library says that says something: each way is how its file begins, and what asks it."""
+    """Return the first answer of a loaded library; a way is the beginning of a file name, and a function to ask."""
     mapped = _mapped()
     for stem, ask in ways:
         for path in mapped:
@@ -36,7 +36,7 @@ def _mapped():
 
 
 def _asked(ask, path):
-    """What a library says; None where it is not what its name says, or has gone again."""
+    """Return the answer of a library; None if it lacks the functions that its name promises, or is gone again."""
     try:
         return ask(ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_LAZY))
     except (OSError, AttributeError):
@@ -63,7 +63,7 @@ def _glx(library):
 
 
 def drawing_device(library):
-    """The device of EGL's current context; 0 where it cannot be asked, None without a context."""
+    """Return the device of EGL's current context; 0 where it cannot be asked, None without a context."""
     display = _pointer(library.eglGetCurrentDisplay)
     if not display or not _pointer(library.eglGetCurrentContext):
         return None
@@ -75,7 +75,7 @@ def drawing_device(library):
 
 
 def described(find, device):
-    """The file of a device, the number by which CUDA knows it, or that it is no hardware."""
+    """Describe a device: its file, the number by which CUDA knows it, or that it is no hardware."""
     text, extensions = _device_text(find), _extensions(find, device)
     found = []
     if b"EGL_EXT_device_drm" in extensions:
@@ -89,7 +89,7 @@ def described(find, device):
 
 
 def ordinal(find, device):
-    """The number by which CUDA knows a device of EGL; None where it knows it not."""
+    """Return the number by which CUDA knows a device of EGL; None if CUDA does not know it."""
     kinds = ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
     of_device = entry(find, "eglQueryDeviceAttribEXT", *kinds)
     if not of_device or b"EGL_NV_device_cuda" not in _extensions(find, device):
@@ -99,7 +99,7 @@ def ordinal(find, device):
 
 
 def _extensions(find, device):
-    """What a device can be asked for."""
+    """Return the extensions of a device."""
     text = _device_text(find)
     return (text(device, EGL_EXTENSIONS) or b"").split() if text else []
 
@@ -114,14 +114,14 @@ def _strings(find):
 
 
 def entry(find, name, result, *arguments):
-    """A C function, as these libraries find it by its name; None where they know none."""
+    """Return a C function, as these libraries find it by its name; None if they know none."""
     find.restype, find.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
     address = find(name.encode())
     return ctypes.CFUNCTYPE(result, *arguments)(address) if address else None
 
 
 def _pointer(function):
-    """What a function without arguments points to."""
+    """Call a C function without arguments and return the pointer that it gives."""
     function.restype = ctypes.c_void_p
     return function()
 

@@ -52,7 +52,7 @@ class Counts:
             counts[kind] = counts.get(kind, 0) + 1
 
     def called(self, function, kind, matters):
-        """The function, counted where `matters` says so of its arguments; what it calls itself is no other one."""
+        """Return the function, its calls counted if `matters` says so of the arguments; inner calls do not count."""
 
         def counting(*values, **named):
             outermost, self._inside = not self._inside, True
@@ -85,7 +85,7 @@ def _replaced(counts, torch, array):
 
 
 def _mode(counts):
-    """A mode of torch that sees every operation."""
+    """Return a mode of torch that sees every operation."""
     modes = importlib.import_module("torch.utils._python_dispatch")
 
     class Seen(modes.TorchDispatchMode):

@@ -44,7 +44,7 @@ def device(probe, facts):
 
 
 def settings(case):
-    """What was asked for, by the name of the setting that says so; one that is empty stands there, too."""
+    """Return the settings that choose a device, by name; one that is empty is included, too."""
     found = {name: os.environ[name] for name in VARIABLES if name in os.environ}
     if ARGUMENT in case["kwargs"]:
         found[ARGUMENT] = case["kwargs"][ARGUMENT]
@@ -52,7 +52,7 @@ def settings(case):
 
 
 def seen():
-    """What draws (see `cell_context`); of EGL also the `index` and the `cuda` number of its device.
+    """Describe the renderer in use (see `cell_context`); of EGL also the `index` and the `cuda` number of its device.
 
     `devices` are all, in EGL's order, and `ordinals` the numbers that CUDA gives them.
     """
@@ -101,7 +101,9 @@ def _compare(probe, wanted, got, ordinals):
 
 
 def _means(name, asking, place, ordinals):
-    """Whether a setting can mean the device at this place, (EGL's, CUDA's); CUDA_VISIBLE_DEVICES counts as CUDA does.
+    """Return whether a setting can mean the device at this place, (EGL's, CUDA's).
+
+    CUDA_VISIBLE_DEVICES counts as CUDA does.
 
     Another number may be a place among the devices that CUDA sees, as it is for CUDA itself and for MuJoCo 4. A driver
     may number those devices alone: it has no number then that is larger than they are many.
@@ -116,18 +118,18 @@ def _means(name, asking, place, ordinals):
 
 
 def named(name, value):
-    """The numbers of devices that a setting names: none where it leaves the choice open or names them otherwise."""
+    """Return the numbers of devices that a setting names; none if it leaves the choice open or names them otherwise."""
     parts = str(value).split(",") if name == CUDA else [str(value)]
     return [int(part) for part in parts if part.strip().isdigit()]
 
 
 def written(name, value):
-    """A setting as it is typed."""
+    """Return a setting as it is typed."""
     return "{}={}".format(name, value)
 
 
 def _where(got, right):
-    """Where it was drawn, and which settings name that place."""
+    """Return the place where the picture was drawn, and the settings that name that place."""
     if got["api"] != "egl":
         return {"api": got["api"]}
     place = {"index": got["index"], "by": " and ".join(written(*one) for one in right) or "nothing"}
@@ -138,7 +140,10 @@ def _where(got, right):
 
 
 class Memory:
-    """What is in use of each NVIDIA GPU, by all processes of the machine, as NVML tells, which the driver brings."""
+    """The memory in use on each NVIDIA GPU, by all processes of the machine.
+
+    The numbers come from NVML, which the driver brings.
+    """
 
     def __init__(self):
         self.gpus = []
@@ -180,7 +185,7 @@ class Memory:
                 gpu[when] = str(error)
 
     def told(self):
-        """MiB by GPU, in NVML's order (that of the PCI bus), or why there are none."""
+        """Return the MiB by GPU, in NVML's order (that of the PCI bus), or the reason why there are none."""
         return [gpu for _, gpu in self.gpus] or "unavailable: " + (self.missing or "NVML names no GPU")
 
 
@@ -212,7 +217,7 @@ class Drawing(Maker):
 
 
 def drawing(api, case):
-    """The library's own object, as it draws."""
+    """Make the library's own object, as it draws."""
     if case["api"] == "robosuite":
         name = case["env"].partition(":")[2] or case["env"]
         wrapped = name if name.startswith("GymWrapper(") else "GymWrapper({})".format(name)

@@ -36,7 +36,7 @@ def _close(env):
 
 
 def teller(probe, phase):
-    """Return what an examiner tells its lesser things to."""
+    """Return the function to which an examiner reports its lesser things."""
     return lambda kind, code, **data: probe.finding("{}.{}".format(phase, kind), code, **data)
 
 

@@ -1,4 +1,4 @@
-"""Whose fault an exception is, and how it is told."""
+"""Find whose fault an exception is, and describe it as plain data."""
 
 import traceback
 
@@ -57,20 +57,20 @@ library = Library()
 
 
 def blame(error):
-    """`library`, or `harness` when our own code raised it."""
+    """Return `library`, or `harness` if our own code raised the exception."""
     theirs = error is library.raised or isinstance(error, ContractViolation)
     return "library" if theirs else "harness"
 
 
 def failure(error):
-    """Return what a record says of an exception: `raised` of a library's or ours, or what we `observed`."""
+    """Return the keys of a record for an exception: `raised` by a library or by us, or `observed` by us."""
     if isinstance(error, ContractViolation):
         return {"raised": None, "observed": error.observed}
     return {"raised": describe(error), "observed": None}
 
 
 def describe(error):
-    """An exception as plain data, bounded."""
+    """Return an exception as plain data, bounded."""
     return {
         "type": type_name(error),
         "message": bounded(message(error), LONGEST_MESSAGE),
@@ -80,7 +80,7 @@ def describe(error):
 
 
 def type_name(error):
-    """The name of an exception's type as a traceback shows it, ours without our package."""
+    """Return the name of an exception's type as a traceback shows it, ours without our package."""
     kind = type(error)
     if kind.__module__ in ("builtins", __name__):
         return kind.__qualname__
@@ -88,7 +88,7 @@ def type_name(error):
 
 
 def message(error):
-    """An exception's text; some raise when asked for it."""
+    """Return an exception's text; some raise when asked for it."""
     try:
         return str(error)
     except Exception:
@@ -96,12 +96,12 @@ def message(error):
 
 
 def summary(error):
-    """An exception on one line."""
+    """Return an exception on one line."""
     return "{}: {}".format(type_name(error), " ".join(message(error).split()))
 
 
 def raised(error):
-    """An exception as part of an observation: on one line, or what we observed."""
+    """Return an exception as part of an observation: on one line, or what we observed."""
     return error.observed if isinstance(error, ContractViolation) else summary(error)
 
 

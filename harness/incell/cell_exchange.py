@@ -1,4 +1,4 @@
-"""What passes between an environment of arrays and the library that drives it: values, the memory they lie in, resets.
+"""Record the values, memory and resets that pass between an environment of arrays and the library that drives it.
 
 An array is numpy's or torch's. A `part` is one array of what a step gives, by its name: `reward`, `terminated`,
 `truncated`, `observation`, or one of the keys of an observation.
@@ -77,25 +77,25 @@ def reuses(steps):
 
 
 def parts_of(result):
-    """The parts of what step() returned, of five values or, in gym's older way, four."""
+    """Return the parts of a result of step(), of five values or, in gym's older way, four."""
     names = ("reward",) + (ENDS if len(result) == 5 else ENDS[:1])
     return dict(named(result[0]), **dict(zip(names, result[1:-1])))
 
 
 def named(observation):
-    """The parts of an observation by their names."""
+    """Return the parts of an observation by name."""
     return dict(observation.items()) if hasattr(observation, "items") else {"observation": observation}
 
 
 def array_of(value):
-    """The values as an array of numpy; the memory may be the same."""
+    """Return the values as an array of numpy, which may share the memory."""
     import numpy as np
 
     return value.detach().cpu().numpy() if hasattr(value, "detach") else np.asarray(value)
 
 
 def address(value):
-    """Where the memory of an array lies; None of what is no array."""
+    """Return the memory address of an array; None for any other value."""
     import numpy as np
 
     if hasattr(value, "data_ptr"):
@@ -110,7 +110,7 @@ def same_memory(one, two):
 
 
 def shown(value):
-    """What an array is, `torch.Tensor float32 [4, 2] cpu`; of anything else its type."""
+    """Describe an array as in `torch.Tensor float32 [4, 2] cpu`; of any other value name the type."""
     kind = type(value)
     name = kind.__name__ if kind.__module__ == "builtins" else "{}.{}".format(kind.__module__, kind.__qualname__)
     if not hasattr(value, "shape"):
@@ -128,7 +128,7 @@ def equal(one, two):
 
 
 def rows(array, which):
-    """The values in some of the worlds, of which `which` says for each whether it is one of them."""
+    """Return the values in those worlds that the mask `which` selects."""
     import numpy as np
 
     which = np.asarray(which).reshape(-1)

@@ -17,12 +17,12 @@ class Family(Adapter):
         self.name = name
 
     def named(self, case):
-        """The id as the library knows it: `gym:CartPole-v1` names us, and gym 0.22 and 0.23 do not know it so."""
+        """Return the id as the library knows it: gym 0.22 and 0.23 do not know `gym:CartPole-v1`, which names us."""
         prefix, env = self.name + ":", case["env"] or ""
         return env[len(prefix) :] if env.startswith(prefix) else env
 
     def modules(self, case):
-        """The library, and the module that an id such as `module:Name-v0` or `module:callable` names."""
+        """Return the library, and the module that an id such as `module:Name-v0` or `module:callable` names."""
         found = own(case)
         prefix, colon, _ = (found.module, ":", "") if found else self.named(case).partition(":")
         return [self.name] + ([prefix] if colon else [])
@@ -36,11 +36,11 @@ class Family(Adapter):
         return name in ids or any(one.startswith(latest) and one[len(latest) :].isdigit() for one in ids)
 
     def names(self):
-        """All ids that are registered."""
+        """Return all ids that are registered."""
         return [str(name) for name in list(self.ids())]
 
     def ids(self):
-        """The ids that are registered."""
+        """Return the ids that are registered."""
         return self._part("envs.registration").registry
 
     def make(self, case, tell, draw=False):
@@ -87,7 +87,7 @@ class Family(Adapter):
         return vector.AsyncVectorEnv(makers, shared_memory=False, **way)
 
     def autoreset_modes(self):
-        """gymnasium since 1.1 lets one choose."""
+        """Return the arguments that choose each autoreset mode, by its name; gymnasium since 1.1 offers a choice."""
         vector = self._part("vector")
         if hasattr(vector, "AutoresetMode"):
             return {mode.name: {"autoreset_mode": mode} for mode in vector.AutoresetMode}
@@ -115,11 +115,11 @@ class Family(Adapter):
         return "rgb_array" in modes
 
     def pictures(self, raw):
-        """The render modes that an environment names."""
+        """Return the render modes that an environment names."""
         return raw.metadata.get("render_modes", ())
 
     def _own(self, case):
-        """The callable that the id of a case names, unless it is one of the library's own ids."""
+        """Return the callable that the id of a case names, unless it is one of the library's own ids."""
         found = own(case)
         if found is None or not found.exists():
             return None
@@ -144,7 +144,7 @@ class Modern(Environment):
 
     @property
     def processes(self):
-        """The workers of a vector environment."""
+        """Return the workers of a vector environment."""
         return getattr(self.raw, "processes", None) or ()
 
     def reset(self, seed=None):
@@ -187,7 +187,7 @@ class Modern(Environment):
         return number
 
     def render(self):
-        """Return what render() returns."""
+        """Return the result of render()."""
         with library:
             return self.raw.render()
 
@@ -202,7 +202,7 @@ class Modern(Environment):
             return self.raw.action_space.sample()
 
     def describe(self):
-        """The spaces."""
+        """Return the spaces."""
         with library:
             return {name: str(getattr(self.raw, name))[:500] for name in ("observation_space", "action_space")}
 

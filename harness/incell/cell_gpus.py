@@ -100,7 +100,7 @@ def created(ctypes, loader):
 
 
 def properties(ctypes, loader, handle):
-    """What a physical device of Vulkan's says of itself."""
+    """Return the properties of a physical device of Vulkan's."""
 
     class Identity(ctypes.Structure):
         _fields_ = (
@@ -135,7 +135,7 @@ def properties(ctypes, loader, handle):
 
 
 def text(raw):
-    """Bytes of a driver as text."""
+    """Return a driver's bytes as text."""
     return raw.decode("utf-8", "replace")
 
 

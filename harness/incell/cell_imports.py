@@ -62,7 +62,7 @@ class Imports:
         return raised
 
     def ours(self):
-        """The modules that were imported only to look for the environment, or by name."""
+        """Return the modules that were imported only to look for the environment, or by name."""
         return [*self.case["imports"], *self.searched]
 
     def import_module(self, name):

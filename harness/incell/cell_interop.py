@@ -1,4 +1,4 @@
-"""What the checks of phase interop share: a library that may be absent, and the environment as its library has it."""
+"""Help the checks of phase interop: import a library that may be absent, make an environment as its library does."""
 
 import importlib
 
@@ -17,7 +17,7 @@ def present(module, distribution):
 
 
 def made(probe):
-    """The environment as the library that brings it has it."""
+    """Return the environment as the library that brings it has it."""
     try:
         return probe.api.bare(probe.case)
     except Skip:

@@ -48,7 +48,7 @@ def _identity(descriptor):
 
 
 def bounded(text, limit):
-    """Text of at most `limit` characters: its beginning and its end, where the news is."""
+    """Return text of at most `limit` characters: its beginning and its end, where the news is."""
     if len(text) <= limit:
         return text
     half = (limit - 40) // 2

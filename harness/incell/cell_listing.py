@@ -30,7 +30,7 @@ def suited(tops):
 
 
 def registered(tops):
-    """Return what gymnasium and gym know of these packages, and what robosuite lists."""
+    """Return the environments of these packages that gymnasium and gym register, and those that robosuite lists."""
     found = []
     for api in REGISTRIES:
         registry = getattr(sys.modules.get(api + ".envs.registration"), "registry", {})

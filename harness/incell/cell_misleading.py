@@ -5,7 +5,7 @@ from .cell_observed import observation
 
 
 def contradiction(code, **data):
-    """Return what a misleading check measured that contradicts the specification of its case."""
+    """Return the contradiction between a misleading check and the specification of its case, as an observation."""
     return observation(code, data)
 
 

@@ -48,7 +48,7 @@ def _watching(function, note):
 
 
 def memory(view):
-    """Return what an array of the bindings has in memory, where its values lie side by side.
+    """Return the values of an array of the bindings as they lie in memory, side by side.
 
     The bindings before 3.1.4 give arrays whose strides are wrong beside numpy 2.
     """
@@ -121,7 +121,7 @@ RESETS = 3
 
 
 def simulation(probe):
-    """Return what the environment of the case simulates; it is made once for all checks of this process."""
+    """Return the simulation of the case's environment; it is made once for all checks of this process."""
     if "simulation" not in probe.memo:
         probe.memo["simulation"] = _simulation(probe)
     return probe.memo["simulation"]

@@ -37,7 +37,10 @@ class Own:
 
 
 def own(case):
-    """What the environment id of a case names, if it can be a callable; an API's name may stand before it."""
+    """Return the callable that the environment id of a case names; None if it cannot be one.
+
+    The name of an API may stand before it.
+    """
     env = case["env"] or ""
     prefix, colon, rest = env.partition(":")
     if colon and prefix == case["api"]:
@@ -57,7 +60,7 @@ def takes(function, name):
 
 
 def _entry(name):
-    """What an entry point stands for, empty without one of this name."""
+    """Return the target of an entry point; empty if there is none of this name."""
     for folder in sys.path:
         if not os.path.isdir(folder):
             continue
@@ -70,7 +73,7 @@ def _entry(name):
 
 
 def _entries(path):
-    """The entry points of our group in one file."""
+    """Return the entry points of our group in one file."""
     try:
         with open(path, encoding="utf-8") as file:
             lines = [line.strip() for line in file]

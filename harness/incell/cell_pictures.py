@@ -68,7 +68,7 @@ def advance(env, steps):
 
 
 def values(observation):
-    """All numbers of an observation, in their order, as arrays of their own; what is no number is left out."""
+    """Return all numbers of an observation, in their order, as arrays of their own; what is no number is left out."""
     if isinstance(observation, (tuple, list)):
         return [one for part in observation for one in values(part)]
     if hasattr(observation, "keys"):
@@ -109,7 +109,7 @@ def marred(picture, never):
 
 
 def _height(picture, colour):
-    """The mean row of all pixels of a colour; None where there are next to none."""
+    """Return the mean row of all pixels of a colour; None where there are next to none."""
     wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])
     near = (abs(picture.astype(np.int64) - wanted) <= NEAR).all(axis=2)
     return float(near.nonzero()[0].mean()) if near.mean() >= PART else None

@@ -89,7 +89,7 @@ class Probe(Imports):
         self.reply.write("finding", check=check, level=level, observed=observed)
 
     def findings(self, check):
-        """Return what was found so far."""
+        """Return the findings so far."""
         return list(self._found.get(check, {}).values())
 
     def frame(self, check, which, name):
@@ -166,7 +166,7 @@ class Probe(Imports):
 
 
 def _own_modules():
-    """The files of ours that this process loaded."""
+    """Return the files of ours that this process loaded."""
     prefix = __package__ + "."
     loaded = [name[len(prefix) :] + ".py" for name in sys.modules if name.startswith(prefix)]
     return sorted(["bootstrap.py", *loaded])

@@ -70,7 +70,7 @@ PICTURES = {"markers": {"above": "#ff0000", "below": "#0000ff"}}
 
 
 def named(case):
-    """What a case is about: its environment without the name of the API before it."""
+    """Return the name of the case's environment without the name of the API before it."""
     return case["env"].partition(":")[2] or case["env"]
 
 

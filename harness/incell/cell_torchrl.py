@@ -1,4 +1,4 @@
-"""TorchRL around an environment: what goes in and comes out of it, at the price of which conversions and copies.
+"""Wrap environments in TorchRL, and record inputs and outputs, and the conversions and copies that they cost.
 
 Each check is one way to wrap it. A few steps are looked at one by one; then a rollout is stored, as for training, and
 compared with what each step really returned.
@@ -23,22 +23,22 @@ MADE = "simmatrix/Made-v0"
 
 
 def gym(probe, facts):
-    """GymWrapper as it is: it converts actions to numpy."""
+    """Check GymWrapper as it is: it converts actions to numpy."""
     _drive(probe, facts, lambda raw: _of("gym").GymWrapper(raw, device="cpu"))
 
 
 def gym_tensor(probe, facts):
-    """GymWrapper that passes actions on as they are."""
+    """Check GymWrapper that passes actions on as they are."""
     _drive(probe, facts, lambda raw: _of("gym").GymWrapper(raw, device="cpu", convert_actions_to_numpy=False))
 
 
 def isaaclab(probe, facts):
-    """IsaacLabWrapper on the CPU; its own default is the first GPU."""
+    """Check IsaacLabWrapper on the CPU; its own default is the first GPU."""
     _isaaclab(probe, facts)
 
 
 def isaaclab_native(probe, facts):
-    """IsaacLabWrapper that leaves it to the environment to begin episodes."""
+    """Check IsaacLabWrapper that leaves it to the environment to begin episodes."""
     _isaaclab(probe, facts, native_autoreset=True)
 
 
@@ -59,7 +59,7 @@ def _isaaclab(probe, facts, **options):
 
 
 def backend(probe, facts):
-    """GymEnv, which makes an environment by its id, in the backend that set_gym_backend names."""
+    """Check GymEnv, which makes an environment by its id, in the backend that set_gym_backend names."""
     cell_interop.present("torchrl", "torchrl")
     gymnasium = importlib.import_module("gymnasium")
     if probe.case["api"] == "gymnasium" and probe.case["env"] in gymnasium.envs.registration.registry:
@@ -101,7 +101,7 @@ def _drive(probe, facts, wrap, make=cell_interop.made):
 
 
 def _wrapped(raw, wrap):
-    """Wrap an environment, which is closed where that fails: of some there can be one at a time."""
+    """Wrap an environment; close it if that fails, since of some there can be only one at a time."""
     try:
         return wrap(raw)
     except BaseException:
@@ -132,7 +132,7 @@ def _steps(env, exchange):
 
 
 def _places(exchange, stored):
-    """The key under which TorchRL stores each part of a step, its own or one with the same values."""
+    """Return the key under which TorchRL stores each part of a step, its own or one with the same values."""
     step, (_, after) = exchange.steps[-1], stored[-1]
     there, found = _names_in(after), {}
     for name in step.parts:
@@ -143,7 +143,7 @@ def _places(exchange, stored):
 
 
 def _passed(exchange, stored, places):
-    """What went in and came out of the steps that were looked at."""
+    """Describe the inputs and outputs of the latest steps: arrays, shared memory, conversions and copies."""
     pairs = list(zip(exchange.steps[-LOOKED_AT:], stored[-LOOKED_AT:]))
     step, (_, after) = pairs[-1]
     same = {"action": _always(same_memory(taken, step.action) for step, (taken, _) in pairs)}
@@ -200,7 +200,7 @@ def _stored(probe, wrapper, steps, rollout, places):
 
 
 def _at_end(step, name, stored):
-    """What is stored of an observation where an episode ended."""
+    """Describe the observation stored where an episode ended: the last one, as returned, zeros or another."""
     import numpy as np
 
     found = rows(stored, step.ended)
@@ -222,7 +222,7 @@ def _resets(probe, resets):
 
 
 def _inner(env):
-    """The environment that is wrapped."""
+    """Return the environment that is wrapped."""
     transformed = importlib.import_module("torchrl.envs").TransformedEnv
     while isinstance(env, transformed):
         env = env.base_env
@@ -230,7 +230,7 @@ def _inner(env):
 
 
 def _names(env):
-    """The classes of a wrapper, the outermost first."""
+    """Return the names of the classes of a wrapper, the outermost first."""
     transformed = importlib.import_module("torchrl.envs").TransformedEnv
     found = [type(env).__name__]
     while isinstance(env, transformed):
@@ -248,7 +248,7 @@ def _observed(after):
 
 
 def _always(answers):
-    """One answer where all agree."""
+    """Return one answer if all agree."""
     found = set(answers)
     return found.pop() if len(found) == 1 else "sometimes"
 
@@ -267,7 +267,7 @@ def _of(name):
 
 
 def _library(probe):
-    """The releases that work together, and why TorchRL's compiled part does not, where it does not."""
+    """Return the releases that work together, and why TorchRL's compiled part does not work, if it does not."""
     names = ("torchrl", "tensordict", "torch", "gymnasium")
     told = {name: str(getattr(sys.modules.get(name), "__version__", None)) for name in names}
     try:

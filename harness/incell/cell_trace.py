@@ -1,4 +1,4 @@
-"""What an environment did, step by step, to be compared with another run."""
+"""Record the steps of an environment, to be compared with another run."""
 
 import hashlib
 import re
@@ -38,14 +38,14 @@ class Trace:
         self._values.append(parts if self._room >= 0 else None)
 
     def steps(self):
-        """Digests for a reply: at most 5000, the last one then standing for all the rest."""
+        """Return digests for a reply: at most 5000, the last one then standing for all the rest."""
         if len(self.digests) <= LONGEST:
             return list(self.digests)
         rest = "".join(self.digests[LONGEST - 1 :])
         return [*self.digests[: LONGEST - 1], hashlib.sha256(rest.encode("ascii")).hexdigest()[:DIGITS]]
 
     def values(self):
-        """Numbers for a reply: of the first entries, each part as a list, None where it holds no numbers.
+        """Return numbers for a reply: of the first entries, each part as a list, None where it holds no numbers.
 
         Of `steps` entries there are as many as hold 1000 numbers, of each part the first 64; `sizes` says how many
         numbers each part has.
@@ -98,7 +98,7 @@ def _number(value):
 
 
 def _gap(one, two):
-    """The largest difference between two lists of arrays; None where they cannot be subtracted."""
+    """Return the largest difference between two lists of arrays; None where they cannot be subtracted."""
     if [leaf.shape for leaf in one] != [leaf.shape for leaf in two]:
         return None
     gaps = [0.0]

@@ -83,7 +83,7 @@ def _place(module):
 
 
 def _places():
-    """The folders of metadata of all distributions."""
+    """Return the folders of metadata of all distributions."""
     folders = [folder for folder in sys.path if os.path.isdir(folder)]
     return [os.path.join(folder, name) for folder in folders for name in sorted(os.listdir(folder)) if _is(name)]
 
@@ -107,7 +107,7 @@ def _holds(place, files):
 
 
 def _plugins(place):
-    """The modules that a distribution's entry points for gymnasium name."""
+    """Yield the modules that a distribution's entry points for gymnasium name."""
     inside = False
     for line in _lines(os.path.join(place, "entry_points.txt")):
         if line.startswith("["):

@@ -1,4 +1,4 @@
-"""What an environment returned against what its spaces promise; numpy is imported late, see `cell_adapter`."""
+"""Compare the values that an environment returns with its spaces; numpy is imported late, see `cell_adapter`."""
 
 from .cell_errors import library, violate
 from .cell_observed import inside, place, remark
@@ -218,7 +218,7 @@ def _finite(array, where):
 
 
 def shown(value):
-    """What kind of thing a value is, in words."""
+    """Describe a value in words: its type, and an array's dtype and shape."""
     import numpy as np
 
     if isinstance(value, np.ndarray):
@@ -231,7 +231,7 @@ def shown(value):
 
 
 def _short(value):
-    """The text of a value, cut: a large Box prints all its bounds."""
+    """Return the text of a value, cut: a large Box prints all its bounds."""
     with library:
         text = " ".join(str(value).split())
     return text if len(text) <= 120 else text[:117] + "..."

@@ -1,4 +1,4 @@
-"""What happens beside the calls: warnings, exceptions nobody can catch, stacks of a crash or a hang."""
+"""Watch for events beside the calls: warnings, exceptions nobody can catch, stacks of a crash or a hang."""
 
 import faulthandler
 import os

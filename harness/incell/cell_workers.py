@@ -87,7 +87,7 @@ class Diary:
 
 
 def processes(env, error):
-    """The workers of a vector environment, found in the traceback where its constructor never returned it."""
+    """Return the workers of a vector environment, found in the traceback where its constructor never returned it."""
     found = getattr(env, "processes", None)
     step = error.__traceback__ if error is not None else None
     while found is None and step is not None:

@@ -23,7 +23,10 @@ def run(probe, facts):
 
 
 def _registered(probe):
-    """The environments that the packages asked for, or submodules of theirs, register with gymnasium and gym: by it."""
+    """Return, by library, the environments that the requested packages or their submodules register.
+
+    The libraries are gymnasium and gym.
+    """
     tops = [name for name in probe.case["imports"] if name.lower() not in ASIDE]
     found = _ids(tops)
     for module in [] if found else [one for top in tops for one in registering(top, None)]:
@@ -35,7 +38,7 @@ def _registered(probe):
 
 
 def _ids(tops):
-    """Ids by library whose entry point lies in one of these packages."""
+    """Return the ids, by library, whose entry point lies in one of these packages."""
     found = {}
     for library in ("gymnasium", "gym"):
         registry = getattr(sys.modules.get(library + ".envs.registration"), "registry", {})

@@ -9,7 +9,7 @@ from .cell_sb3 import SB3, releases
 
 
 def run(probe, facts):
-    """Stable-Baselines3's own checker; its warnings are findings."""
+    """Run Stable-Baselines3's own checker; its warnings are findings."""
     facts["version"] = releases(present(SB3, "stable-baselines3"))
     probe.watch.take_warnings()
     with library:

@@ -30,7 +30,7 @@ def run(probe, facts):
 
 
 def _policy(env):
-    """The policy that suits the observations: of several parts, or one array.
+    """Return the policy that suits the observations: of several parts, or one array.
 
     A picture would do with a network of convolutions; the plain one learns from it, too, and is there for any size.
     """

@@ -83,7 +83,7 @@ def _opaque(drawn):
 
 
 def _context(env):
-    """What draws; nothing where that cannot be asked, which is no fault of the picture's."""
+    """Describe the renderer in use; empty if it cannot be asked, which is no fault of the picture's."""
     try:
         return env.where_drawn(current)
     except Exception:
@@ -97,7 +97,7 @@ def _tell(probe, found):
 
 
 def _examine(probe, facts, frame, which, pose):
-    """A frame has to be an array (height, width, 3) of uint8 that shows something."""
+    """Check that a frame is an array (height, width, 3) of uint8 that shows something."""
     if frame.ndim != 3 or frame.shape[2] != 3 or 0 in frame.shape:
         violate("render.shape", got=str(frame.shape), promised="(height, width, 3)")
     if frame.dtype != np.uint8:

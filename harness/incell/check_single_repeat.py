@@ -4,6 +4,6 @@ from .cell_episode import episode
 
 
 def run(probe, facts):
-    """Only the trajectory: for a second process, to be compared with the first one's."""
+    """Record only the trajectory of a second process, to be compared with that of the first."""
     trace = episode(probe)
     facts["trajectory"], facts["values"] = trace.steps(), trace.values()

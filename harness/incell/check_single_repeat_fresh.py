@@ -4,7 +4,7 @@ from .cell_episode import episode
 
 
 def run(probe, _facts):
-    """The same seed in another new environment of this process."""
+    """Compare the trajectory of the same seed in another new environment of this process."""
     difference = probe.memo["trace"].difference(episode(probe))
     if difference:
         probe.finding("single.repeat.fresh", "repeat.fresh", at=difference["step"], difference=difference)

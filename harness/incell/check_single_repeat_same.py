@@ -7,7 +7,7 @@ FURTHER_EPISODES, STEPS_OF_A_FURTHER_ONE = 5, 3
 
 
 def run(probe, _facts):
-    """The same environment reset with the same seed again, and again; then with another seed."""
+    """Reset the same environment with the same seed again, and again; then with another seed."""
     with single(probe) as env:
         first, second, third = [rollout(probe, env) for _ in range(3)]
         between = second.difference(third)

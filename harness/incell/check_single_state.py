@@ -7,7 +7,7 @@ STEPS_FROM_A_STATE = 10
 
 
 def run(probe, _facts):
-    """A state that was saved and restored goes on as it did the first time."""
+    """Check that a saved and restored state goes on as it did the first time."""
     with single(probe) as env:
         if env.get_state is None:
             skip("skip.no_state")

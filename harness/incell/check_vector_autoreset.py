@@ -5,7 +5,7 @@ from .cell_batch import in_watched_workers, opened_batch, skip_several_rewards
 
 
 def run(probe, facts):
-    """Over the ends of episodes, in this process and in workers, in each way that the library has."""
+    """Go over the ends of episodes, in this process and in workers, in each way that the library has."""
     check = "vector.autoreset"
     skip_several_rewards(probe)
     modes = probe.api.autoreset_modes()

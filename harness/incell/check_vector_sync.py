@@ -5,7 +5,7 @@ from .cell_workers import Maker
 
 
 def run(probe, facts):
-    """All environments in this process."""
+    """Drive all environments in this process."""
     skip_several_rewards(probe)
     facts["environments"] = probe.num_envs
     makers = [Maker(probe, "vector.sync")] * probe.num_envs

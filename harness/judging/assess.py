@@ -1,7 +1,7 @@
-"""The one door to a verdict: from what was measured of a cell, and what is known, to all that this means.
+"""Assess a cell: the only way from its record and the known failures to a verdict, and to all that follows from it.
 
-What takes time is computed when it is first asked for: signatures are read only where something failed, silent ones
-only where something was installed.
+Slow parts are computed on first use: signatures are read only if something failed, silent ones only if something was
+installed.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from harness.standalone import silent
 
 
 def assess(record: CellRecord, known: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:
-    """Judge a cell. `known` is what failures are compared with, `today` an ISO date or instant for expectations.
+    """Judge a cell. `known` holds the known failures, `today` is an ISO date or instant for expectations.
 
-    Without the two, verdict, phases, lines and cases are the same; causes and silent issues are none, and no
-    expectation has run out.
+    Without these two, verdict, phases, lines and cases are the same. There are no causes and no silent issues then, and
+    no expectation has expired.
     """
     return Assessed(record=record, known=known, today=today)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assessed:
-    """A cell as it was measured, and what that means."""
+    """A measured cell and its meaning."""
 
     record: CellRecord
     known: Knowledge
@@ -51,27 +51,27 @@ class Assessed:
 
     @property
     def verdict(self) -> Verdict:
-        """The first row of DESIGN's table that fits."""
+        """Return the verdict: the first row of DESIGN's table that fits."""
         return self._judged.verdict
 
     @property
     def phases(self) -> Outcomes:
-        """Return the outcome of each phase, that of the case where it ended worst."""
+        """Return the outcome of each phase, from the case where it ended worst."""
         return self._judged.phases
 
     @property
     def phase(self) -> Phase | None:
-        """The first phase that decided the verdict."""
+        """Return the first phase that decided the verdict."""
         return self._judged.phase
 
     @property
     def decisive(self) -> str | None:
-        """The line that says why."""
+        """Return the line that says why."""
         return self._judged.decisive
 
     @property
     def observed(self) -> Observed | None:
-        """Return the observation behind that line, where it is ours."""
+        """Return the cell's observation behind that line; None if the line is not ours."""
         return self._judged.observed
 
     @cached_property
@@ -94,13 +94,13 @@ class Assessed:
 
     @cached_property
     def cases(self) -> tuple[AssessedCase, ...]:
-        """The cases of the record, in its order, their phases as they count."""
+        """Return the cases of the record, in its order, with their phases as they count."""
         pairs = zip(self.record.cases, self._counted, strict=False)
         return tuple(AssessedCase(record=case, phases=phases) for case, phases in pairs)
 
     @cached_property
     def open_issues(self) -> tuple[tuple[str, ...], ...]:
-        """For each case the silent issues, as `silent:ID`, that fit it and that no check has shown or refuted."""
+        """Return the silent issues (`silent:ID`) of each case that fit it and that no check has shown or refuted."""
         if not self.lurking:
             return ((),) * len(self.record.cases)
         return tuple(silent.open_issues(self.lurking, case.exercised) for case in self.cases)
@@ -114,12 +114,12 @@ class Assessed:
 
     @cached_property
     def lurking(self) -> tuple[Signature, ...]:
-        """The silent issues whose packages the cell has."""
+        """Return the silent issues whose packages the cell has."""
         return known_failures.lurking(self.known, self._packages)
 
     @cached_property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """The known failures that fit a red cell: what a misleading check has shown, then the deepest cause."""
+        """Return the known failures that fit a red cell: those shown by a misleading check, then the deepest cause."""
         if not known_failures.has_causes(self.verdict):
             return ()
         return known_failures.fitting(self.known, self._packages, self.failures, self._shown())
@@ -133,7 +133,7 @@ class Assessed:
 
     @property
     def suite_diagnoses(self) -> tuple[Diagnosis, ...]:
-        """The known failures that keep the environment of the suite from being made, the deepest cause first."""
+        """Return the known failures that keep the suite's environment from being made, the deepest cause first."""
         suite = self.suite
         if suite is None or not suite_not_run(suite):
             return ()
@@ -155,13 +155,13 @@ class Assessed:
         )
 
     def _lines(self) -> Iterator[str]:
-        """Yield what the cell says: why it and its checks ended as they did."""
+        """Yield the lines that say why the cell and its checks ended as they did."""
         yield self.decisive or ""
         yield from (line for case in self.cases for check in case.checks if (line := check.decisive))
 
     @property
     def failure(self) -> Failure | None:
-        """Return the identity of its failure; None where it works, or nothing was told of its packages."""
+        """Return the identity of the failure; None if the cell works, or nothing is known about its packages."""
         counted = known_failures.counted(self.diagnoses, self._lines())
         return identity.failure(self, (str(one.signature.id) for one in counted))
 
@@ -180,14 +180,14 @@ class Assessed:
 
     @property
     def stale(self) -> str | None:
-        """Why its expectation is out of date; None where it is not."""
+        """Return why the expectation of the cell is out of date; None if it is not."""
         return self._expected[1]
 
     # --- beside it ---------------------------------------------------------------------------------------------
 
     @property
     def findings(self) -> dict[Finding, tuple[str, ...]]:
-        """Each finding once, with the cases it was seen in."""
+        """Return each finding once, with the cases in which it was seen."""
         record = self.record
         steps = [step for step in (record.resolve, record.install) if step]
         everywhere = [*record.findings, *(finding for step in steps for finding in step.findings), *self._untold()]
@@ -200,7 +200,7 @@ class Assessed:
         return {finding: tuple(cases) for finding, cases in seen.items()}
 
     def _untold(self) -> Iterator[Finding]:
-        """Yield of which adapters nothing is known, so that a failure may as well be theirs."""
+        """Yield a note for each adapter whose control told nothing: a failure may as well be the adapter's."""
         for api, control in self.record.controls.items():
             if control.untold:
                 text = f"whether the adapter {api} works on this machine is not known: {control.untold}"
@@ -215,7 +215,7 @@ class Assessed:
 
     @property
     def evidence(self) -> str | None:
-        """The log of what decided the verdict; of the last thing done where nothing went wrong."""
+        """Return the log of what decided the verdict; of the last step if nothing went wrong."""
         record = self.record
         logs = [(step.phase, step.log) for step in (record.resolve, record.install) if step and step.log]
         for wanted in CASE_PHASES:

@@ -1,4 +1,4 @@
-"""One case of a cell as it counts: with the findings that it requires not to be there, and discounted by controls."""
+"""Judge one case of a cell as it counts: findings that it forbids fail it, and controls discount its failures."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ LONGEST_TEXT = 300
 
 @dataclass(frozen=True, kw_only=True)
 class AssessedCase:
-    """A case as it was measured, and `phases` as they count: all that a case can have, in order."""
+    """A measured case, and its `phases` as they count: all that a case can have, in order."""
 
     record: CaseRecord
     phases: tuple[PhaseRecord, ...]
 
     @cached_property
     def checks(self) -> tuple[CheckRecord, ...]:
-        """The checks of all phases."""
+        """Return the checks of all phases."""
         return tuple(check for phase in self.phases for check in phase.checks)
 
     @property
     def told(self) -> tuple[PhaseRecord, ...]:
-        """The phases that are told of: all but one of which nothing was asked."""
+        """Return the phases to report: all, except the last one if nothing of it was asked for."""
         return tuple(phase for phase in self.phases if counts(phase))
 
     @property
     def misleading(self) -> tuple[CheckRecord, ...]:
-        """The checks by which the case contradicts its own specification."""
+        """Return the checks by which the case contradicts its own specification."""
         return misleading.shown(self.checks)
 
     @property
     def misleads(self) -> tuple[str, ...]:
-        """The names of these checks."""
+        """Return the names of the misleading checks."""
         return tuple(check.check for check in self.misleading)
 
     @property
     def decisive(self) -> str | None:
-        """The reason of the first phase that ended worst; None where nothing went wrong."""
+        """Return the reason of the first phase that ended worst; None if nothing went wrong."""
         fine = {Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED}
         told = [phase for phase in self.phases if phase.outcome not in fine]
         poorest = worst(phase.outcome for phase in told)
@@ -57,12 +57,12 @@ class AssessedCase:
 
     @property
     def packages(self) -> tuple[str, ...]:
-        """The packages whose code its checks ran, as the cell noted them."""
+        """Return the packages whose code its checks ran, as the cell noted them."""
         return tuple(sorted({str(name) for check in self.checks for name in check.facts.get("exercised", ())}))
 
     @property
     def exercised(self) -> silent.Exercised:
-        """The case as silent issues see it."""
+        """Return the case in the form that silent issues are compared with."""
         return silent.Exercised(
             env=self.record.env,
             api=self.record.api,
@@ -73,6 +73,6 @@ class AssessedCase:
 
 
 def _drawn_by(check: CheckRecord) -> dict[str, str]:
-    """Return what a check says of the OpenGL context that drew for it; a cell may have written anything there."""
+    """Return the OpenGL context that a check noted for its picture; a cell may have written anything there."""
     told = check.facts.get("gl")
     return {name: str(told[name])[:LONGEST_TEXT] for name in DRAWN if name in told} if isinstance(told, dict) else {}

@@ -1,4 +1,4 @@
-"""The phases of a cell's cases as they count: with what a case requires, and discounted by the controls of adapters."""
+"""Compute the phases of cases as they count: required findings fail them, and adapters' controls discount failures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def reason(record: PhaseRecord) -> str | None:
 
 
 def observed(record: PhaseRecord, line: str | None) -> Observed | None:
-    """Return what the cell said of a line of a phase: why a check ended so, or a finding that the case requires."""
+    """Return the cell's observation behind a line of a phase: of a check, or of a finding that the case requires."""
     checks = ((check.observed, check.decisive) for check in record.checks)
     findings = ((found.observed, f"{found.check}: {found.text}") for found in record.findings)
     return next((seen for seen, told in (*checks, *findings) if seen and line and told == line), None)
@@ -54,21 +54,21 @@ def suite_phase(evidence: CellRecord) -> PhaseRecord | None:
 
 
 def suite_not_run(suite: PhaseRecord) -> bool:
-    """Return whether tests that were asked for could not be run, their environment being impossible to make."""
+    """Return whether requested tests could not run because their environment could not be made."""
     return suite.outcome is Outcome.NOT_REACHED and suite.decisive is not None
 
 
 def counted_cases(evidence: CellRecord) -> Cases:
-    """Return the cases with a record, and after them an empty one for each other that the cell should have had."""
+    """Return the phases of each recorded case, then those of each case of the cell that has no record."""
     known = {record.case for record in evidence.cases}
     unseen = (_unseen(case) for case in evidence.cell.cases if case.id not in known)
     return tuple(_case_phases(evidence, record) for record in (*evidence.cases, *unseen))
 
 
 def _case_phases(evidence: CellRecord, record: CaseRecord) -> tuple[PhaseRecord, ...]:
-    """Return the phases of a case as they count, all of `CASE_PHASES`: with `required` findings, and none left unsaid.
+    """Return the phases of a case as they count, all of `CASE_PHASES`; `required` findings fail them.
 
-    A failure in which the control of the adapter shares is `infra`: whose fault it is cannot be told.
+    A failure that the control of the adapter shares is `infra`: it is unknown whose fault it is.
     """
     known = {phase.phase: phase for phase in record.phases}
     cases = evidence.cell.cases
@@ -83,7 +83,7 @@ def _asked(checks: tuple[str, ...]) -> Mapping[Phase, frozenset[str]]:
 
 
 def counts(record: PhaseRecord) -> bool:
-    """Return whether a phase is told of: always, except the last one where nothing of it was asked for."""
+    """Return whether a phase is reported: always, except the last one if nothing of it was asked for."""
     return record.phase is not CASE_PHASES[-1] or record.outcome is not Outcome.SKIPPED or bool(record.checks)
 
 
@@ -101,7 +101,7 @@ def _unseen(case: Case) -> CaseRecord:
 
 
 def _counted(phase: Phase, record: PhaseRecord | None, asked: Set[str], required: tuple[str, ...]) -> PhaseRecord:
-    """Tell a phase without meaning (skipped, and a check says so) from one of which a check was asked and left out."""
+    """Return a phase as it counts. If a requested check was left out, a phase that went well is not reached."""
     if record is None:
         return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
     told = effective(record, required)

@@ -1,7 +1,7 @@
-"""What a failure is worth while the control of its adapter fails: nothing, where the control fails there too.
+"""Discount failures that the failing control of their adapter shares: they say nothing about the packages.
 
-To the check: a control whose picture fails says nothing about `single`, and one whose `single` fails leaves nothing to
-be believed of what needs it.
+This is done check by check: a control whose picture fails says nothing about `single`. If its `single` fails, nothing
+that needs `single` is believed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from harness.model.vocabulary import MISLEADING
 
 
 def trusted(record: PhaseRecord, control: ControlRecord | None) -> PhaseRecord:
-    """The record of a phase as it counts: `infra` where all of its failures may be the adapter's, or the machine's."""
+    """Return the record of a phase as it counts: `infra` if all its failures may be the adapter's, or the machine's."""
     if control is None or not control.failed:
         return record
     failing = [check for check in record.checks if check.outcome in FAILING]
@@ -42,12 +42,12 @@ def _trusted(record: CheckRecord, control: ControlRecord) -> CheckRecord:
 
 
 def _told(control: ControlRecord, check: str, own: str | None) -> str:
-    """The line of the control first: it is the one to look into."""
+    """Return the line of a discounted failure. The line of the control comes first: it is the one to look into."""
     return f"{control.control} fails, too, in {check}: {control.failed[check]}" + (f" (here: {own})" if own else "")
 
 
 def _suspect(check: str, control: ControlRecord) -> str | None:
-    """The failed check of the control for which this one is not believed: itself, or one that stood in its way."""
+    """Return the control's failed check that discounts this one: itself, or one that stood in its way; else None."""
     if check in control.failed:
         return check
     if check in control.passed:
@@ -58,7 +58,7 @@ def _suspect(check: str, control: ControlRecord) -> str | None:
 
 
 def _reached_over(phase: Phase) -> Iterator[Phase]:
-    """The phase, and those that it needs."""
+    """Yield the phase, then those that it needs."""
     needed: Phase | None = phase
     while needed:
         yield needed

@@ -1,4 +1,4 @@
-"""Tells what the environments of a cell ran: packages whose code was called, and registered ids."""
+"""Find the packages that the environments of a cell really ran, and environment ids that nothing registers."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def exercised(evidence: CellRecord) -> frozenset[str]:
 
 
 def idle(evidence: CellRecord) -> tuple[str, ...]:
-    """Return the packages asked for of which nothing was run; none where no environment came so far."""
+    """Return the requested packages of which nothing was run; none if no environment came so far."""
     ran = exercised(evidence)
     return tuple(name for name in evidence.cell.asked if name not in ran) if ran else ()
 
 
 def nothing_of(missed: Iterable[str], evidence: CellRecord) -> str:
-    """Return why a cell that passed does not work: it was something else that ran."""
+    """Return the reason why a cell that passed does not work: something else ran."""
     brought = ((case.env, check.facts.get("environment_of")) for case in evidence.cases for check in _checks(case))
     found = next((f": {env} is an environment of {package}" for env, package in brought if env and package), "")
     return f"nothing of {' and '.join(missed)} was run{found}"
@@ -40,14 +40,14 @@ def import_fact(case: CaseRecord, name: str) -> Any:
 
 
 def lacking(evidence: CellRecord) -> str | None:
-    """Return which arguments an environment needs that nobody named, in words; None where none is lacking."""
+    """Return in words the arguments that an environment needs and nobody named; None if none is lacking."""
     phases = (phase for case in evidence.cases for phase in case.phases)
     found = (finding.text for phase in phases for finding in phase.findings if finding.check == ARGUMENTS)
     return next((f"{evidence.cases[0].env} {text}" for text in found), None)
 
 
 def unregistered(evidence: CellRecord) -> str | None:
-    """Return what is wrong with an environment id that nothing registers, in a message; None where none is wrong."""
+    """Return a message about an environment id that nothing registers; None if there is no such id."""
     for case in evidence.cases:
         fact = import_fact(case, "unregistered")
         failed = any(phase.outcome in FAILING for phase in case.phases if phase.phase in {Phase.IMPORT, Phase.SINGLE})

@@ -21,19 +21,19 @@ class Judged(Protocol):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict."""
+        """Return the verdict."""
 
     @property
     def phase(self) -> Phase | None:
-        """The phase that decided."""
+        """Return the phase that decided."""
 
     @property
     def decisive(self) -> str | None:
-        """The line that says why."""
+        """Return the line that says why."""
 
     @property
     def observed(self) -> Observed | None:
-        """Return the observation behind that line, where it is ours and known."""
+        """Return the cell's observation behind that line; None if the line is not ours, or it is unknown."""
 
 
 def expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool | None, str | None]:
@@ -61,7 +61,7 @@ def met(expect: Expectation | ExpectationEntry | None, judged: Judged, names: Na
 
 
 def says(expect: Expectation | ExpectationEntry, line: str | None, seen: Observed | None) -> bool:
-    """Return whether a line, and what the cell said of it, are as expected; an old document has the line alone."""
+    """Return whether a line and the observation behind it are as expected. Old documents have the line alone."""
     if expect.code is not None and seen is not None:
         return observes(expect.code, expect.data, seen)
     if expect.code is not None:

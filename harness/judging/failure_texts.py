@@ -65,7 +65,7 @@ def gathered(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> E
 
 
 def _sightings(phase: PhaseRecord, told: Iterable[str | None]) -> Iterator[Sighting]:
-    """Yield what the cell observed of a phase: in the lines that say why, and in what it found besides."""
+    """Yield the cell's observations of a phase: those behind the lines that say why, then those of its findings."""
     for line in dict.fromkeys(told):
         seen = observed(phase, line)
         if line and seen:
@@ -79,13 +79,13 @@ def _sightings(phase: PhaseRecord, told: Iterable[str | None]) -> Iterator[Sight
 
 
 def written(kept: Mapping[str, str], phase: Phase) -> Iterator[str]:
-    """Yield the words of what a probe left, by file: of logs all, of replies those on what failed in this phase."""
+    """Yield the texts that a probe left: all of its logs, and from its replies those about failures of this phase."""
     for name, text in kept.items():
         yield from _texts(name, text, phase)
 
 
 def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
-    """Yield the words of a log; of the records of a reply those on what failed in this phase."""
+    """Yield the text of a log, or from the records of a reply the texts about failures of this phase."""
     if not name.endswith(".jsonl"):
         yield text
         return
@@ -97,7 +97,7 @@ def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
 
 
 def _about(entry: Mapping[str, Any], phase: Phase) -> bool:
-    """Return whether a record is of this phase, or says of none."""
+    """Return whether a record is about this phase, or names none."""
     return str(entry.get("check", phase)).partition(".")[0] == phase
 
 

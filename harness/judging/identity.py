@@ -1,4 +1,4 @@
-"""Identify the failure of a red cell, so that two cells can be asked whether they failed of the same."""
+"""Identify the failure of a red cell, to tell whether two cells failed in the same way."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from harness.model.vocabulary import CHANGING
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Failure:
-    """Hold the phase that failed first, the known failures that count there, deepest first, and the decisive line."""
+    """The first phase that failed, the known failures that count there, deepest first, and the decisive line."""
 
     phase: Phase | None
     causes: tuple[str, ...]
     line: str
 
     def same(self, other: Failure) -> bool:
-        """Return whether both are the same failure: by the deepest cause that is known of both, else by the line."""
+        """Return whether both are the same failure: by the deepest cause if both have causes, else by the line."""
         if self.phase is not other.phase:
             return False
         if self.causes and other.causes:
@@ -29,9 +29,9 @@ class Failure:
 
 
 def failure(judged: Judged, causes: Iterable[str]) -> Failure | None:
-    """Return what a cell failed of; None where it works, or nothing was told of its packages.
+    """Return the failure of a cell; None if it works, or nothing is known about its packages.
 
-    `causes` are the ids of the known failures that count, taken from it only where it failed.
+    `causes` are the ids of the known failures that count. They are read only if the cell failed.
     """
     if not has_causes(judged.verdict):
         return None

@@ -15,11 +15,11 @@ from harness.standalone.counting import Fit
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Knowledge:
-    """Hold all that failures are compared with, read where there are any.
+    """All that failures are compared with, read only if there are any.
 
-    `silent` are the signatures of silent issues, for results that failed in nothing; all are looked through where it is
-    None. `logs` gives the texts, none of them long, that are kept at a path as records hold it, by their names;
-    `locked` the lines `name==version` of a lock.
+    `silent` returns the signatures of silent issues, for results without a failure; if it is None, all signatures are
+    searched. `logs` returns the texts, none of them long, that are kept at a path of a record, by their names; `locked`
+    returns the lines `name==version` of a lock.
     """
 
     signatures: Callable[[], tuple[Signature, ...]] = tuple
@@ -33,7 +33,7 @@ NOTHING_KNOWN = Knowledge()
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Packages:
-    """Hold the packages of a cell; `installed` is None where nothing was installed, `lock` a path, if any."""
+    """The packages of a cell. `installed` is None if nothing was installed, `lock` is a path, if any."""
 
     installed: Mapping[str, str] | None
     requirements: tuple[str, ...]
@@ -41,7 +41,7 @@ class Packages:
     lock: str | None
 
     def around(self, known: Knowledge) -> Around:
-        """Return what known failures are held against: what is installed, else what was asked for and locked."""
+        """Return the packages to match known failures against: the installed ones, else those required and locked."""
         locked = known.locked(self.lock) if self.lock and self.installed is None else ()
         return Around(installed=self.installed, requirements=(*self.requirements, *locked), python=self.python)
 
@@ -50,7 +50,7 @@ class Packages:
 
 
 def has_causes(verdict: Verdict) -> bool:
-    """Return whether causes are looked for: of what works, or says nothing about packages, there are none."""
+    """Return whether a verdict can have causes: not if the cell works, or says nothing about packages."""
     return verdict not in UNTOLD and verdict is not Verdict.WORKS
 
 
@@ -86,7 +86,7 @@ def shown_silent(
 
 
 def counted(found: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[Diagnosis, ...]:
-    """Return those that count; `lines` are what the cell says."""
+    """Return the diagnoses that count. `lines` say why the cell and its checks ended as they did."""
     return counting.counting(_fits(found, lines))
 
 

@@ -1,9 +1,8 @@
-"""Judges evidence: one pure function from what was measured of a cell to what that means.
+"""Judge evidence: one pure function from the measurements of a cell to their meaning.
 
-Evidence is stored and verdicts are computed, so that old results can be judged again. What could not be measured is
-never guessed: where infra trouble hit, the cell is judged twice, once as if everything so hit had passed and once as
-if it had failed, and it is `inconclusive` unless both say the same. A failure that the adapter's control shares counts
-as such trouble.
+Evidence is stored and verdicts are computed, so that old results can be judged again. Nothing is guessed: if infra
+trouble hit, the cell is judged twice, once as if everything hit had passed and once as if it had failed. It is
+`inconclusive` unless both agree. A failure that the adapter's control shares counts as such trouble.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ Outcomes = Mapping[Phase, Outcome]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Judgement:
-    """Hold the meaning of evidence. `phase` is the first that decided it, `decisive` the line that says why.
+    """The meaning of evidence. `phase` is the first that decided it, `decisive` the line that says why.
 
-    `observed` is what the cell said of that line, where it is ours. `unverified` names the phases that a working cell
-    could not show in every case.
+    `observed` is the cell's observation behind that line, if the line is ours. `unverified` names the phases that a
+    working cell could not show in every case.
     """
 
     verdict: Verdict
@@ -106,9 +105,9 @@ def _installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None
 
 
 def _had(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
-    """The case as it would stand had each infra phase ended `infra`, and with it all that it kept from running.
+    """Return the outcomes of a case as if each infra phase, and all phases that it blocked, had ended as `infra`.
 
-    In the same way what an unavailable phase kept from running is unavailable.
+    In the same way, phases that an unavailable phase blocked are unavailable.
     """
     imagined: dict[Phase, Outcome] = {}
     cause: Outcome | None = None
@@ -125,9 +124,9 @@ def _had(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
 
 
 def _probed(cases: Sequence[Outcomes], suite: Outcomes) -> Verdict:
-    """The verdict of an installed cell without infra trouble.
+    """Return the verdict of an installed cell without infra trouble.
 
-    A suite that passed shows as much as a `single` where no case asks for one: in a cell without environments.
+    If no case asks for `single`, as in a cell without environments, a passed suite shows as much.
     """
     imports = {case[Phase.IMPORT] for case in cases}
     single = {case[Phase.SINGLE] for case in cases}
@@ -162,7 +161,7 @@ def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], s
 
 
 def _deciding(verdict: Verdict) -> frozenset[Outcome]:
-    """The outcomes that make this verdict what it is."""
+    """Return the outcomes that lead to this verdict."""
     match verdict:
         case Verdict.WORKS | Verdict.NOT_RUN | Verdict.MISLEADS:
             return frozenset()

@@ -1,4 +1,4 @@
-"""Packages of the system that a cell needs, by Debian's names: whether they are there, and what brings them."""
+"""Look up the system packages that a cell needs, by Debian's names, and say how to install them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DPKG = "dpkg-query"
 
 
 def missing(names: tuple[str, ...]) -> str | None:
-    """Which of them are not installed and what brings them, in a sentence; None if none is, or nobody can be asked."""
+    """Return a sentence with the missing packages and their `apt install`; None if none is missing or dpkg is."""
     found = installed(names)
     lacking = [] if found is None else [name for name in names if name not in found]
     if not lacking:
@@ -23,7 +23,7 @@ def missing(names: tuple[str, ...]) -> str | None:
 
 
 def unchecked(names: tuple[str, ...]) -> tuple[Finding, ...]:
-    """What to say where nobody can be asked: the cell is run, and fails where something is missing."""
+    """Return a note if there is no dpkg-query to ask: the cell is run, and fails if a package is missing."""
     if not names or installed(names) is not None:
         return ()
     text = f"whether {', '.join(names)} are here could not be looked up: this system has no {DPKG}"
@@ -31,7 +31,7 @@ def unchecked(names: tuple[str, ...]) -> tuple[Finding, ...]:
 
 
 def installed(names: tuple[str, ...]) -> frozenset[str] | None:
-    """Which of them are installed; None where the system is none of Debian's kind."""
+    """Return the packages among `names` that are installed; None where the system has no dpkg-query."""
     program = shutil.which(DPKG)
     return _installed(program, names) if names and program else frozenset() if program else None
 

@@ -1,4 +1,4 @@
-"""A display for one run: an X server of our own without a screen, which ends with it; or the one the user sits at.
+"""Provide a display for one run: an X server of our own without a screen, which ends with it, or the user's display.
 
 Records and keys hold a word for it, `virtual` or `own`, never a number: what was measured is the same at each.
 """
@@ -54,9 +54,9 @@ class NoDisplayError(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shown:
-    """A command whose display is there; `server` where it has one of its own.
+    """A command whose display is up; `server` is its own X server, if it has one.
 
-    `places` is what evidence calls the display instead: the number says nothing.
+    `places` maps the display to the text that evidence shows instead: its number says nothing.
     """
 
     command: Command
@@ -64,14 +64,17 @@ class Shown:
     places: Mapping[str, str] = field(default_factory=dict)
 
     def lost(self) -> str | None:
-        """How the server ended, if it has: what could not be drawn then says nothing about who drew."""
+        """Return how the server ended, or None if it runs.
+
+        A failure to draw without its server says nothing about the code that drew.
+        """
         ended = self.server.poll() if self.server else None
         return f"the virtual display {_end(ended)}" if ended else None
 
 
 @contextmanager
 def shown(command: Command, folder: Path) -> Iterator[Shown]:
-    """Make true what `DISPLAY` of a command names, while the block lasts; files of a server come to lie in `folder`.
+    """Provide the display that a command's `DISPLAY` names while the block lasts; a server's files go into `folder`.
 
     Raises NoDisplayError.
     """
@@ -91,17 +94,17 @@ def _with(command: Command, name: str, authority: Mapping[str, str]) -> Command:
 
 
 def program() -> str | None:
-    """The program that a virtual display takes, where it is installed."""
+    """Return the path of the X server for virtual displays; None if it is not installed."""
     return shutil.which(SERVER)
 
 
 def users() -> str | None:
-    """The display that the user sits at."""
+    """Return the display that the user sits at, or None."""
     return os.environ.get(VARIABLE) or None
 
 
 def authority() -> dict[str, str]:
-    """What opens the user's display to a run, whose HOME is another."""
+    """Return the variable that lets a run, whose HOME is another, open the user's display."""
     usual = Path(os.environ.get("HOME", "/"), ".Xauthority")
     found = os.environ.get(AUTHORITY) or (str(usual) if usual.exists() else None)
     return {AUTHORITY: found} if found else {}
@@ -109,7 +112,7 @@ def authority() -> dict[str, str]:
 
 @contextmanager
 def _server(folder: Path) -> Iterator[tuple[Running, str]]:
-    """Start a server, reached by its socket alone and by those who know its cookie."""
+    """Start a server and yield it with its display; it is reached by its socket alone and with its cookie."""
     found = program()
     if not found:
         message = f"no {SERVER}"
@@ -137,7 +140,7 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
 
 
 def _told(running: Running, number: Path) -> str:
-    """The name of the display, which the server tells once it can be reached."""
+    """Wait until the server can be reached, and return the name of its display. Raises NoDisplayError."""
     until = monotonic() + PATIENCE_SECONDS
     while monotonic() < until:
         text = log_text(number)
@@ -161,6 +164,6 @@ def _end(done: Completed) -> str:
 
 
 def _entry(cookie: bytes) -> bytes:
-    """An entry of an authority file that holds for every host and number: family, then counted texts."""
+    """Return an entry of an authority file that holds for every host and number: family, then counted texts."""
     texts = (b"", b"", b"MIT-MAGIC-COOKIE-1", cookie)
     return b"\xff\xff" + b"".join(len(text).to_bytes(2, "big") + text for text in texts)

@@ -1,4 +1,4 @@
-"""How much memory is left to this process, by the machine and by its control group, and what our probes hold of it."""
+"""Measure the memory left to this process, by the machine and by its control group, and the memory our probes hold."""
 
 from __future__ import annotations
 
@@ -11,19 +11,22 @@ from harness.machine import process
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reading:
-    """MB that can be taken without swapping, None where nothing tells; and what each running command holds already."""
+    """MB that can be taken without swapping, None if unknown; and the MB that each running command holds already."""
 
     free_mb: int | None
     held_mb: tuple[int, ...]
 
 
 def reading() -> Reading:
-    """The memory of this moment."""
+    """Return the memory of this moment."""
     return Reading(free_mb=free_mb(), held_mb=process.resident_mb())
 
 
 def free_mb(root: Path = Path("/")) -> int | None:
-    """The least that the machine and each control group above this process leave; `root` is the file system's."""
+    """Return the least MB that the machine and each control group above this process leave; None if unknown.
+
+    `root` is the root of the file system.
+    """
     found = [*_machine(root), *_groups(root)]
     return max(0, min(found)) >> 20 if found else None
 
@@ -35,7 +38,7 @@ def _machine(root: Path) -> Iterator[int]:
 
 
 def _groups(root: Path) -> Iterator[int]:
-    """What is left of the limit of each group, from our own up to the root, in both versions of control groups."""
+    """Yield the bytes left under the limit of each control group, from our own up to the root, in cgroups v1 and v2."""
     for line in _lines(root / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
         if controllers == "":
@@ -53,7 +56,7 @@ def _groups(root: Path) -> Iterator[int]:
 
 
 def _left(folder: Path, limit: str, usage: str, cached: str) -> Iterator[int]:
-    """The limit less what is used, without the file cache that goes first."""
+    """Yield the limit less the bytes in use; the file cache is not counted, since it goes first."""
     most, used = _number(folder / limit), _number(folder / usage)
     if most is not None and used is not None:
         stat = dict(line.split(" ", 1) for line in _lines(folder / "memory.stat"))
@@ -61,7 +64,7 @@ def _left(folder: Path, limit: str, usage: str, cached: str) -> Iterator[int]:
 
 
 def _number(path: Path) -> int | None:
-    """The number in a file; None where there is none (`max`, no such file)."""
+    """Return the number in a file; None if there is none (`max`, no such file)."""
     text = "".join(_lines(path))
     return int(text) if text.isdigit() else None
 

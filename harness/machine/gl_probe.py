@@ -1,4 +1,4 @@
-"""Asks one way of rendering what it is, by really making a context: `python -I -S gl_probe.py WAY ANSWER`.
+"""Ask a way of rendering to describe itself, by really making a context: `python -I -S gl_probe.py WAY ANSWER`.
 
 WAY is `egl`, `osmesa`, `display`, `glu`, or `device` with a place in EGL's list: `device:1`. The answer is a JSON
 object in the file ANSWER: what the driver says of itself, or `missing`: why there is none. Standard library only; run
@@ -31,7 +31,7 @@ class MissingError(Exception):
 
 
 def load(*files: str) -> ctypes.CDLL:
-    """The first of these shared libraries that the linker finds."""
+    """Return the first of these shared libraries that the linker finds. Raises MissingError."""
     for file in files:
         try:
             return ctypes.CDLL(file, mode=ctypes.RTLD_GLOBAL)
@@ -42,7 +42,7 @@ def load(*files: str) -> ctypes.CDLL:
 
 
 def function(address: int | None, result: Any, *arguments: Any) -> Callable[..., Any]:
-    """A C function at an address."""
+    """Return the C function at an address. Raises MissingError."""
     if not address:
         message = "an entry point is missing"
         raise MissingError(message)
@@ -50,7 +50,7 @@ def function(address: int | None, result: Any, *arguments: Any) -> Callable[...,
 
 
 def strings(get: Callable[[int], bytes | None]) -> dict[str, str]:
-    """What glGetString says in the current context."""
+    """Return the answers of glGetString in the current context: vendor, renderer, version."""
     found = {name: (get(number) or b"").decode("utf-8", "replace") for name, number in STRINGS.items()}
     if not found["version"]:
         message = "a context without a version"
@@ -71,28 +71,28 @@ class Egl:
         self.library.eglChooseConfig.argtypes = [c_void_p, c_void_p, c_void_p, c_int, c_void_p]
 
     def entry(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
-        """A function of an extension, or of GL."""
+        """Return a function of an extension, or of GL."""
         return function(self.library.eglGetProcAddress(name.encode()), result, *arguments)
 
     def devices(self) -> list[int]:
-        """The devices in the driver's order."""
+        """Return the devices in the driver's order."""
         query = self.entry("eglQueryDevicesEXT", c_uint, c_int, c_void_p, POINTER(c_int))
         devices, count = (c_void_p * MOST_DEVICES)(), c_int()
         query(MOST_DEVICES, devices, byref(count))
         return [device or 0 for device in devices[: count.value]]
 
     def display(self, device: int) -> int | None:
-        """The display of a device; None where it cannot be initialised."""
+        """Return the display of a device; None if it cannot be initialised."""
         platform_display = self.entry("eglGetPlatformDisplayEXT", c_void_p, c_uint, c_void_p, c_void_p)
         display: int | None = platform_display(EGL_PLATFORM_DEVICE, device, None)
         return display if display and self.library.eglInitialize(display, None, None) else None
 
     def displays(self) -> Iterator[int]:
-        """One initialised display per device, as MuJoCo tries them."""
+        """Yield an initialised display for each device, as MuJoCo tries them."""
         yield from filter(None, map(self.display, self.devices()))
 
     def kind(self, device: int) -> dict[str, str]:
-        """Its file, the number by which CUDA knows it, or that it is no hardware, as far as the driver tells."""
+        """Return its file, its CUDA number, or that it is not hardware, as far as the driver tells."""
         text = self.entry("eglQueryDeviceStringEXT", c_char_p, c_void_p, c_int)
         extensions = (text(device, EGL_EXTENSIONS) or b"").split()
         found = {}
@@ -108,7 +108,7 @@ class Egl:
         return {name: value for name, value in found.items() if value}
 
     def describe(self, display: int) -> dict[str, str]:
-        """Make a context without a surface current, and ask it."""
+        """Make a context without a surface current, and return its strings."""
         wanted = (EGL_RED, 8, EGL_GREEN, 8, EGL_BLUE, 8, EGL_ALPHA, 8, EGL_DEPTH, 24, EGL_STENCIL, 8)
         kind = (EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE)
         config, count = c_void_p(), c_int()
@@ -123,12 +123,12 @@ class Egl:
 
 
 def array(values: Sequence[int]) -> Any:
-    """A C array of int."""
+    """Return a C array of int."""
     return (c_int * len(values))(*values)
 
 
 def egl() -> dict[str, str]:
-    """The first EGL device that makes an OpenGL context."""
+    """Describe the first EGL device that makes an OpenGL context."""
     library = Egl()
     reason = MissingError("no device that can be initialised")
     for display in library.displays():
@@ -140,7 +140,7 @@ def egl() -> dict[str, str]:
 
 
 def device(place: str) -> dict[str, str]:
-    """The EGL device at a place of the list, and how many there are; `missing` is why it makes no context."""
+    """Describe the EGL device at a place of the list; `count` is their number, `missing` why it makes no context."""
     library = Egl()
     devices = library.devices()
     told = {"count": str(len(devices))}
@@ -157,7 +157,7 @@ def device(place: str) -> dict[str, str]:
 
 
 def osmesa() -> dict[str, str]:
-    """Mesa's rendering into memory."""
+    """Describe OSMesa, Mesa's rendering into memory."""
     library = load("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
     library.OSMesaCreateContextExt.restype = c_void_p
     library.OSMesaCreateContextExt.argtypes = [c_uint, c_int, c_int, c_int, c_void_p]
@@ -172,7 +172,7 @@ def osmesa() -> dict[str, str]:
 
 
 def display() -> dict[str, str]:
-    """OpenGL at the X server that DISPLAY names."""
+    """Describe OpenGL at the X server that DISPLAY names."""
     if not os.environ.get("DISPLAY"):
         message = "DISPLAY is not set"
         raise MissingError(message)
@@ -187,7 +187,7 @@ def display() -> dict[str, str]:
 
 
 def glx(server: int, screen: int) -> dict[str, str]:
-    """Make a context that draws into memory current, and ask it."""
+    """Make a context that draws into memory current, and return its strings."""
     library = load("libGL.so.1", "libGLX.so.0")
     library.glXChooseFBConfig.restype = POINTER(c_void_p)
     library.glXChooseFBConfig.argtypes = [c_void_p, c_int, c_void_p, c_void_p]
@@ -210,7 +210,7 @@ def glx(server: int, screen: int) -> dict[str, str]:
 
 
 def glu() -> dict[str, str]:
-    """The library of utilities that pyglet 1 loads beside OpenGL."""
+    """Load the library of utilities that pyglet 1 loads beside OpenGL; return nothing about it."""
     load("libGLU.so.1", "libGLU.so")
     return {}
 

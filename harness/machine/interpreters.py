@@ -1,4 +1,4 @@
-"""Which Pythons exist on this machine, and which one answers a request such as `3.11`, `host` or a path.
+"""Find the Pythons of this machine, and the interpreter for a request such as `3.11`, `host` or a path.
 
 `findpython` names the candidates (PATH, pyenv's and asdf's versions whatever their shims say, uv's and rye's folders)
 without starting one. Each candidate is asked once what it is; the answers are kept in the cache folder and hold until
@@ -48,7 +48,7 @@ print({_MARK!r} + json.dumps({{
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Facts:
-    """What an interpreter says of itself."""
+    """The facts that an interpreter reports about itself."""
 
     version: str
     build: str
@@ -63,14 +63,14 @@ class Facts:
 
     @property
     def implementation(self) -> str:
-        """`cpython`, `pypy`; a build that takes other wheels has a suffix (`cpython+freethreaded`)."""
+        """Return `cpython` or `pypy`; a build that takes other wheels has a suffix (`cpython+freethreaded`)."""
         suffixes = ("+freethreaded" * self.free_threaded, "+debug" * self.debug)
         return self.name + "".join(suffixes)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Known:
-    """Facts as kept: they hold for the file of this size and time of change (nanoseconds)."""
+    """Cached facts: they hold for the file of this size and time of change (nanoseconds)."""
 
     size: int
     changed: int
@@ -78,7 +78,7 @@ class _Known:
 
 
 def find(request: str) -> Interpreter | None:
-    """The interpreter for `3.11` (its newest patch here), `3.11.7`, `3.13t`, `pypy3.10`, `host` or a path.
+    """Return the interpreter for `3.11` (its newest patch here), `3.11.7`, `3.13t`, `pypy3.10`, `host` or a path.
 
     `host` is the base of the Python that runs the harness; of a path into a virtual environment it is the base too.
     """
@@ -98,9 +98,9 @@ def find(request: str) -> Interpreter | None:
 
 @functools.cache
 def available(minor: str | None = None) -> tuple[Interpreter, ...]:
-    """Every Python from 3.7 on that answers here, each base interpreter once, in the order of discovery.
+    """Return every Python from 3.7 on that answers here, each base interpreter once, in the order of discovery.
 
-    With a minor (`3.11`), those whose names tell another are left out: none of them is started.
+    With a minor (`3.11`), Pythons whose names show another minor are left out and never started.
     """
     asked = (path for path in _candidates() if _may_be(path, minor))
     found = {one.path: one for path in asked if (one := _at(path)) is not None}
@@ -108,13 +108,13 @@ def available(minor: str | None = None) -> tuple[Interpreter, ...]:
 
 
 def look_again() -> None:
-    """Forget which Pythons were found: one was added."""
+    """Forget the Pythons found so far, after one was added."""
     available.cache_clear()
     _candidates.cache_clear()
 
 
 def active_version() -> str | None:
-    """The Python version of the environment that the user works in: `$VIRTUAL_ENV`, `$CONDA_PREFIX` or `./.venv`."""
+    """Return the Python version of the user's environment: `$VIRTUAL_ENV`, `$CONDA_PREFIX` or `./.venv`."""
     for prefix in (os.environ.get("VIRTUAL_ENV"), os.environ.get("CONDA_PREFIX"), ".venv"):
         if prefix and (facts := _facts(Path(prefix).absolute() / "bin" / "python")) is not None:
             return facts.version
@@ -122,7 +122,7 @@ def active_version() -> str | None:
 
 
 def obtain(request: str, *, offline: bool = False) -> Interpreter | None:
-    """As `find`; where nothing is found uv downloads it into the cache folder, where that is allowed."""
+    """Find an interpreter as `find` does; else let uv download it into the cache folder, where that is allowed."""
     found = find(request)
     if found is not None or offline or not _downloadable(request):
         return found
@@ -133,7 +133,7 @@ def obtain(request: str, *, offline: bool = False) -> Interpreter | None:
 
 
 def hint(request: str) -> str:
-    """The sentence for a cell whose interpreter cannot be had."""
+    """Return the sentence for a cell whose interpreter cannot be had."""
     if _is_path(request):
         return f"there is no Python at {request}; name an executable, or a version such as 3.11"
     version = _parse(request)[1]
@@ -149,14 +149,14 @@ def hint(request: str) -> str:
 
 
 def managed_folder() -> Path:
-    """Where uv puts the Pythons that it downloads for the harness."""
+    """Return the folder into which uv downloads Pythons for the harness; make it if need be."""
     folder = cache_folder() / "pythons"
     folder.mkdir(exist_ok=True)
     return folder
 
 
 def relocatable(interpreter: Interpreter) -> Path | None:
-    """The folder of a Python that uv downloaded, which runs wherever it is put; None for one that was built here."""
+    """Return the folder of a Python that uv downloaded, which runs wherever it is put; None if it was built here."""
     folder = Path(interpreter.path).parent.parent
     return folder if _MANAGED.fullmatch(folder.name) else None
 
@@ -166,7 +166,7 @@ def _is_path(request: str) -> bool:
 
 
 def _parse(request: str) -> tuple[str, Version | None]:
-    """Implementation and version of `3.11`, `3.13t`, `pypy3.10`; no version when it cannot be read."""
+    """Return implementation and version of `3.11`, `3.13t`, `pypy3.10`; no version if it cannot be read."""
     match = _REQUEST.fullmatch(request)
     if match is None:
         return "", None
@@ -201,7 +201,7 @@ def _candidates() -> tuple[Path, ...]:
 
 
 def _at(path: Path) -> Interpreter | None:
-    """The base interpreter behind an executable: itself, or what a virtual environment or a wrapper stands on."""
+    """Return the base interpreter behind an executable: itself, or that of a virtual environment or a wrapper."""
     facts = _facts(path)
     if facts is None:
         return None
@@ -217,7 +217,7 @@ def _at(path: Path) -> Interpreter | None:
 
 
 def _base(facts: Facts) -> Path:
-    """One path for all names of an interpreter (`python`, `python3.7m`), so that it has one identity."""
+    """Return one path for all names of an interpreter (`python`, `python3.7m`), so that it has one identity."""
     minor = ".".join(facts.version.split(".")[:2])
     stem = "python" if facts.name == "cpython" else facts.name
     common = Path(facts.base_prefix, "bin", f"{stem}{minor}{'t' * facts.free_threaded}")
@@ -226,7 +226,7 @@ def _base(facts: Facts) -> Path:
 
 
 def _facts(path: Path) -> Facts | None:
-    """What the executable says of itself, from the cache where the file is unchanged; None when it does not answer."""
+    """Return the facts of an executable, from the cache if the file is unchanged; None if it does not answer."""
     try:
         status = path.stat()
     except OSError:

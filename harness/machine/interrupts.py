@@ -1,4 +1,4 @@
-"""Signals that end a command: caught from its first line on, so that each ends it with a sentence and leaves nothing.
+"""Catch the signals that end a command, from its first line on: each ends it with a sentence and leaves nothing.
 
 Nothing but what Python has loaded by itself is imported here: whatever takes time comes after the handlers.
 """
@@ -22,14 +22,14 @@ class Terminated(BaseException):
 
 
 def at_once() -> None:
-    """While nothing is started yet, a signal ends the process with its sentence alone."""
+    """Let a signal end the process with its sentence alone, while nothing is started yet."""
     for number in (*ENDING, signal.SIGINT):
         if signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
             signal.signal(number, _end)
 
 
 def orderly() -> None:
-    """From now on a signal ends what was started first."""
+    """Let a signal, from now on, first end everything that was started."""
     for number in ENDING:
         if signal.getsignal(number) != signal.SIG_IGN or number == signal.SIGTERM:
             signal.signal(number, _raise)

@@ -1,4 +1,4 @@
-"""The only spawner: every uv command, build and probe runs under the supervisor, within limits, and leaves nothing.
+"""Run every uv command, build and probe under the supervisor, within limits; it is the only spawner and leaves nothing.
 
 The harness's end, even by SIGKILL, closes the pipe to each supervisor, which ends everything below it.
 """
@@ -57,7 +57,7 @@ through /proc, where the command has the rights for that; tokens of the user mus
 
 
 class Profile(StrEnum):
-    """What a command sees of this machine.
+    """The view of this machine that a command has.
 
     CELL: a HOME, TMPDIR and /dev/shm of its own, no process but its own, sealed folders covered.
     HOST: what the user sees; for our own uv.
@@ -69,7 +69,10 @@ class Profile(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Limits:
-    """`memory_mb` is for all processes together, shared pages counted once; `output_kb` is kept of the output."""
+    """The bounds of a command.
+
+    `memory_mb` is for all processes together, shared pages counted once; `output_kb` is kept of the output.
+    """
 
     seconds: float
     memory_mb: int = 6000
@@ -78,7 +81,7 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Command:
-    """What to run, and within which bounds. `env` is the whole environment, to which CELL adds HOME, TMPDIR, XDG_*.
+    """A command to run, and its bounds. `env` is the whole environment, to which CELL adds HOME, TMPDIR, XDG_*.
 
     CELL needs `home`, an existing folder; TMPDIR is `tmp` beside it (keep it under 75 characters: multiprocessing
     binds sockets below it, whose addresses end at 107), so that who removes HOME still has it: without one Python
@@ -101,7 +104,7 @@ class Command:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Completed:
-    """How a command ended: `exit_code` or `signal`; both None where it never ran.
+    """The end of a command: `exit_code` or `signal`; both are None if it never ran.
 
     `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
     `out_of_memory`, that the whole machine had no memory left. None of these says anything about the command.
@@ -130,7 +133,7 @@ class Completed:
 
     @property
     def shot(self) -> bool:
-        """True where an unknown sender ended it by SIGKILL: a service or a person short of memory, hardly itself."""
+        """Return whether an unknown sender ended it by SIGKILL: a service or person short of memory, hardly itself."""
         return self.signal == signal.SIGKILL and not (self.killed or self.timed_out or self.out_of_memory)
 
 
@@ -160,16 +163,16 @@ class Running:
 
     @property
     def pid(self) -> int:
-        """Its supervisor's."""
+        """Return the process id of its supervisor."""
         return self._supervisor.pid
 
     @property
     def log(self) -> Path:
-        """Where its output goes."""
+        """Return the path of its output."""
         return self.command.log
 
     def poll(self) -> Completed | None:
-        """How it ended, if it has."""
+        """Return how it ended, or None if it still runs."""
         return self.wait(0.0)
 
     @overload
@@ -177,7 +180,7 @@ class Running:
     @overload
     def wait(self, timeout: float) -> Completed | None: ...
     def wait(self, timeout: float | None = None) -> Completed | None:
-        """How it ended; None if it has not within `timeout` seconds."""
+        """Wait for its end and return it; None if it still runs after `timeout` seconds."""
         until = float("inf") if timeout is None else monotonic() + timeout
         while self._completed is None:
             now = monotonic()
@@ -194,7 +197,7 @@ class Running:
         self._tell(" ".join(reason[:500].split()).encode(errors="replace") + b"\n")
 
     def __enter__(self) -> Self:
-        """End it with the block."""
+        """Return the command, which is ended with the block."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -266,7 +269,7 @@ def run(command: Command) -> Completed:
 
 
 def unstarted(command: Command, reason: str) -> Completed:
-    """What came of a command that could not even be started."""
+    """Return the result of a command that could not even be started; `killed` is the reason."""
     return Completed(
         argv=command.argv,
         exit_code=None,
@@ -284,7 +287,7 @@ def unstarted(command: Command, reason: str) -> Completed:
 
 
 def stop() -> None:
-    """End all that runs, whichever thread waits for it, and let nothing start any more."""
+    """End every command, whichever thread waits for it, and let nothing start any more."""
     with _gate:
         _stopped.set()
         for running in tuple(_live):
@@ -292,12 +295,12 @@ def stop() -> None:
 
 
 def stopped() -> bool:
-    """Return whether all was ended: what comes back now says nothing."""
+    """Return whether `stop` was called: results that come back now say nothing."""
     return _stopped.is_set()
 
 
 def resident_mb() -> tuple[int, ...]:
-    """What each command that runs now holds of the memory, with all its processes."""
+    """Return the MB of memory that each running command holds, with all its processes."""
     with _gate:
         roots = [running.pid for running in tuple(_live)]
     everything = tree.processes() if roots else {}
@@ -305,7 +308,7 @@ def resident_mb() -> tuple[int, ...]:
 
 
 def sandbox_mode() -> str:
-    """The best of `SANDBOXES` that this machine allows, found by trying; `HARNESS_SANDBOX` takes another."""
+    """Return the best of `SANDBOXES` that this machine allows, found by trying; `HARNESS_SANDBOX` takes another."""
     forced = os.environ.get(FORCED)
     if not forced:
         return _best_sandbox()
@@ -316,7 +319,7 @@ def sandbox_mode() -> str:
 
 
 def confinement() -> list[str]:
-    """What decides which sandboxes are allowed here: while it stays the same, so does the best of them."""
+    """Return the facts that decide which sandboxes are allowed here; while they stay, so does the best sandbox."""
     names = ("Uid:", "Gid:", "Cap", "NoNewPrivs:", "Seccomp")
     status = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(names)]
     namespaces = [str(Path("/proc/self/ns", name).readlink()) for name in ("user", "pid", "mnt")]
@@ -325,13 +328,13 @@ def confinement() -> list[str]:
 
 
 def remember(sandbox: str) -> None:
-    """Take what was found to be the best by an earlier process, under the same confinement."""
+    """Take the sandbox that an earlier process found to be the best, under the same confinement."""
     if sandbox in SANDBOXES:
         _remembered.append(sandbox)
 
 
 def quote(argv: tuple[str, ...]) -> str:
-    """A command as one would type it."""
+    """Return a command as a user would type it."""
     return shlex.join(argv)
 
 
@@ -401,7 +404,7 @@ def _fits(item: tuple[object, object]) -> bool:
 
 
 def _end_orphans(command: Command) -> None:
-    """Kill what a command left whose supervisor was killed: its processes are known by the home that is theirs alone.
+    """Kill the processes that a command left when its supervisor was killed, found by the HOME that is theirs alone.
 
     In a PID namespace there are none.
     """
@@ -442,7 +445,7 @@ def _private(home: Path | None) -> dict[str, str]:
 
 
 def temporary(home: Path) -> Path:
-    """The TMPDIR of a command that has this HOME."""
+    """Return the TMPDIR of a command that has this HOME."""
     return home.with_name("tmp")
 
 

@@ -1,4 +1,4 @@
-"""Where Pythons may lie on this machine: found by `findpython`, remembered as long as nothing it looked at changed."""
+"""Find the places of Pythons on this machine with `findpython`; keep them as long as nothing it looked at changes."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ MOST = 16 << 20
 
 
 class _Found(msgspec.Struct, frozen=True):
-    """Executables and where they really lie, found under these marks."""
+    """Executables and their real paths, found under these marks."""
 
     marks: list[str]
     pythons: dict[str, str]
 
 
 def candidates(managed: Path) -> tuple[Path, ...]:
-    """Real paths of what looks like a Python 3, none of them started; `managed` is the folder of uv's for us."""
+    """Return the real paths of files that look like a Python 3, none of them started; `managed` is our uv folder."""
     memory, marks = cache_folder() / "candidates.json", _marks(managed)
     try:
         known = guarded_files.decoded(memory, MOST, guarded_files.decoder(_Found).decode)
@@ -43,7 +43,7 @@ def candidates(managed: Path) -> tuple[Path, ...]:
 
 
 def _marks(managed: Path) -> list[str]:
-    """What changes whenever a Python comes or goes: variables, and the folders that `findpython` lists."""
+    """Return marks that change whenever a Python comes or goes: variables, and the folders that `findpython` lists."""
     listed = [Path(folder).absolute() for folder in os.environ.get("PATH", "").split(os.pathsep) if folder]
     for root in (*_roots(), managed):
         folders = sorted(folder for folder in root.iterdir() if folder.is_dir()) if root.is_dir() else []
@@ -56,7 +56,7 @@ def _marks(managed: Path) -> list[str]:
 
 
 def _roots() -> Iterator[Path]:
-    """Folders with a folder for each Python, as the providers of `findpython` know them."""
+    """Yield folders with a folder for each Python, as the providers of `findpython` know them."""
     data = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
     for name, usual, inside in (
         ("PYENV_ROOT", "~/.pyenv", "versions"),
@@ -88,7 +88,10 @@ def _discovered(managed: Path) -> Iterator[tuple[str, str]]:
 
 
 def _is_shim(path: Path) -> bool:
-    """pyenv's and asdf's shims are scripts that refuse versions not switched on; findpython lists what lies behind."""
+    """Return whether this is a shim of pyenv or asdf: a script that refuses versions not switched on.
+
+    findpython lists the Pythons behind such scripts.
+    """
     if path.parent.name != "shims":
         return False
     with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Digests of our own code, for results that only the same code would come to again.
+"""Compute digests of our own code, for results that only the same code would produce again.
 
 Which files belong to a module is read from what they import, so that no list of them is kept by hand. Comments count:
 to tell them from code would take longer than what the digest saves.
@@ -22,7 +22,7 @@ IMPORT = re.compile(
 
 @cache
 def digest(module: str) -> str:
-    """Return a digest of the sources of a module and all of ours that it imports, itself or not."""
+    """Return a digest of the sources of a module and of all our modules that it imports, directly or not."""
     combined = hashlib.sha256()
     for name, path in sorted(imported(module).items()):
         combined.update(name.encode() + b"\0" + path.read_bytes() + b"\0" + _data(path) + b"\0")
@@ -30,7 +30,7 @@ def digest(module: str) -> str:
 
 
 def imported(module: str) -> dict[str, Path]:
-    """Return the files of a module and of all of ours that it imports, by their names."""
+    """Return the files of a module and of all our modules that it imports, directly or not, by module name."""
     found: dict[str, Path] = {}
     waiting = [module]
     while waiting:

@@ -37,17 +37,20 @@ NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 
 
 def state_folder() -> Path:
-    """The folder of results and locks: `HARNESS_STATE`, else `.harness` in the working folder; ignored by git."""
+    """Return the folder of results and locks: `HARNESS_STATE`, else `.harness` below the working folder.
+
+    Git ignores it.
+    """
     return ignored_by_git(_state_path())
 
 
 def cache_folder() -> Path:
-    """The folder of environments, wheels and downloads: `HARNESS_CACHE`, else the user's cache folder."""
+    """Return the folder of environments, wheels and downloads: `HARNESS_CACHE`, else the user's cache folder."""
     return ignored_by_git(_cache_path())
 
 
 def own_folders() -> tuple[Path, ...]:
-    """Return the folders of the harness that are there: no probe and no build is to write to them."""
+    """Return the folders of the harness that exist: no probe and no build is to write to them."""
     return tuple(folder for folder in (_state_path(), _cache_path()) if folder.is_dir())
 
 
@@ -74,7 +77,7 @@ def ignored_by_git(folder: Path) -> Path:
 
 
 def writable(folder: Path) -> Path:
-    """Make the folder; where it cannot be one, or cannot be written to, the user named a wrong one."""
+    """Make the folder and return it. Raises BadInput if it cannot be made or written to: the user named a wrong one."""
     trouble = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -89,7 +92,7 @@ def writable(folder: Path) -> Path:
 
 
 def now() -> str:
-    """This instant, as records write it."""
+    """Return this instant, as records write it."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -119,9 +122,9 @@ def write_changed(path: Path, content: bytes, *, mode: int = 0o644) -> None:
 
 
 def remembered(kind: str, mark: str, make: Callable[[], bytes], check: Callable[[bytes], object]) -> bytes:
-    """Return what `make` makes, from the cache folder where it was made for an equal mark.
+    """Return the content from `make`, out of the cache folder if it was made for an equal mark.
 
-    What `check` raises an error of is damaged, and made anew.
+    Cached content on which `check` raises an error is damaged, and is made again.
     """
     try:
         folder = cache_folder() / "remembered" / kind
@@ -140,21 +143,21 @@ def remembered(kind: str, mark: str, make: Callable[[], bytes], check: Callable[
 
 
 def digest(*parts: Any) -> str:
-    """A content key: 32 hexadecimal digits of the SHA-256 of the parts as canonical JSON."""
+    """Return a content key: 32 hexadecimal digits of the SHA-256 of the parts as canonical JSON."""
     return hashlib.sha256(msgspec.json.encode(parts, order="deterministic")).hexdigest()[:32]
 
 
 def question_key(question: Question, interpreter: Interpreter) -> str:
-    """Equal for two cells exactly when one resolution serves both."""
+    """Return a key that is equal for two cells exactly when one resolution serves both."""
     return digest("lock", question, interpreter.implementation, interpreter.version, os.uname().machine)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Installed:
-    """What an install came to: the environment's key and what was found inside, or the step that failed.
+    """The result of an install: the environment's key and what was found inside, or the step that failed.
 
     `modules` are the top-level modules of each package, `speaking` the packages that require an API, by API. `unheld`
-    is what packages require that is not there: who asks, and the requirement.
+    are requirements whose package is missing: the package that asks, and the requirement.
     """
 
     key: str | None = None
@@ -178,19 +181,19 @@ class _GlancedCase(msgspec.Struct, frozen=True):
 
 
 class Glance(msgspec.Struct, frozen=True):
-    """The little of a cell's record that tells how to schedule it."""
+    """The part of a cell's record that is needed to schedule it."""
 
     seconds: float = 0.0
     cases: tuple[_GlancedCase, ...] = ()
 
     @property
     def phases(self) -> list[_GlancedPhase]:
-        """Those of all cases."""
+        """Return the phases of all cases."""
         return [phase for case in self.cases for phase in case.phases]
 
     @property
     def peaks(self) -> dict[str, int]:
-        """The most memory (MB) that each case held, where that was measured."""
+        """Return the most memory (MB) that each case held, where that was measured."""
         most = {case.case: max((phase.peak_mb or 0 for phase in case.phases), default=0) for case in self.cases}
         return {case: peak for case, peak in most.items() if peak}
 
@@ -202,7 +205,7 @@ class Store:
     folder: Path
 
     def load_lock(self, key: str) -> Lock | Step | None:
-        """The answer to a question: its lock, or the step that says why there is none."""
+        """Return the answer to a question: its lock, or the step that says why there is none; None if unanswered."""
         return self._load("locks", key, Lock) or self._load("steps", key, Step)
 
     def save_lock(self, key: str, answer: Lock | Step) -> None:
@@ -214,27 +217,30 @@ class Store:
         write_atomic(self.lock_file(answer), answer.requirements.encode())
 
     def locked_at(self, key: str) -> int:
-        """When the lock of a question was made, in nanoseconds since the epoch."""
+        """Return the time at which the lock of a question was made, in nanoseconds since the epoch."""
         return Path(self._path("locks", key)).stat().st_mtime_ns
 
     def lock_file(self, lock: Lock) -> Path:
-        """The hash-pinned requirements of a lock; identical resolutions are one file."""
+        """Return the path of a lock's hash-pinned requirements; identical resolutions are one file."""
         return self.folder / "locks" / f"{lock.sha256[:16]}.txt"
 
     def load_installed(self, key: str) -> Installed | None:
-        """What the install of a lock came to."""
+        """Return the result of a lock's install, or None if there is none."""
         return self._load("installed", key, Installed)
 
     def save_installed(self, key: str, installed: Installed) -> None:
-        """Keep what an install came to, good or bad."""
+        """Keep the result of an install, good or bad."""
         self._save("installed", key, installed)
 
     def claim_file(self, key: str) -> Path:
-        """The lock file that says: this is being worked on."""
+        """Return the path of the lock file that marks a key as being worked on."""
         return self.folder / "claims" / f"{key}.lock"
 
     def instant(self, name: str, *, renew: bool = False, hours: float = float("inf")) -> str:
-        """The cutoff of a matrix without a snapshot: the instant of its first lock, kept so long or until renewed."""
+        """Return the cutoff of a matrix without a snapshot.
+
+        It is the instant of the matrix's first lock, kept for `hours` or until renewed.
+        """
         path = self.folder / "instants" / name
         with exclusive(path.with_name(f"{name}.lock")):  # of several first runs, one says it
             kept = _instant(path)
@@ -244,7 +250,7 @@ class Store:
             return kept
 
     def cell_file(self, machine: str, cell_id: str) -> Path:
-        """Where the last record of a cell on a machine is kept."""
+        """Return the path of the last record of a cell on a machine."""
         return self.folder / "cells" / machine / f"{cell_id}.json"
 
     def save_cell(self, record: CellRecord) -> None:
@@ -259,7 +265,7 @@ class Store:
         return found if found and found.cell.id == cell.id else None
 
     def glance(self, machine: str, cell: Cell) -> Glance | None:
-        """Return what the last record of a cell tells of its cost."""
+        """Return the part of a cell's last record that shows its cost; None if there is no record."""
         files = (self.cell_file(machine, name) for name in (cell.id, cellid.older(cell)))
         return next((found for file in files if (found := _read(file, Glance))), None)
 
@@ -268,11 +274,11 @@ class Store:
         write_changed(self.folder / "cells" / name / "machine.json", _encode(facts))
 
     def load_machine(self, name: str) -> dict[str, Any]:
-        """The facts of a machine that cells were measured on."""
+        """Return the facts of a machine that cells were measured on."""
         return _read(self.folder / "cells" / name / "machine.json", dict[str, Any]) or {}
 
     def cells(self) -> Iterator[CellRecord]:
-        """Every cell record of every machine."""
+        """Yield every cell record of every machine."""
         for path in sorted((self.folder / "cells").glob("*/*/*.json")):
             record = _read(path, CellRecord)
             if record is None:
@@ -284,13 +290,13 @@ class Store:
                 yield replace(record, cell=cell)
 
     def evidence(self, name: str) -> Path:
-        """A folder for the logs, stacks and frames of one probe run."""
+        """Return a folder for the logs, stacks and frames of a probe run; make it if need be."""
         folder = self.folder / "evidence" / name
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
     def relative(self, path: Path) -> str:
-        """A path as records name it: below the state folder, never a machine's own."""
+        """Return a path as records name it: below the state folder, never a machine's own."""
         return path.relative_to(self.folder).as_posix()
 
     def _path(self, kind: str, key: str) -> str:
@@ -325,7 +331,7 @@ def _renamed(cell: Cell) -> Cell:
 
 
 def open_store() -> Store:
-    """The store of the working folder."""
+    """Return the store of the working folder."""
     return Store(state_folder())
 
 
@@ -334,7 +340,7 @@ def _encode(value: Any) -> bytes:
 
 
 def _read(path: str | Path, kept: type[T]) -> T | None:
-    """None where the file is absent, damaged, or of an older shape and so of no use."""
+    """Return the decoded file; None if it is absent, damaged, or of an older shape and so of no use."""
     try:
         return guarded_files.decoded(path, MOST_RECORD, guarded_files.decoder(kept).decode)
     except Unreadable:

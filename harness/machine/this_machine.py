@@ -1,4 +1,4 @@
-"""What this machine has: its class, to which results belong, and what of it a cell may use."""
+"""Describe this machine: its class, to which results belong, and the parts of it that a cell may use."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Machine:
 
 @functools.cache
 def facts() -> Machine:
-    """This machine; what takes a process to find out is remembered until the system changes."""
+    """Return this machine; facts that take a process to find out are kept until the system changes."""
     parts = _parts()
     libc = " ".join(platform.libc_ver()).strip() or "unknown libc"
     known = {
@@ -115,7 +115,7 @@ PYGLET = "pyglet"
 def supplied(
     given: Mapping[str, str], needs: Collection[str] = (), packages: Mapping[str, str] = NOTHING
 ) -> dict[str, str]:
-    """The variables that rendering needs here, never over one that was given, be it empty.
+    """Return the variables that rendering needs here, never over a variable that was given, be it empty.
 
     A display is among them only where something draws on one: `needs` and `packages` (with their versions) tell.
     """
@@ -138,10 +138,10 @@ def supplied(
 def other_ways(
     supplied: Mapping[str, str], given: Mapping[str, str], packages: Collection[str] = ()
 ) -> tuple[dict[str, str], ...]:
-    """The other variables that could be supplied for rendering here, each set whole, in the order to try them.
+    """Return the other sets of variables that could be supplied for rendering here, in the order to try them.
 
-    SDL's own choice first, then a window on a display, then what MuJoCo draws with; never over a variable that was
-    given.
+    SDL's own choice first, then a window on a display, then each way in which MuJoCo draws; never over a variable that
+    was given.
     """
     capabilities = facts().capabilities
     window = {}
@@ -159,21 +159,21 @@ def other_ways(
 
 @cache
 def conditions() -> str:
-    """A mark of the programs, headers and libraries of this system: another one after something was installed."""
+    """Return a mark of the programs, headers and libraries of this system; an installation changes it."""
     times = [Path(place).stat().st_mtime_ns for place in SYSTEM if Path(place).exists()]
     return digest("conditions", times)
 
 
 def drawing_needs(variables: Mapping[str, str]) -> tuple[str, ...]:
-    """The capability that the way of drawing chosen by these variables needs."""
+    """Return the capability that the way of drawing chosen by these variables needs."""
     need = DRAWN_WITH.get(variables["MUJOCO_GL"].casefold()) if "MUJOCO_GL" in variables else None
     return (need,) if need else ()
 
 
 def undrawable(variables: Mapping[str, str], packages: Mapping[str, str] = NOTHING) -> dict[str, str]:
-    """Why nothing can be drawn by OpenGL here with these variables, in a sentence; by the module that draws.
+    """Return why nothing can be drawn by OpenGL here with these variables: a sentence by the module that draws.
 
-    That of pyglet has its own reason, all others that of the empty name; empty where there is none.
+    pyglet has its own reason, all other modules share that of the empty name; empty if there is none.
     """
     anything = facts().capabilities & set(DRAWN_WITH.values())
     reasons = {
@@ -184,19 +184,19 @@ def undrawable(variables: Mapping[str, str], packages: Mapping[str, str] = NOTHI
 
 
 def _pyglet_needs(packages: Mapping[str, str]) -> tuple[str, ...]:
-    """What pyglet, with which old gym draws, needs of the machine."""
+    """Return the capabilities that pyglet, with which old gym draws, needs of the machine."""
     version = packages.get(PYGLET)
     return ("display", *(("glu",) if version.startswith("1.") else ())) if version else ()
 
 
 def base_environment(needs: Sequence[str] = ()) -> dict[str, str]:
-    """The variables of this machine that a cell with these needs, or a build, may see."""
+    """Return the variables of this machine that a cell with these needs, or a build, may see."""
     names = [name for need in ("", *needs) for name in PASSED.get(need, ())]
     return ENVIRONMENT | {name: os.environ[name] for name in names if name in os.environ}
 
 
 def missing_for(needs: Iterable[str]) -> str | None:
-    """What of these needs this machine lacks and what to do about it, in a sentence; None if nothing."""
+    """Return a sentence with the needs that this machine lacks and their remedies; None if it lacks nothing."""
     machine = facts()
     return "; ".join(_hint(need, machine) for need in needs if need not in machine.capabilities) or None
 
@@ -216,7 +216,7 @@ MOST = 16 << 20
 
 
 def _parts() -> dict[str, dict[str, str]]:
-    """What each part says of itself; asked again only where something was installed, removed or started."""
+    """Return the description of each part; ask again only if something was installed, removed or started."""
     memory, marks = cache_folder() / "machine.json", _marks()
     try:
         kept = guarded_files.decoded(memory, MOST, guarded_files.decoder(_Memory).decode)
@@ -247,7 +247,7 @@ class _Memory(msgspec.Struct):
 
 
 def _marks() -> list[str]:
-    """What changes whenever a driver, a library or a server came or went, or the probe would be run otherwise."""
+    """Return marks that change when a driver, a library or a server comes or goes, or the probe would run otherwise."""
     patterns = (
         "etc/ld.so.cache",
         "usr/share/glvnd/egl_vendor.d/*",
@@ -273,7 +273,7 @@ def _marks() -> list[str]:
 
 
 def _ask_display() -> tuple[dict[str, str], bool]:
-    """What a display of our own says; the user's where there is none: results are not to depend on a desk."""
+    """Ask a display of our own; ask the user's only if that fails: results are not to depend on a desk."""
     answer, certain = _ask("display", display.VIRTUAL)
     if "missing" not in answer:
         return {"server": display.VIRTUAL, **answer}, certain
@@ -286,7 +286,7 @@ def _ask_display() -> tuple[dict[str, str], bool]:
 
 
 def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
-    """What the probe says from within the sandbox that cells have, and whether it would say so again."""
+    """Run the probe in the sandbox that cells have; return its answer, and whether it would be the same again."""
     with scratch_folder() as scratch:
         home = scratch / "home"
         home.mkdir()
@@ -319,7 +319,10 @@ def _death(done: Completed) -> str:
 
 
 def _gpu(root: Path) -> tuple[dict[str, str], bool]:
-    """NVIDIA's GPUs, from the driver's files or, where it has none (WSL), its tool; and whether that is certain."""
+    """Return NVIDIA's GPUs and their driver, and whether that is certain.
+
+    Read from the driver's files or, if it has none (WSL), from its tool.
+    """
     cards = sorted((root / "proc/driver/nvidia/gpus").glob("*/information"))
     if cards and any((root / "dev").glob("nvidia[0-9]*")):
         models = [re.search(r"^Model:\s*(.+?)\s*$", card.read_text(), re.MULTILINE) for card in cards]
@@ -343,7 +346,10 @@ def _gpu(root: Path) -> tuple[dict[str, str], bool]:
 
 
 def _gl_label(parts: Mapping[str, Mapping[str, str]]) -> str:
-    """The driver and its minor version, and what renders where that is no software: `mesa22.3`, `nvidia570.86`."""
+    """Return a label of the driver and its minor version: `mesa22.3`, `nvidia570.86`.
+
+    The renderer follows unless it is software or NVIDIA's.
+    """
     way = next((way for way in ("egl", "osmesa") if "missing" not in parts[way]), None)
     if way is None:
         return "nogl"
@@ -356,7 +362,7 @@ def _gl_label(parts: Mapping[str, Mapping[str, str]]) -> str:
 
 
 def _gpu_label(gpu: Mapping[str, str]) -> str:
-    """Models and driver's minor version: `nvidia-h200-driver570.86`."""
+    """Return a label of the models and the driver's minor version: `nvidia-h200-driver570.86`."""
     if "missing" in gpu:
         return ""
     models = "-".join(sorted({_slug(model) for model in gpu["models"].split(", ")}))

@@ -19,7 +19,7 @@ NEVER = "python_version < '0'"
 
 
 def applied(cell: Cell, change: Change, recipes: Mapping[str, tuple[Repair, ...]]) -> Cell:
-    """The cell with a change made to it; `recipes` are the repairs of packages by name.
+    """Return the cell with a change made to it; `recipes` are the repairs of packages by name.
 
     Raises ValueError where no recipe repairs a package of its overlay.
     """
@@ -64,14 +64,14 @@ def _names(requirements: Iterable[str]) -> set[str]:
 
 
 def _replaced(lines: Iterable[str], new: Iterable[str], names: set[str]) -> tuple[str, ...]:
-    """The lines without those on packages of these names, and the new ones after them."""
+    """Return the lines except those on packages of these names, followed by the new ones."""
     return tuple(dict.fromkeys((*(line for line in lines if required_name(line) not in names), *new)))
 
 
 def _with_extras(new: Iterable[str], old: Iterable[str]) -> Iterator[str]:
-    """Requirements with the extras of those that they replace, unless they have some: `gym<1` asks for other versions.
+    """Yield new requirements, each with the extras of those it replaces, unless it has some of its own.
 
-    A requirement that takes over nothing stays as it is written.
+    So `gym<1` changes versions only. A requirement that takes over nothing stays as it is written.
     """
     extras: dict[str, set[str]] = {}
     for line in old:
@@ -91,7 +91,7 @@ def id_of(cell: Cell, name: str, change: Change) -> str:
 
 
 def same(one: Cell, other: Cell) -> bool:
-    """Whether two cells come to the same measurement, whatever they are called and in whatever order they ask."""
+    """Return whether two cells come to the same measurement, whatever their ids and the order of their requirements."""
     return _plain(one) == _plain(other)
 
 
@@ -117,16 +117,16 @@ def _plain(cell: Cell) -> Cell:
 
 
 def plain(change: Change) -> dict[str, Any]:
-    """A change as documents hold it: only what it does."""
+    """Return a change in the form of documents: only what it does."""
     said = {one.name: getattr(change, one.name) for one in fields(change)}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in said.items() if value}
 
 
 def in_words(remedy: Mapping[str, Any]) -> str:
-    """The remedy of a document: what a machine can do, then what none can."""
+    """Write a document's remedy in words: first what a machine can do, then what none can."""
     return remedies.in_words(remedy)
 
 
 def described(change: Change) -> tuple[str, ...]:
-    """What a change does, in a few words each."""
+    """Describe each thing that a change does in a few words."""
     return tuple(remedies.does(plain(change)))

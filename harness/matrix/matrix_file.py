@@ -1,4 +1,4 @@
-"""Matrix files: TOML text to a `Matrix`.
+"""Read matrix files: TOML text to a `Matrix`.
 
 What the types cannot say is checked here: names that must exist elsewhere in the file, versions in their normalised
 form, keys that exclude one another. Everything is pure; `sources` names the files that the caller has to read.
@@ -83,7 +83,7 @@ def read(text: str, path: str) -> Matrix:
 
 
 def sources(matrix: Matrix) -> dict[str, str]:
-    """Paths, relative to the folder of the matrix file, of the texts that `files` takes from there, and who asks."""
+    """Return the texts that `files` and `page` read: each path, relative to the matrix file's folder, and who asks."""
     page = {str(matrix.page): f"{matrix.path}: page"} if matrix.page else {}
     return page | {
         str(content.source): f"{matrix.path}: {key_path(*place, 'files', name, 'source')}"
@@ -102,7 +102,7 @@ def repairing(matrix: Matrix) -> bool:
 
 
 def _named(file: str, name: str, axis: Axis) -> Axis:
-    """The axis with what its name says: python is told from packages, versions are normalised."""
+    """Return the axis with the kind that its name implies (Python or package), and its versions normalised."""
     kind = Kind.PYTHON if name == Kind.PYTHON else axis.kind
     with located(file, "axes", name):
         _check_name(name, axis)
@@ -119,7 +119,7 @@ def _named(file: str, name: str, axis: Axis) -> Axis:
 
 
 def _segment(kind: Kind, value: Value, index: int) -> Keys:
-    """Where in its axis a value is written."""
+    """Return the keys of a value within its axis, for messages."""
     match kind:
         case Kind.BUNDLE:
             return (value.text,)
@@ -150,7 +150,7 @@ def _check_name(name: str, axis: Axis) -> None:
 
 
 def value_text(kind: Kind, text: str) -> str:
-    """A value of an axis as cells name it; a ValueError says why it cannot be one."""
+    """Return a value of an axis as cells name it. Raises ValueError if it cannot be one."""
     match kind:
         case Kind.PYTHON:
             return text if text == HOST else version_text(text)
@@ -199,7 +199,7 @@ def _check(matrix: Matrix) -> None:
 
 
 def _check_pivot(matrix: Matrix) -> None:
-    """Its axes are two of the matrix's."""
+    """Refuse a pivot unless it names two different axes of the matrix."""
     for index, name in enumerate(matrix.pivot or ()):
         with located(matrix.path, "pivot", index):
             if name not in matrix.axes:
@@ -212,7 +212,7 @@ def _check_pivot(matrix: Matrix) -> None:
 
 
 def _check_subject(matrix: Matrix) -> None:
-    """What is said of a subject needs one."""
+    """Refuse an empty subject, and keys that need a subject where the matrix has none."""
     if matrix.subject is not None:
         with located(matrix.path, "subject"):
             if not matrix.subject.strip():
@@ -230,7 +230,7 @@ def _check_subject(matrix: Matrix) -> None:
 
 
 def _changes(matrix: Matrix) -> Iterator[tuple[Keys, Changes]]:
-    """Every place of the file that adds to cells."""
+    """Yield every place of the file that adds to cells."""
     yield (), matrix
     for name, axis in matrix.axes.items():
         for index, value in enumerate(axis.values):
@@ -246,7 +246,7 @@ def _cases(matrix: Matrix) -> Iterator[tuple[Keys, CaseTable]]:
 
 
 def _conditions(matrix: Matrix) -> Iterator[tuple[Keys, When]]:
-    """Every `when`, those of constraints apart."""
+    """Yield every `when`, except those of constraints."""
     yield from ((path, case.when) for path, case in _cases(matrix))
     yield from [(("suite",), matrix.suite.when)] if matrix.suite else []
     yield from ((("exclude", index), table.when) for index, table in enumerate(matrix.exclude))
@@ -269,7 +269,7 @@ def _check_when(matrix: Matrix, path: Keys, when: When, *, locks: bool = False) 
 
 
 def _check_named(pattern: str, holds: Callable[[str], bool], labels: Sequence[str]) -> None:
-    """A name, unlike a version, that no value has is a mistake."""
+    """Refuse a pattern that no value matches: in names, unlike versions, it is a mistake."""
     if not any(map(holds, labels)):
         message = f'no value of this axis is "{pattern}"{suggestion(pattern, labels)}'
         raise ValueError(message)
@@ -335,7 +335,7 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
 
 
 def _check_finite(plain: Any) -> None:
-    """JSON, in which a cell is told its arguments and limits, has no infinities."""
+    """Refuse infinities and NaN: cells get their arguments and limits as JSON, which has none."""
     if isinstance(plain, float) and not math.isfinite(plain):
         message = f"{plain} cannot be handed to a cell"
         raise ValueError(message)
@@ -344,7 +344,7 @@ def _check_finite(plain: Any) -> None:
 
 
 def _check_change(change: ChangeTable) -> None:
-    """It says of which cells, and does something: of its own, or what a remedy says."""
+    """Refuse a change unless it names its cells and does something: its own changes, or a remedy's."""
     does = [name for name in DOING if getattr(change, name)]
     message = None
     if change.cells is None and not change.when:
@@ -373,7 +373,7 @@ def _check_expect(matrix: Matrix, expected: ExpectTable | ChangedTable) -> None:
 
 
 def _strategy(matrix: Matrix) -> Strategy:
-    """The strategy with versions in their normalised form."""
+    """Return the strategy with versions in their normalised form."""
 
     def canonical(name: str, text: str) -> str:
         with located(matrix.path, "strategy", "baseline", name):
@@ -388,7 +388,7 @@ def _strategy(matrix: Matrix) -> Strategy:
 
 
 def _included(matrix: Matrix, index: int, table: IncludeTable) -> IncludeTable:
-    """The combination with its values in their normalised form."""
+    """Return the combination with its values in their normalised form."""
     values = {}
     for name, text in table.axes.items():
         with located(matrix.path, "include", index, "axes", name):

@@ -1,4 +1,4 @@
-"""The known failures that a matrix names: what it expects by one, and the changes that are remedies of one."""
+"""Fill in the known failures that a matrix names: those it expects, and those whose remedies it tries as changes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from harness.model.schema import located, suggestion
 
 
 def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
-    """Ids of the known failures that the matrix names, and where."""
+    """Return the ids of known failures that the matrix names, each with its place."""
     places: list[tuple[matrix_file.Keys, str | None]] = [
         (("expect", index, "signature"), one.signature) for index, one in enumerate(matrix.expect)
     ]
@@ -25,7 +25,7 @@ def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
 
 
 def filled(matrix: Matrix, known: Iterable[Signature]) -> Matrix:
-    """The matrix with what its changes do that are remedies of known failures; what is not known is refused."""
+    """Return the matrix with its `remedy_of` changes filled in. Raises BadInput for an unknown failure."""
     ids = {str(one.id): one for one in known}
     for path, name in named(matrix):
         with located(matrix.path, *path):
@@ -38,7 +38,7 @@ def filled(matrix: Matrix, known: Iterable[Signature]) -> Matrix:
 
 
 def _remedied(matrix: Matrix, index: int, change: ChangeTable, known: Mapping[str, Signature]) -> ChangeTable:
-    """The change with what the remedy says that it is."""
+    """Return the change with the contents of its remedy filled in."""
     if change.remedy_of is None:
         return change
     remedy = known[change.remedy_of].remedy

@@ -1,7 +1,7 @@
-"""A matrix, as its file says it: the typed shape of `matrices/NAME.toml`, checked while it is read.
+"""Define a matrix as its file has it: the typed shape of `matrices/NAME.toml`, checked while it is read.
 
 The classes named `...Table` are tables of the file and, with their docstrings and descriptions, its JSON Schema.
-`matrixfile.read` makes a `Matrix`, `plan.expand` multiplies it.
+`matrix_file.read` makes a `Matrix`, `plan.product.expand` multiplies it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class IndexTable(Table, frozen=True, kw_only=True):
-    """Where packages come from; without it, the user's own uv and pip settings hold."""
+    """The places that packages come from; without this table, the user's own uv and pip settings apply."""
 
     default: str | None = None
     extra: tuple[str, ...] = ()
@@ -60,7 +60,7 @@ class SourceTable(Table, frozen=True, kw_only=True):
 
 
 class Files(dict[str, str | SourceTable]):
-    """Path inside the cell's HOME to the text of the file, or to where that text is."""
+    """Files by their path inside the cell's HOME: each is a text, or the place of a text."""
 
     reads: ClassVar[tuple[Any, ...]] = (dict[str, str | SourceTable],)
 
@@ -112,7 +112,7 @@ class BringTable(Table, frozen=True, kw_only=True):
 
 
 class Changes(Table, frozen=True, kw_only=True):
-    """What the matrix adds to every cell, or one value of an axis to its cells."""
+    """The additions that the matrix makes to every cell, or one value of an axis to its cells."""
 
     requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides the package axes")] = ()
     constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on whatever is installed")] = ()
@@ -142,7 +142,7 @@ class Changes(Table, frozen=True, kw_only=True):
 
 
 class PictureTable(Table, frozen=True, kw_only=True):
-    """What lies above what in a right picture, by colours that it shows: else it is upside down, or another."""
+    """The colours above and below in a right picture; any other picture is upside down, or the wrong one."""
 
     above: Colour
     below: Colour
@@ -320,7 +320,7 @@ class IncludeTable(Table, frozen=True, kw_only=True):
 
 
 class ExpectTable(Table, frozen=True, kw_only=True):
-    """What some cells are expected to be; the first one that fits a cell holds."""
+    """An expected result of some cells; the first entry that fits a cell applies."""
 
     verdict: Verdict
     reason: Annotated[str, Meta(min_length=1)]
@@ -340,12 +340,12 @@ class ExpectTable(Table, frozen=True, kw_only=True):
 
     @property
     def of_changed(self) -> bool:
-        """Whether it may speak of changed cells, as its glob has to say: others mean cells as the axes make them."""
+        """Return whether its glob may match changed cells; other expectations mean cells as the axes make them."""
         return not self.when and self.cells is not None and cellid.of_changed(self.cells)
 
 
 class ChangedTable(Table, frozen=True, kw_only=True):
-    """What cells are expected to be once they are changed."""
+    """The expected result of cells once they are changed."""
 
     verdict: Verdict = Verdict.WORKS
     reason: Annotated[str | None, Meta(description="by default that of the change")] = None
@@ -361,9 +361,9 @@ class ChangedTable(Table, frozen=True, kw_only=True):
 
 
 class ChangeTable(Changes, frozen=True, kw_only=True):
-    """One change, tried on some cells: each with it is a cell of its own, `LABEL_with-NAME`.
+    """One change, tried on some cells: each of these gets a changed copy, `LABEL_with-NAME`.
 
-    What it asks for replaces what the cell asks for of the same packages.
+    Its requirements replace the cell's requirements on the same packages.
     """
 
     name: Label
@@ -384,7 +384,7 @@ class ChangeTable(Changes, frozen=True, kw_only=True):
 
 
 class MatrixTable(Changes, frozen=True, kw_only=True):
-    """A compatibility matrix: axes, what is installed, cases, and what is left out, added or expected, with reasons."""
+    """A compatibility matrix: axes, packages, cases, and what is left out, added or expected, with reasons."""
 
     axes: Annotated[dict[str, Axis], Meta(description="name to values; `python` must be one of them")]
     description: str = ""
@@ -438,21 +438,21 @@ class Matrix(MatrixTable, frozen=True, kw_only=True):
 
     @property
     def ranges(self) -> dict[str, RangeTable]:
-        """The axes (packages) that are ranges; without any, the matrix needs no expansion."""
+        """Return the axes (packages) that are ranges; without any, the matrix needs no expansion of ranges."""
         return {name: axis.range for name, axis in self.axes.items() if axis.range is not None}
 
 
 class Unresolvable(Table, frozen=True, kw_only=True):
-    """Values that no resolution has together, by axis, and the line that says why."""
+    """Values, by axis, that no resolution has together, and the line that says why."""
 
     axes: dict[str, str]
     reason: str
 
 
 class Chosen(Table, frozen=True, kw_only=True):
-    """The combinations that a covering strategy chose, values in the order of the axes; what of them does not resolve.
+    """The combinations that a covering strategy chose, with values in the order of the axes.
 
-    `made_from` is a hash of all that the choice depends on.
+    `unresolvable` are values found not to resolve together. `made_from` is a hash of all that the choice depends on.
     """
 
     made_from: str
@@ -462,7 +462,7 @@ class Chosen(Table, frozen=True, kw_only=True):
 
 
 class Expansion(Table, frozen=True, kw_only=True):
-    """What the ranges and the strategy of a matrix came to at one instant: `NAME.expanded.json`."""
+    """The versions and combinations that a matrix's ranges and strategy gave at one instant: `NAME.expanded.json`."""
 
     schema: Literal[1] = 1
     matrix: str

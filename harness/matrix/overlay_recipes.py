@@ -1,4 +1,4 @@
-"""Releases that no resolver accepts any more, and lines of their metadata that make them acceptable: recipes as data.
+"""Read recipes that repair releases which no resolver accepts any more, by changing lines of their metadata.
 
 A recipe (`overlays/PACKAGE.toml`) names what the index has, an sdist or a wheel, and the repaired wheel by their
 hashes; `mending` changes the lines.
@@ -25,7 +25,7 @@ RENAMED = {"old": "from", "new": "to"}
 
 
 class EditTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename=RENAMED):
-    """What the lines of a field begin with, and what they begin with once they are repaired."""
+    """The start of the metadata lines to repair (`from`), and the start that replaces it (`to`)."""
 
     old: Annotated[str, msgspec.Meta(min_length=1)]
     new: str
@@ -43,7 +43,7 @@ class ReleaseTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class RecipeTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How releases of one package that no resolver accepts are repaired: `overlays/PACKAGE.toml`."""
+    """The repair of one package's releases that no resolver accepts: `overlays/PACKAGE.toml`."""
 
     package: PackageName
     reason: Annotated[str, msgspec.Meta(min_length=1)]
@@ -55,7 +55,7 @@ class RecipeTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def read(text: str, file: str) -> tuple[Repair, ...]:
-    """The repairs of a recipe, oldest release first; `file` stands in messages."""
+    """Return the repairs of a recipe, oldest release first; `file` is its name in messages."""
     table = load_toml(text, RecipeTable, file)
     with located(file, "python"):
         try:
@@ -108,7 +108,7 @@ def _check_origin(release: ReleaseTable, table: RecipeTable) -> None:
 
 
 def fitting(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
-    """The repairs of releases that a question may come to: its bounds allow them, and the index had them."""
+    """Return the repairs of releases that a question may resolve to: allowed by its bounds, and uploaded in time."""
     lines = (*question.requirements, *question.constraints)
     bounds = _bounds(lines) | _bounds(question.overrides)
     absent = set(question.absent)
@@ -122,19 +122,19 @@ def fitting(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]
 
 
 def used(repairs: Iterable[Repair], hashes: Iterable[str]) -> tuple[Repair, ...]:
-    """The repairs whose wheels are among these."""
+    """Return the repairs whose wheels are among these hashes."""
     known = set(hashes)
     return tuple(one for one in repairs if one.wheel in known)
 
 
 def described(repair: Repair) -> str:
-    """What was changed, in a few words."""
+    """Describe the changed lines in a few words."""
     changes = ", ".join(f"`{edit.field}: {edit.old}` to `{edit.new}`" for edit in repair.edits)
     return f"{repair.name} {repair.version}: {changes}"
 
 
 def chosen(known: Mapping[str, tuple[Repair, ...]], names: Sequence[str]) -> tuple[Repair, ...]:
-    """The repairs of these packages; a ValueError says of which there are none."""
+    """Return the repairs of these packages. Raises ValueError if there are none for one of them."""
     unknown = next((name for name in names if name not in known), None)
     if unknown is not None:
         message = f'no recipe repairs "{unknown}"{suggestion(unknown, known)}'
@@ -143,7 +143,7 @@ def chosen(known: Mapping[str, tuple[Repair, ...]], names: Sequence[str]) -> tup
 
 
 def _bounds(lines: Iterable[str]) -> dict[str, SpecifierSet]:
-    """What unconditional requirements say of versions."""
+    """Return the bounds that unconditional requirements set on versions, by package."""
     found: dict[str, SpecifierSet] = {}
     for line in lines:
         requirement = parsed_requirement(line)

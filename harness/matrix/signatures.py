@@ -1,4 +1,4 @@
-"""Signatures: patterns over evidence that name a cause and a remedy, as data. `standalone/matching.py` matches them.
+"""Read signatures: patterns over evidence that name a cause and a remedy. `standalone/matching.py` matches them.
 
 A file of them (`signatures/FAMILY.toml`) is read by `read`. Their patterns are regular expressions that a browser
 understands as well as Python does: searched with `^` and `$` at every line, `.` never a line break.
@@ -71,7 +71,7 @@ class PortablePattern(Word):
 
 
 def _searched(syntax: str, plain: str) -> str:
-    """A pattern without its classes, in which signs have no meaning, unless those are looked for."""
+    """Return a pattern without its classes, where signs have no meaning, unless the search is for classes."""
     return plain if syntax.startswith(r"\[") else re.sub(CLASS, "c", plain)
 
 
@@ -93,7 +93,7 @@ EXAMPLES = 3
 
 
 class PartTaking:
-    """A requirement, or several of which one has to hold."""
+    """A requirement, or several of which one must be met."""
 
     __slots__ = ("requirements",)
     reads: ClassVar[tuple[Any, ...]] = (Requirement, Annotated[tuple[Requirement, ...], Meta(min_length=2)])
@@ -110,7 +110,7 @@ class PartTaking:
 
 
 class RemedyTable(Table, frozen=True, kw_only=True):
-    """What to do: the keys that a `[[change]]` of a matrix has, and in words what no machine can do."""
+    """The remedy of a failure: keys of a matrix's `[[change]]`, and `text` for what no machine can do."""
 
     requirements: Annotated[
         tuple[Requirement, ...], Meta(description="asked for instead of what was asked for of the same package")
@@ -129,7 +129,7 @@ class RemedyTable(Table, frozen=True, kw_only=True):
 
     @property
     def change(self) -> Change | None:
-        """What a machine can apply of it; None where that is nothing."""
+        """Return the part of the remedy that a machine can apply; None if there is none."""
         said = {name: value for name, value in self.plain.items() if name != "text"}
         found: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in said.items()
@@ -138,7 +138,7 @@ class RemedyTable(Table, frozen=True, kw_only=True):
 
     @property
     def plain(self) -> dict[str, Any]:
-        """What it says, as documents hold it."""
+        """Return the remedy in the form of documents, without empty keys."""
         return {
             name: list(map(str, value)) if isinstance(value, tuple) else _text(value)
             for name, value in asdict(self).items()
@@ -158,7 +158,7 @@ class VerifiedTable(Table, frozen=True, kw_only=True):
 
 
 class Signature(Table, frozen=True, kw_only=True):
-    """A known failure: how to tell it, what causes it, what helps."""
+    """A known failure: how to recognise it, its cause, and its remedy."""
 
     id: Label
     cause: Annotated[str, Meta(min_length=1)]
@@ -210,27 +210,27 @@ class Signature(Table, frozen=True, kw_only=True):
 
     @property
     def loud(self) -> bool:
-        """True where it prints something by which it can be recognised."""
+        """Return whether it has a pattern, code or signal by which it can be recognised."""
         return bool(self.pattern or self.code or self.signal)
 
     @property
     def wording(self) -> str | None:
-        """The pattern for texts of which nothing else is known: its own, or that of our sentences of its code."""
+        """Return the pattern for texts alone: its own, and that of our sentences for its codes; None without any."""
         ours = (sentence_pattern(code, self.data) for code in self.codes)
         return "|".join([*([str(self.pattern)] if self.pattern else []), *ours]) or None
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """The codes of what it shows in."""
+        """Return the codes of observations in which it shows."""
         return (self.code,) if isinstance(self.code, str) else self.code or ()
 
     def observes(self, observed: Observed) -> bool:
-        """Tell whether an observation has a code of these, and the data."""
+        """Return whether an observation has one of its codes and fits its data."""
         return any(met(code, self.data, observed) for code in self.codes)
 
     @property
     def as_file(self) -> dict[str, Any]:
-        """Return the fields of its file that are matched in texts, and told; examples and sightings are left out."""
+        """Return its file's fields that are matched in texts or shown; examples and sightings are left out."""
         parts = (part.requirements for part in self.packages)
         said = {
             "id": str(self.id),
@@ -261,7 +261,7 @@ class SignaturesFile(Table, frozen=True, kw_only=True):
 
 
 def read(texts: Mapping[str, str]) -> tuple[Signature, ...]:
-    """The signatures of files, by the name that messages give each. Raises BadInput."""
+    """Return the signatures of files, given as texts by the names that messages use. Raises BadInput."""
     known: dict[str, str] = {}
     found: list[Signature] = []
     for file, text in texts.items():
@@ -312,7 +312,7 @@ def _check_silent(one: Signature) -> str | None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sighting:
-    """An observation with the line that it stands in, which says why something failed where it is `told`."""
+    """An observation with the line that it stands in; `told` marks a line that says why something failed."""
 
     observed: Observed
     line: str
@@ -321,10 +321,10 @@ class Sighting:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Evidence:
-    """What is known of one failure. `told` are the lines that say why, `logs` all else that was written.
+    """The evidence of one failure. `told` are the lines that say why, `logs` everything else that was written.
 
-    `phase` is None where that is not known: then it may be any. `observed` is what our own of these lines say, as codes
-    and data; None where there are only texts.
+    `phase` is None where that is not known: then it may be any. `observed` are those of these lines that our own code
+    wrote, as codes and data; None where there are only texts.
     """
 
     phase: Phase | None
@@ -336,7 +336,7 @@ class Evidence:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Around:
-    """What a failure met: `installed` versions, where anything was installed, else what was asked for."""
+    """The environment of a failure: `installed` versions, or the requirements where nothing was installed."""
 
     installed: Mapping[str, str] | None = None
     requirements: tuple[str, ...] = ()
@@ -345,7 +345,7 @@ class Around:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Diagnosis:
-    """A known failure that fits. `seen` is the line by which it was told, in the log only where not `told`."""
+    """A known failure that fits. `seen` is the line that shows it; without `told` it was only in the log."""
 
     signature: Signature
     phase: Phase | None
@@ -354,7 +354,7 @@ class Diagnosis:
 
 
 def diagnose(known: Iterable[Signature], evidence: Sequence[Evidence], around: Around) -> tuple[Diagnosis, ...]:
-    """The known failures that fit, the deepest cause first, each once."""
+    """Return the known failures that fit, the deepest cause first, each once."""
     return tuple(
         Diagnosis(signature=hit.known, phase=hit.phase, seen=hit.seen, told=hit.told)  # type: ignore[arg-type]
         for hit in matching.diagnose(known, evidence, around)
@@ -362,7 +362,7 @@ def diagnose(known: Iterable[Signature], evidence: Sequence[Evidence], around: A
 
 
 def lurking(known: Iterable[Signature], around: Around) -> tuple[Signature, ...]:
-    """The silent failures that what is installed runs into: all their packages are there."""
+    """Return the silent failures that the installed packages run into: all packages of such a failure are there."""
     return matching.lurking(known, around)
 
 
@@ -370,7 +370,7 @@ compiled = matching.compiled
 
 
 def machine_applicable(known: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:
-    """The signatures whose remedy a machine can apply, with that."""
+    """Yield the signatures whose remedy a machine can apply, each with that change."""
     for one in known:
         change = one.remedy.change
         if change:

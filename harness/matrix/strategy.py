@@ -1,4 +1,4 @@
-"""The strategy of a matrix, as its file says it: which of all combinations are planned."""
+"""Define the strategy of a matrix as its file has it: the choice of combinations to plan."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ StrategyName = Literal["full", "pairwise", "baseline", "boundaries"]
 
 
 class StrategyTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A strategy with its own numbers and values; one that names both is the union of them."""
+    """A strategy with its own numbers and values; a table with both keys is the union of the two."""
 
     ways: Annotated[
         Annotated[int, Meta(ge=1)] | None,
@@ -24,7 +24,7 @@ class StrategyTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Strategy:
-    """Which combinations are planned: a name, a table, or a list of them, which is their union."""
+    """The choice of combinations to plan: a name, a table, or a list of these, meaning their union."""
 
     __slots__ = ("baselines", "boundaries", "full", "names", "ways")
     reads: ClassVar[tuple[Any, ...]] = (
@@ -64,7 +64,7 @@ class Strategy:
         return made
 
     def with_values(self, canonical: Callable[[str, str], str]) -> Strategy:
-        """The same with the values of its baselines in their canonical form; `canonical` takes axis and value."""
+        """Return the strategy with canonical baseline values; `canonical` takes axis and value."""
         made = Strategy(["full"] * self.full + ["boundaries"] * self.boundaries)
         made.ways, made.names = self.ways, self.names
         made.baselines = tuple({axis: canonical(axis, text) for axis, text in each.items()} for each in self.baselines)
@@ -72,7 +72,7 @@ class Strategy:
 
     @property
     def covering(self) -> int:
-        """Of how many axes every combination of values is to be covered; 0 where nothing has to be computed for it."""
+        """Return how many axes must be covered in every combination of values; 0 if nothing has to be computed."""
         return 0 if self.full else self.ways
 
 

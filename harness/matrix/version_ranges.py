@@ -1,4 +1,4 @@
-"""What the ranges of a matrix come to: expanded from the index once, then committed as `NAME.expanded.json`."""
+"""Expand the ranges of a matrix: once from the index, then committed as `NAME.expanded.json`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NO_BREAKS: Breaks = {}
 
 
 class BreakTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A release that user code, or another package, had to follow."""
+    """A release with an API break that user code, or another package, had to follow."""
 
     package: PackageName
     version: str
@@ -38,7 +38,7 @@ def read(text: str, path: str) -> Expansion:
 
 
 def text_of(expansion: Expansion) -> str:
-    """The committed form of an expansion, the same bytes for the same content."""
+    """Return the committed form of an expansion: the same bytes for the same content."""
     return msgspec.json.format(msgspec.json.encode(expansion, enc_hook=str), indent=2).decode() + "\n"
 
 
@@ -59,7 +59,7 @@ def expand(
 def expand_range(
     wanted: RangeTable, releases: Iterable[tuple[str, bool]], breaks: Iterable[Version] = ()
 ) -> tuple[str, ...]:
-    """Versions of a range by its rule, oldest first, from (version, yanked) pairs; `breaks` are those that broke."""
+    """Return a range's versions by its rule, oldest first, from (version, yanked) pairs; `breaks` are API breaks."""
     allowed = SpecifierSet(wanted.range)
     found = sorted(
         version
@@ -83,7 +83,7 @@ def expand_range(
 
 
 def boundaries(versions: Iterable[Version], breaks: Iterable[Version]) -> list[Version]:
-    """The newest patch of each minor, and of each break the last version before it and the first one with it."""
+    """Return each minor's newest patch, and for each break the last version before it and the first with it."""
     known = sorted(versions)
     kept = set(_latest_patches(known))
     for broke in breaks:
@@ -98,7 +98,7 @@ def _latest_patches(ascending: Iterable[Version]) -> list[Version]:
 
 
 def read_breaks(text: str, path: str) -> dict[str, tuple[Version, ...]]:
-    """The versions of each package that are known to have broken its API, oldest first."""
+    """Return the versions of each package that are known to have broken its API, oldest first."""
     found: dict[str, list[Version]] = {}
     for index, known in enumerate(load_toml(text, BreaksTable, path).breaks):
         with located(path, "breaks", index, "version"):

@@ -1,4 +1,4 @@
-"""Cell ids, `MATRIX/PART_PART_PART`: built, matched, shortened and, in the form of earlier versions, read here.
+"""Build, match, shorten and read cell ids, `MATRIX/PART_PART_PART`, also in the form of earlier versions.
 
 `gymnasium-mujoco/py3.11_gymnasium-1.2.3_mujoco-3.3.7`: `_` stands between the parts of a label and nowhere else, `-`
 between a package and its version, `absent` is `gym-absent`. A changed cell has one part more: `_with-NAME`, and
@@ -47,11 +47,11 @@ class Named(Protocol):
 
     @property
     def id(self) -> str:
-        """The whole id."""
+        """Return the whole id."""
 
     @property
     def axes(self) -> Mapping[str, str]:
-        """The value of each axis."""
+        """Return the value of each axis."""
 
 
 T = TypeVar("T", bound=Named)

@@ -1,4 +1,4 @@
-"""The few errors that reach a user, each with the exit code of the command-line contract."""
+"""Define the few errors that reach a user, each with the exit code of the command-line contract."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class BadInput(HarnessError):
 
 
 class UnusableRequirement(BadInput):
-    """A requirement that the resolver can make nothing of: of a matrix it is the failure of its combination alone."""
+    """A requirement that the resolver cannot use. In a matrix, only the combination with it fails."""
 
 
 class CouldNotTell(HarnessError):

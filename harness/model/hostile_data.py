@@ -1,4 +1,4 @@
-"""Decodes data that a cell, a cache, a user or another machine left: whatever is wrong with them is one error."""
+"""Decode data that a cell, a cache, a user or another machine left: whatever is wrong with them is one error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The types of the report document (`report.json`).
+"""Define the types of the report document (`report.json`).
 
 The document's keys are a contract: some may be added, none renamed. Paths are relative to the document.
 """
@@ -48,17 +48,17 @@ SYMBOLS: Mapping[Verdict, str] = {
 
 
 def word(name: str) -> str:
-    """A verdict or outcome as people read it: `import fails`."""
+    """Return a verdict or an outcome in readable words: `import fails`."""
     return name.replace("_", " ")
 
 
 def number(count: int, noun: str) -> str:
-    """How many: `1 cell`, `2 cells`."""
+    """Return a count with its noun: `1 cell`, `2 cells`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """Something to know that does not stop a user's loop; `cases` are those it was seen in."""
+    """A finding, which does not stop a user's loop; `cases` are those in which it was seen."""
 
     check: str
     level: Level
@@ -95,7 +95,7 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What the matrix says the cell is expected to be."""
+    """The result that the matrix expects of a cell."""
 
     verdict: Verdict
     reason: str
@@ -109,7 +109,7 @@ class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
 
 
 class SubjectEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """The package under test: where its source stood, and the wheel that was measured, where one came to be.
+    """The package under test: the state of its source, and the wheel that was measured, if one was made.
 
     `changed` is whether the files differed from the commit.
     """
@@ -146,7 +146,7 @@ class RepairEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
 
 
 class BroughtEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """What the user brought: `mark` is a hash of what it held, `changed` whether that differs from the commit."""
+    """Software that the user supplied: `mark` hashes its content, `changed` is whether it differs from the commit."""
 
     name: str
     mark: str
@@ -170,17 +170,17 @@ class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def total(self) -> int:
-        """The number of tests that were collected."""
+        """Return the number of tests that were collected."""
         return sum(self.tests.values())
 
     @property
     def not_run(self) -> bool:
-        """True where the tests were asked for and could not be run."""
+        """Return whether the tests were asked for and could not be run."""
         return self.outcome is Outcome.NOT_REACHED and self.decisive is not None
 
 
 class ControlEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a known-good combination of an adapter came to on the same machine: the failed checks with their lines.
+    """The result of an adapter's known-good combination on the same machine: failed checks with their lines.
 
     `untold` is why it could not be run: then nothing is known of the adapter, and failures stand as they were seen.
     """
@@ -191,7 +191,7 @@ class ControlEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 
 class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A known cause that fits the evidence: `seen` is the line by which it was told.
+    """A known cause that fits the evidence: `seen` is the line that shows it.
 
     The remedy is proven where the cell `proof`, which is this one with the remedy applied, was measured and works.
     """
@@ -282,7 +282,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Combinations that are not run, and why: `id` is that of one, or a pattern that stands for `count` of them."""
+    """Combinations that are not run, and why: `id` is one id, or a pattern that stands for `count` of them."""
 
     id: str
     reason: str
@@ -290,10 +290,9 @@ class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 
 class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """What the tables need of a matrix: its axes in order, and the packages whose versions it wants shown.
+    """The details of a matrix that tables need: its axes in order, and the packages whose versions are shown.
 
-    `snapshot` is the cutoff that it names, if it does, `pivot` the axes that it wants in the small table, `title` the
-    heading that it gives its report.
+    `snapshot` is its cutoff, if it names one, `pivot` the axes of the small table, `title` the heading of its report.
     """
 
     axes: tuple[str, ...]
@@ -304,7 +303,7 @@ class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Document(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a report says. `probes` are hashes of the in-cell files that it was measured with."""
+    """A whole report. `probes` are hashes of the in-cell files that it was measured with."""
 
     schema: Literal[1] = 1
     generated: str

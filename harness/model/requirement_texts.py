@@ -1,4 +1,4 @@
-"""Requirements, specifiers and versions that somebody wrote, read by `packaging` within its limits.
+"""Read requirements, specifiers and versions that somebody wrote, by `packaging` within its limits.
 
 `packaging` reads a marker by recursion, and a number by `int`, which refuses more than 4,300 digits.
 """

@@ -1,4 +1,4 @@
-"""Typed reading of TOML and JSON, and JSON Schemas made from the same types.
+"""Read TOML and JSON as typed values, and make JSON Schemas from the same types.
 
 msgspec does the reading. Our part is the one sentence that a user gets instead of a traceback: file, key path, what is
 wrong, and the nearest valid name.
@@ -50,7 +50,7 @@ _WORDS = {
 
 
 class Convert(Protocol):
-    """Reads a plain value as a type; what is wrong with it is raised as a ValueError."""
+    """A function that reads a plain value as a type. It raises a ValueError that says what is wrong."""
 
     def __call__(self, plain: Any, kind: type[T]) -> T:
         """Return `plain` as a `kind`."""
@@ -98,7 +98,7 @@ def load_json(text: str | bytes, kind: type[T], file: str) -> T:
 
 @contextmanager
 def readable(file: str) -> Iterator[None]:
-    """Let what no reader of a format can take become the sentence of a user, with its file."""
+    """Turn a format reader's errors into BadInput that names the file: nesting too deep, numbers too long, others."""
     try:
         yield
     except RecursionError:
@@ -112,7 +112,7 @@ def readable(file: str) -> Iterator[None]:
 
 
 def json_schema(kind: type) -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of the documents that read as `kind`."""
+    """Return the JSON Schema (draft 2020-12) of documents that read as `kind`."""
     components: dict[str, Any] = {}
 
     def schema_of(own: Any) -> dict[str, Any]:
@@ -129,7 +129,7 @@ def json_schema(kind: type) -> dict[str, Any]:
 
 
 def suggestion(wrong: str, valid: Iterable[str]) -> str:
-    """The tail of a message about an unknown name: `; did you mean "checks"?`, or the valid names, if any."""
+    """Return the end of a message on an unknown name: `; did you mean "checks"?`, else the valid names, if any."""
     from difflib import get_close_matches  # noqa: PLC0415 - start-up
 
     names = sorted({str(name) for name in valid})
@@ -141,7 +141,7 @@ def suggestion(wrong: str, valid: Iterable[str]) -> str:
 
 
 def key_path(*segments: str | int) -> str:
-    """`axes.python[1]` of `("axes", "python", 1)`; a key that TOML would quote is quoted."""
+    """Return the path of a key: `axes.python[1]` for `("axes", "python", 1)`, with quotes where TOML needs them."""
     path = ""
     for segment in segments:
         if isinstance(segment, int):
@@ -152,7 +152,7 @@ def key_path(*segments: str | int) -> str:
 
 
 def toml_value(value: str | bool | int | Sequence[Any]) -> str:
-    """Write a value as TOML has it in one line: a text, a number, a truth, or a list of such."""
+    """Write a value as TOML has it in one line: a text, a number, a boolean, or a list of these."""
     from tomli_w import dumps  # noqa: PLC0415 - start-up
 
     if isinstance(value, list | tuple):
@@ -162,7 +162,7 @@ def toml_value(value: str | bool | int | Sequence[Any]) -> str:
 
 @contextmanager
 def located(file: str, *segments: str | int) -> Iterator[None]:
-    """Let a ValueError become the sentence of a user, with file and key path."""
+    """Turn a ValueError into BadInput that names the file and the key path."""
     try:
         yield
     except ValueError as error:
@@ -174,7 +174,7 @@ def located(file: str, *segments: str | int) -> Iterator[None]:
 
 
 def _read_self(kind: Any, plain: Any) -> Any:
-    """msgspec's hook for types it does not know."""
+    """Read a type that msgspec does not know; this is msgspec's hook."""
     if not hasattr(kind, "parse"):
         raise NotImplementedError(kind)
     return kind.parse(plain, _convert)
@@ -204,7 +204,7 @@ def _without_dates(plain: Any) -> Any:
 
 
 def _check_characters(text: str | bytes, plain: Any) -> None:
-    """Refuse half of a surrogate pair, which no text that is printed or written can hold."""
+    """Refuse half of a surrogate pair, which cannot be printed or written in any text."""
     escaped = SURROGATE.search(text if isinstance(text, str) else text.decode(errors="replace"))
     try:
         if escaped:
@@ -227,7 +227,7 @@ def _lower(text: str) -> str:
 
 
 def _sentence(error: str, plain: Any, kind: Any, literals: Callable[[], Any]) -> str:
-    """`cases[0].chekcs: unknown key; did you mean "checks"?` for one error text of msgspec."""
+    """Turn one error text of msgspec into a sentence: `cases[0].chekcs: unknown key; did you mean "checks"?`."""
     what = _PLACES.sub("", error)
     segments = _segments(error, plain, kind)
     if unknown := _UNKNOWN_KEY.fullmatch(what):
@@ -247,7 +247,10 @@ def _sentence(error: str, plain: Any, kind: Any, literals: Callable[[], Any]) ->
 
 
 def _segments(error: str, plain: Any, kind: Any) -> list[str | int]:
-    """The path of an error. msgspec does not say which key of a mapping it met: the one that fails alike by itself."""
+    """Return the path of an error.
+
+    msgspec does not say which key of a mapping it met: it is the key that fails in the same way by itself.
+    """
     found: list[str | int] = []
     for name, index, any_key in _SEGMENT.findall("".join(reversed(_PLACES.findall(error)))):
         if any_key:
@@ -267,7 +270,7 @@ def _fails_alike(error: str, plain: Any, kind: Any, segments: Sequence[str | int
 
 
 def _with_only(plain: Any, segments: Sequence[str | int]) -> Any:
-    """A copy in which the mapping that holds the last segment has no other key."""
+    """Return a copy in which the mapping that holds the last segment has no other key."""
     first, *rest = segments
     if not rest:
         return {first: plain[first]}
@@ -292,7 +295,7 @@ def _got(name: str) -> str:
 
 
 def _quote_it(wrong: re.Match[str], segments: Sequence[str | int], literals: Callable[[], Any]) -> str:
-    """A version written without quotes is a number, and 3.10 is then 3.1: say how to write it."""
+    """Say how to write a version that lacks quotes, which makes it a number (3.10 is then 3.1); else nothing."""
     if wrong[2] not in {"int", "float"} or "str" not in wrong[1].split(" | ") or _ANY_KEY in segments:
         return ""
     written = _at(literals(), segments)
@@ -308,7 +311,7 @@ def _described(kind: Any) -> types.Type:
 
 
 def _alternatives(node: types.Type) -> list[types.Type]:
-    """The types that a value of this one may be written as."""
+    """Return the types that a value of this type may be written as."""
     if isinstance(node, types.Metadata):
         return _alternatives(node.type)
     inner: Iterable[types.Type] = ()
@@ -322,7 +325,7 @@ def _alternatives(node: types.Type) -> list[types.Type]:
 
 
 def _nodes(kind: Any, segments: Sequence[str | int]) -> list[types.Type]:
-    """Every type that may stand at the end of a path."""
+    """Return every type that may stand at the end of a path."""
     nodes = _alternatives(_described(kind))
     for segment in segments:
         nodes = [found for node in nodes for inner in _inside(node, segment) for found in _alternatives(inner)]
@@ -342,7 +345,7 @@ def _fields(node: types.Type) -> tuple[types.Field, ...]:
 
 
 def _names(node: types.Type) -> list[str]:
-    """The values of an enumeration, also where it is the key of a mapping."""
+    """Return the values of an enumeration, also if it is the key of a mapping."""
     if isinstance(node, types.EnumType):
         return [str(member.value) for member in node.cls]
     if isinstance(node, types.DictType):

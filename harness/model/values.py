@@ -1,4 +1,4 @@
-"""Values that every other module speaks in: frozen data and enums, no I/O.
+"""Define the values that every other module uses: frozen data and enums, no I/O.
 
 Instants are ISO 8601 strings in UTC (`2026-11-20T23:59:59Z`), seconds are floats of wall-clock time, versions are
 normalised (PEP 440), package names are normalised (PEP 503).
@@ -15,7 +15,7 @@ from harness.model import cellid
 
 
 class Phase(StrEnum):
-    """What a cell goes through, in this order; a failed phase leaves those that need it `not_reached`."""
+    """The phases of a cell, in order; a failed phase leaves those that need it `not_reached`."""
 
     RESOLVE = "resolve"
     INSTALL = "install"
@@ -36,7 +36,7 @@ CASE_PHASES = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER, Phase.INT
 
 
 class Outcome(StrEnum):
-    """How a check or a phase ended; the definition order is worst first, as a cell's phase is worst of its cases'."""
+    """The result of a check or a phase, worst first: a cell's phase has the worst outcome of its cases."""
 
     FAILED = "failed"
     CRASHED = "crashed"
@@ -62,7 +62,7 @@ FAILING = frozenset({Outcome.FAILED, Outcome.CRASHED, Outcome.TIMED_OUT, Outcome
 
 
 class Verdict(StrEnum):
-    """Computed from outcomes by `judging.assess`; the first row of the table that fits wins, in this order."""
+    """The verdict on a cell. `judging.assess` computes it from outcomes; the first row of its table that fits wins."""
 
     NOT_RUN = "not_run"
     INCONCLUSIVE = "inconclusive"
@@ -86,7 +86,7 @@ class Role(StrEnum):
 
 
 class Level(StrEnum):
-    """How much a finding matters; only a warning can be made to fail by `required`."""
+    """The weight of a finding; only a warning can be made to fail by `required`."""
 
     NOTE = "note"
     WARNING = "warning"
@@ -94,7 +94,7 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Observed:
-    """Hold an observation of a check in the cell, as a code and data; `judging.words` has the sentence.
+    """An observation of a check in the cell, as a code and data; `model.words` has the sentence.
 
     `at` is the step at which it was seen, where that is known; `got` and `promised` are such as shapes.
     """
@@ -109,7 +109,7 @@ class Observed:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Finding:
-    """Something to know that does not stop a user's loop: `observed` is what the cell said of it, `text` the words.
+    """A finding, which does not stop a user's loop: `observed` is the cell's own account of it, `text` the words.
 
     Findings of one text are equal, at whatever step they were made.
     """
@@ -154,9 +154,9 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Expectation:
-    """Hold what a cell is expected to be; `match` is a regular expression on the decisive line.
+    """The expected result of a cell; `match` is a regular expression on the decisive line.
 
-    `code` and `data` stand in its place where that line is a sentence of ours; see `judging.words`.
+    `code` and `data` stand in its place where that line is a sentence of ours; see `model.words`.
     """
 
     verdict: Verdict
@@ -172,7 +172,7 @@ class Expectation:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IndexSettings:
-    """Where packages come from, where a matrix says so; empty means the user's own uv and pip settings."""
+    """The places that a matrix takes packages from; empty means the user's own uv and pip settings."""
 
     default: str | None = None
     extra: tuple[str, ...] = ()
@@ -182,7 +182,7 @@ class IndexSettings:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Edit:
-    """What lines of a metadata field begin with, and what they begin with once they are repaired."""
+    """A repair of metadata lines: those of `field` that begin with `old` begin with `new` afterwards."""
 
     field: str
     old: str
@@ -212,7 +212,7 @@ class Repair:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Question:
-    """All that decides a resolution, the interpreter apart: equal questions on one interpreter have one lock.
+    """The inputs of a resolution, except the interpreter: equal questions on one interpreter have one lock.
 
     `snapshot` is the cutoff instant. `torch_backend` is uv's (`cpu`, `cu126`, ...); `cpu` is the default and is
     without meaning where no torch is in the resolution. `absent` are packages that may not be in the lock, `overlay`
@@ -284,7 +284,7 @@ class Bring:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Brought:
-    """What the user brought, as a cell was measured with it: `mark` is a hash of all that it holds."""
+    """Software that the user supplied, in the state in which a cell was measured: `mark` is a hash of its content."""
 
     name: str
     mark: str
@@ -294,7 +294,7 @@ class Brought:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Change:
-    """What is done to a cell: the remedy of a known failure, or what a matrix tries by a name.
+    """A change to a cell: the remedy of a known failure, or a change that a matrix tries by a name.
 
     `requirements` replace those of the same packages, `uninstall` are packages that may not be in the lock, `overlay`
     names packages whose releases are repaired, `as_of` is the instant of the resolution.
@@ -360,7 +360,7 @@ class Cell:
 
     @property
     def label(self) -> str:
-        """The part of the id after the matrix name."""
+        """Return the part of the id after the matrix name."""
         return cellid.label(self.id)
 
 
@@ -409,7 +409,7 @@ class Interpreter:
 
     @property
     def minor(self) -> str:
-        """`3.11` of `3.11.7`."""
+        """Return the minor version: `3.11` for `3.11.7`."""
         return ".".join(self.version.split(".")[:2])
 
 
@@ -454,13 +454,13 @@ class Lock:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Name to version."""
+        """Return the versions by package name."""
         return {pin.name: pin.version for pin in self.pins}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Step:
-    """How a step on the host (resolve, build, install) ended when it did not succeed, or what it says of itself.
+    """The result of a step on the host (resolve, build, install) that did not succeed, or has something to report.
 
     `decisive` is the one line that says why; `log` is a path below the state folder. `conditions` marks the system
     that a build failed on: with other programs and libraries it may succeed.
@@ -539,7 +539,7 @@ class Tested:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ControlRecord:
-    """What the control of an adapter came to on the machine of a cell: a known-good lock, which ought to work.
+    """The result of an adapter's control on the machine of a cell: a known-good lock, which ought to work.
 
     `failed` has the checks that failed, each with its line; `untold` is why nothing is known of the adapter.
     """
@@ -589,7 +589,7 @@ class CellRecord:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeRequest:
-    """What one in-cell process is asked to do: some checks of one case.
+    """The work of one in-cell process: some checks of one case.
 
     `folder` is where the reply (`reply.jsonl`), worker files and arrays go; `limits` maps a check to its seconds.
     `followers` maps a check to those that follow it in the same process where it passes.
@@ -606,7 +606,7 @@ class ProbeRequest:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Raised:
-    """An exception as the cell told it: `blame` is `library`, or `harness` when our own code raised it."""
+    """An exception as the cell reported it: `blame` is `library`, or `harness` when our own code raised it."""
 
     type: str
     message: str
@@ -616,7 +616,7 @@ class Raised:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WorkerRecord:
-    """What became of one worker process of a vector environment: its own first exception, signal or exit code.
+    """The end of one worker process of a vector environment: its own first exception, signal or exit code.
 
     `reached` is the last of `start`, `constructor`, `constructed`, `reset`, `step` that it came to. `exit_code` is as
     multiprocessing gives it (minus the signal), None for one that had not ended by itself.

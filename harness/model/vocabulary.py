@@ -1,4 +1,4 @@
-"""The vocabulary of a matrix: names that are known, and strings with rules of their own.
+"""Define the vocabulary of a matrix: its known names, and strings with rules of their own.
 
 A string with rules is a class that reads itself (`schema.SelfReading`), so that a bad one is refused at its place in
 the file and its rule is part of the JSON Schema. `matcher` gives a `when` its meaning.
@@ -26,7 +26,7 @@ from harness.standalone.adapters import adapters
 
 
 class Capability(StrEnum):
-    """What a cell may need of the machine."""
+    """A capability that a cell may need of the machine."""
 
     EGL = "egl"
     OSMESA = "osmesa"
@@ -36,7 +36,7 @@ class Capability(StrEnum):
 
 
 class Kind(StrEnum):
-    """What an axis ranges over."""
+    """The kind of values on an axis."""
 
     PYTHON = "python"
     PACKAGE = "package"
@@ -47,7 +47,7 @@ class Kind(StrEnum):
 
 
 class Rule(StrEnum):
-    """Which releases of a range become values of the axis."""
+    """The rule that picks releases of a range as values of the axis."""
 
     ALL = "all"
     LATEST_PATCH = "latest-patch"

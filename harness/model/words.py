@@ -1,4 +1,4 @@
-"""Words for what the cell observed: a template for each code, in `words.toml`, and a pattern that finds its sentence.
+"""Put observations of the cell into words: `words.toml` has a template per code, and patterns find its sentences.
 
 The codes there are all that a cell can use. A template holds text and fields, `{got}` or `{gap:.3g}`: `got`, `promised`
 and the keys of the data. Of a field whose value is a table, one of its phrases is written: the first for which all

@@ -1,4 +1,4 @@
-"""Says how much is about to be downloaded, where that is much."""
+"""Tell the user how much is about to be downloaded, if that is much."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _is_file(artifact: Artifact) -> bool:
 
 
 def _size(artifact: Artifact) -> int:
-    """As the index told, else as the server tells; pure Python wheels are small, and 0 is what cannot be known."""
+    """Return bytes as the index gives them, else the server; 0 for pure Python wheels (small) and if unknown."""
     if artifact.size is not None or artifact.filename.endswith("-any.whl"):
         return artifact.size or 0
     from urllib.request import Request, urlopen  # noqa: PLC0415  (slow to import)

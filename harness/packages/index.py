@@ -1,4 +1,4 @@
-"""Releases of a package, and the files of a lock, from the places of `sources`.
+"""List releases of a package, and fetch the files of a lock, from the places of `index_settings`.
 
 Addresses may be http(s), `file:` or plain paths; an index is a simple index (JSON or HTML), a find-links place is a
 folder or a page of links. A trouble of the network is `IndexUnreachable`, never an absent package.
@@ -56,7 +56,7 @@ SLOWEST = 2000
 
 
 class IndexUnreachable(CouldNotTell):
-    """An index, a find-links place or a file of theirs could not be had; says nothing about packages."""
+    """An index, a find-links place or one of its files cannot be reached; this says nothing about packages."""
 
 
 class UnknownPackage(BadInput):
@@ -97,11 +97,11 @@ def releases(
     offline: bool = False,
     patient: bool = True,
 ) -> tuple[Release, ...]:
-    """All releases of a package, oldest version first, pre-releases and yanked ones among them.
+    """Return all releases of a package, oldest version first, including pre-releases and yanked ones.
 
-    The instant `cutoff` does to files what it does in uv: those uploaded later or at a time that the index does not
-    tell are left out, those of find-links places stay. With `offline` only folders and `file:` indexes answer, without
-    `patient` a place that does not answer soon is asked only once.
+    The instant `cutoff` works as in uv: files uploaded later, or at a time that the index does not tell, are left out;
+    files of find-links places stay. With `offline` only folders and `file:` indexes answer. Without `patient` a place
+    that does not answer soon is asked only once.
     Raises IndexUnreachable, or UnknownPackage when no place has such a package.
     """
     places = combined(matrix)
@@ -110,7 +110,7 @@ def releases(
 
 
 def find(name: str, sha256: str, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Artifact:
-    """Where the file of a package with this SHA-256 lies. Raises IndexUnreachable where no place lists it."""
+    """Return the file of a package with this SHA-256. Raises IndexUnreachable if no place lists it."""
     places = combined(matrix)
     with closing(_Client(places, offline=offline)) as client:
         for file in _listed(client, places, name):
@@ -121,7 +121,7 @@ def find(name: str, sha256: str, matrix: IndexSettings = NOTHING, *, offline: bo
 
 
 def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:
-    """All files of a package. Raises UnknownPackage when no place has one."""
+    """Return all files of a package. Raises UnknownPackage if no place has the package."""
     linked = (file for link in places.find_links for file in client.linked(link))
     files = [replace(file, linked=True) for file in linked if _version(file.name, name) is not None]
     known = bool(files)
@@ -139,7 +139,7 @@ def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:
 
 
 def _sha256(file: _File) -> str | None:
-    """The hash that is told of a file, or its own where it lies on this machine."""
+    """Return the hash that the index gives for a file, else the computed hash of a file on this machine."""
     path = _local(file.address)
     if file.sha256 or path is None:
         return file.sha256
@@ -148,9 +148,9 @@ def _sha256(file: _File) -> str | None:
 
 
 def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Path:
-    """The artifact's file below `folder`, downloaded or copied there unless it is there already.
+    """Return the path of an artifact's file below `folder`, downloaded or copied there if it is missing.
 
-    It comes into place whole and with the right SHA-256, or not at all: IndexUnreachable otherwise.
+    The file appears only when it is whole and its SHA-256 is right. Raises IndexUnreachable otherwise.
     """
     target = folder / artifact.sha256[:16] / artifact.filename
     if target.exists():
@@ -180,7 +180,7 @@ class _Client:
         self._opened: requests.Session | None = None
 
     def project(self, address: str | None, name: str) -> list[_File] | None:
-        """The files of a package on one index (None: the default one); None when it has no such package."""
+        """Return the files of a package on one index (None: the default one); None if it has no such package."""
         if self._offline and (address is None or _local(address) is None):
             raise IndexUnreachable(_offline_message(_shown(address) if address else "the package index"))
         from pypi_simple import ACCEPT_ANY, PYPI_SIMPLE_ENDPOINT  # noqa: PLC0415  (slow to import)
@@ -198,7 +198,7 @@ class _Client:
         return self._patiently(work, page)
 
     def linked(self, link: str) -> list[_File]:
-        """The files of all packages in one find-links place: a folder, or a page of links."""
+        """Return the files of all packages in one find-links place: a folder, or a page of links."""
         path = _local(link)
         if path is not None:
             if _there(path).is_dir():
@@ -233,7 +233,7 @@ class _Client:
             self._opened.close()
 
     def _get(self, address: str, headers: dict[str, str]) -> requests.Response:
-        """One answer, 404 included; any other refusal raises."""
+        """Return one response, a 404 included; any other error status raises."""
         response = self._session().get(address, headers=headers, timeout=self._timeout, stream=True)
         if not response.ok and response.status_code != 404:
             response.close()
@@ -253,7 +253,7 @@ class _Client:
         return self._opened
 
     def _with_login(self, address: str) -> str:
-        """The address with the login of a configured place on the same host, as pip and uv do for files."""
+        """Return the address with the login of a configured place on the same host, as pip and uv do for files."""
         parts = urlsplit(address)
         for place in (*self._places.extra, self._places.default or "", *self._places.find_links):
             login, at, host = urlsplit(place).netloc.rpartition("@")
@@ -262,7 +262,7 @@ class _Client:
         return address
 
     def _patiently(self, work: Callable[[Watch], T], address: str, slowest: float = float("inf")) -> T:
-        """Three attempts where a second one can help; what is left is told in a sentence."""
+        """Do the work, in up to three attempts if a retry can help. Raises IndexUnreachable with the reason."""
         if self._offline:
             raise IndexUnreachable(_offline_message(_shown(address)))
         from requests import RequestException  # noqa: PLC0415  (slow to import)
@@ -292,7 +292,7 @@ def _passing(error: Exception) -> bool:
 
 
 def _reason(error: Exception) -> str:
-    """What happened and what to do, in a few words."""
+    """Say in a few words what happened and what to do."""
     from requests import exceptions  # noqa: PLC0415  (slow to import)
 
     response = getattr(error, "response", None)
@@ -314,13 +314,13 @@ def _reason(error: Exception) -> str:
 
 
 def _shown(address: str) -> str:
-    """The address without its login."""
+    """Return the address without its login."""
     parts = urlsplit(address)
     return urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
 
 
 def _local(address: str) -> Path | None:
-    """The path that a `file:` address or a plain path means; None for anything on the network."""
+    """Return the path that a `file:` address or a plain path means; None for anything on the network."""
     if address.startswith("file:"):
         return Path(unquote(urlsplit(address).path))
     return Path(address) if "://" not in address else None
@@ -356,7 +356,7 @@ def _from_response(response: requests.Response, content: bytes) -> list[_File]:
 
 
 def _from_html(content: bytes, address: str) -> list[_File]:
-    """The links of a page; its upload times are those that uv reads too, though no standard names the attribute."""
+    """Return the files that a page links to; uv reads the same attribute for upload times, which no standard names."""
     from pypi_simple import RepositoryPage  # noqa: PLC0415  (slow to import)
 
     return [
@@ -406,7 +406,7 @@ def _release(version: Version, files: list[_File]) -> Release:
 
 
 def _version(filename: str, name: str) -> Version | None:
-    """The version that a wheel or an sdist of this package carries; None for anything else."""
+    """Return the version of a wheel or an sdist of this package; None for anything else."""
     try:
         if filename.endswith(".whl"):
             project, version = parse_wheel_filename(filename)[:2]

@@ -1,4 +1,4 @@
-"""The places that the user's uv and pip take packages from, as their variables and files set them.
+"""Read where the user's uv and pip take packages from, as their variables and files set it.
 
 `settings` reads them, `combined` puts a matrix's places before them.
 """
@@ -27,7 +27,7 @@ NOTHING = IndexSettings()
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class UserIndex:
-    """Where this user's uv and pip take packages from.
+    """The places from which this user's uv and pip take packages.
 
     `default` None is the index that pypi-simple and uv know by themselves. `extra` are asked before it, `find_links`
     are folders or pages of files. Logins that a variable gives (`UV_INDEX_NAME_PASSWORD`) are inside the addresses.
@@ -46,7 +46,7 @@ class UserIndex:
 
 
 def settings() -> UserIndex:
-    """The user's places as uv and pip are set up by variables and files; uv's settings win over pip's."""
+    """Return the places that variables and files set for uv and pip; uv's settings win over pip's."""
     uv, pip = _uv_settings(), _pip_settings()
     return UserIndex(
         default=uv.default or pip.default,
@@ -61,7 +61,7 @@ def settings() -> UserIndex:
 
 
 def combined(matrix: IndexSettings) -> UserIndex:
-    """The user's places with the matrix's before them; the matrix's default takes the place of the user's."""
+    """Return the user's places with the matrix's before them; the matrix's default replaces the user's."""
     user = settings()
     return UserIndex(
         default=matrix.default or user.default,
@@ -93,7 +93,7 @@ def _uv_settings() -> UserIndex:
 
 
 def _uv_files() -> Iterator[Path]:
-    """uv's own rule: the named file alone, else the user's, then the first of the system's."""
+    """Yield uv's settings files by its own rule: the named file alone, else the user's, then the system's first."""
     if named := os.environ.get("UV_CONFIG_FILE"):
         yield Path(named)
         return
@@ -127,7 +127,7 @@ def _uv_file(path: Path) -> UserIndex:
 
 
 def _trust(table: Mapping[str, Any]) -> dict[str, str]:
-    """Whom uv trusts, as the variables that say so to it."""
+    """Return the variables that tell uv which certificates and hosts to trust."""
     system = table.get("system-certs") or table.get("native-tls")
     hosts = " ".join(table.get("allow-insecure-host", ()))
     return ({"UV_SYSTEM_CERTS": "true"} if system else {}) | ({"UV_INSECURE_HOST": hosts} if hosts else {})
@@ -147,7 +147,7 @@ def _pip_settings() -> UserIndex:
 
 
 def _pip_options() -> dict[str, str]:
-    """pip's options, later places over earlier ones: global, user, environment, `PIP_CONFIG_FILE`, variables."""
+    """Return pip's options; later places win: global, user, environment, `PIP_CONFIG_FILE`, variables."""
     import configparser  # noqa: PLC0415 - start-up
 
     named = os.environ.get("PIP_CONFIG_FILE")
@@ -180,7 +180,7 @@ def _user_config() -> Path:
 
 
 def _named(value: str, folder: Path = Path()) -> str:
-    """The address of uv's `NAME=ADDRESS`, with the login that `UV_INDEX_NAME_USERNAME` and `_PASSWORD` give."""
+    """Return the address of uv's `NAME=ADDRESS`, with the login of `UV_INDEX_NAME_USERNAME` and `_PASSWORD`."""
     name, separator, address = value.partition("=")
     if not separator or not re.fullmatch(r"[\w.-]*", name):
         return _located(value, folder)
@@ -192,7 +192,7 @@ def _named(value: str, folder: Path = Path()) -> str:
 
 
 def _located(value: str, folder: Path) -> str:
-    """An address as it is; a path made absolute."""
+    """Return an address as it is, and a path made absolute."""
     return value if "://" in value else str((folder / Path(value).expanduser()).absolute())
 
 

@@ -1,4 +1,4 @@
-"""Resolutions as data: uv's pylock -> `Lock`, a lock as hash-pinned requirements, wheels as a pylock to install."""
+"""Convert resolutions: uv's pylock to a `Lock`, a lock to hash-pinned requirements, wheels to a pylock to install."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def read(pylock: Mapping[str, Any], interpreter: Interpreter, instant: str) -> L
 
 
 def assembled(pins: Iterable[Pin], instant: str) -> Lock:
-    """Make the lock of some pins; without an upload time, a file cannot have been held to the cutoff."""
+    """Make a lock of pins; a file without an upload time counts as escaped, since no cutoff applied to it."""
     ordered = tuple(sorted(pins, key=lambda pin: pin.name))
     text = "".join(_requirement(pin) for pin in ordered)
     return Lock(
@@ -81,9 +81,10 @@ def to_install(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
 
 
 def to_keep(wheels: Iterable[Artifact]) -> str:
-    """Write the `uv.toml` by which uv takes a wheel that it has for good, whatever the index says of keeping files.
+    """Write a `uv.toml` that makes uv keep the wheels it has for good, whatever the index says of caching files.
 
-    An index that says nothing of it is asked for the whole file again for each environment (measured: uv 0.13).
+    Without it, uv asks an index that says nothing of caching for the whole file again for each environment (measured:
+    uv 0.13).
     """
     from tomli_w import dumps  # noqa: PLC0415 - start-up
 
@@ -105,7 +106,7 @@ def _remote(artifact: Artifact) -> bool:
 
 @cache
 def tags(interpreter: Interpreter) -> Mapping[Tag, int]:
-    """Wheel tags that the interpreter takes on this platform, best first, with their rank."""
+    """Return the wheel tags that the interpreter takes on this platform, best first, with their rank."""
     version = tuple(int(part) for part in interpreter.minor.split("."))
     name, _, build = interpreter.implementation.partition("+")
     platforms = list(platform_tags())
@@ -119,7 +120,7 @@ def tags(interpreter: Interpreter) -> Mapping[Tag, int]:
 
 
 def rank(filename: str, interpreter: Interpreter) -> tuple[int, tuple[int, str]]:
-    """Order wheels of one version as an installer does: the best tag first, of equals the higher build number."""
+    """Return a sort key for wheels of one version, as installers order them: best tag, then higher build number."""
     known = tags(interpreter)
     _, _, build, wheel_tags = parse_wheel_filename(filename)
     number, suffix = build or (0, "")
@@ -127,7 +128,7 @@ def rank(filename: str, interpreter: Interpreter) -> tuple[int, tuple[int, str]]
 
 
 def unmet(requires: Iterable[str], lock: Lock, interpreter: Interpreter, overrides: Iterable[str]) -> str | None:
-    """Say which of the `Requires-Dist` lines of a wheel its lock does not fulfil; overridden ones do not count."""
+    """Say which `Requires-Dist` line of a wheel its lock does not fulfil, if any; overridden ones do not count."""
     overridden = {canonicalize_name(Requirement(line).name) for line in overrides}
     environment = marker_environment(interpreter)
     for line in requires:
@@ -147,7 +148,7 @@ def unmet(requires: Iterable[str], lock: Lock, interpreter: Interpreter, overrid
 
 
 def marker_environment(interpreter: Interpreter) -> dict[str, str]:
-    """What environment markers mean inside the interpreter, without extras."""
+    """Return the values of environment markers inside the interpreter, without extras."""
     name = interpreter.implementation.partition("+")[0]
     return {
         **{key: str(value) for key, value in default_environment().items()},
@@ -186,7 +187,7 @@ def _kept(
 
 
 def _offered(package: Mapping[str, Any]) -> Iterator[Artifact]:
-    """All files that uv lists for a package: an archive is a requirement that named its own address."""
+    """Yield all files that uv lists for a package: an archive is a requirement that named its own address."""
     entries = [*package.get("wheels", ()), *(package[kind] for kind in ("sdist", "archive") if kind in package)]
     for entry in entries:
         source = str(entry.get("url") or entry.get("path"))

@@ -1,4 +1,4 @@
-"""Answers of the network within bounds: a server that drips bytes, or never ends, keeps nobody waiting."""
+"""Bound the time of network answers: a server that drips bytes, or never ends, keeps nobody waiting."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class Watch:
 
 
 def in_time(work: Callable[[Watch], T], seconds: float, *, slowest: float = float("inf")) -> T:
-    """Do work of the network in a thread that is left alone where it takes too long. Raises Overdue.
+    """Run network work in a thread that is abandoned if it takes too long. Raises Overdue.
 
-    It has `seconds`, and one more for each `slowest` bytes that came.
+    It has `seconds`, and one more for each `slowest` bytes received.
     """
     watch, future, began = Watch(), Future[T](), monotonic()
 

@@ -1,4 +1,4 @@
-"""The package under test: its wheel, what its metadata ask for, and the question that a lock without it answers.
+"""Build the package under test, read what it requires, and make the question that a lock without it answers.
 
 The lock of a cell holds what the subject depends on and never the subject itself, be it required by others: a new
 commit with the same dependencies asks the same question, and finds its lock and its environment made.
@@ -54,9 +54,9 @@ TESTS = frozenset({"test", "tests"})
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ready:
-    """The subject's wheel for one interpreter, and what its metadata say; `groups` is the table of its pyproject.
+    """The subject's wheel for one interpreter, with its metadata; `groups` is the table in its pyproject.toml.
 
-    `asked` remembers what came of them for cells before.
+    `asked` remembers the requirements worked out for earlier cells.
     """
 
     path: Path
@@ -69,7 +69,7 @@ class Ready:
 
     @property
     def wheel(self) -> environments.Wheel:
-        """As environments take it."""
+        """Return the wheel in the form that environments install."""
         artifact = Artifact(filename=self.path.name, sha256=self.tested.sha256, source=str(self.path))
         return environments.Wheel(
             name=self.tested.name, version=self.tested.version, artifact=artifact, mark=self.tested.content
@@ -77,9 +77,10 @@ class Ready:
 
 
 def located(source: str, folder: Path) -> str:
-    """The source as it is found from anywhere: a path starts at the project that the matrix file lies in.
+    """Return the source in a form that is found from anywhere; a path starts at the project of the matrix file.
 
-    That is the nearest folder above the file that holds a pyproject.toml or a setup.py, else the file's own.
+    The project is the nearest folder, from the file's own upwards, that holds a pyproject.toml, setup.py or setup.cfg;
+    else the file's own folder.
     """
     if source.startswith(checkouts.REPOSITORY):
         return source
@@ -89,14 +90,14 @@ def located(source: str, folder: Path) -> str:
 
 
 def about(subject: Subject) -> project.About | None:
-    """What the pyproject.toml of a folder tells before anything is built; None of a wheel or a repository."""
+    """Read the pyproject.toml of a folder before anything is built; None for a wheel, a repository or no such file."""
     if subject.source.startswith(checkouts.REPOSITORY) or not (Path(subject.source) / project.FILES[0]).is_file():
         return None
     return _about(subject)
 
 
 def settled(subject: Subject, *, offline: bool = False) -> Subject:
-    """The subject with what its source holds now. Raises BadInput where there is none."""
+    """Return the subject with the present state of its source. Raises BadInput if there is no usable source."""
     path = Path(subject.source)
     if subject.source.startswith(checkouts.REPOSITORY):
         state = checkouts.of_repository(subject.source, offline=offline)
@@ -114,10 +115,10 @@ def settled(subject: Subject, *, offline: bool = False) -> Subject:
 
 
 def copied(subject: Subject, target: Path) -> Path:
-    """A clean copy of the source below a folder; returns where the project lies in it.
+    """Make a clean copy of the source below a folder; return where the project lies in it.
 
-    Raises CouldNotTell where that is not the state that the subject was settled in: what is made of the copy would
-    stand for another.
+    Raises CouldNotTell if the source has changed since the subject was settled: a wheel made of the copy would be kept
+    under the wrong state.
     """
     if subject.source.startswith(checkouts.REPOSITORY):
         return checkouts.copy_commit(subject.source, subject.commit or "", target)
@@ -136,7 +137,7 @@ def copied(subject: Subject, target: Path) -> Path:
 
 
 def kept(subject: Subject, interpreter: Interpreter, question: Question) -> Ready | Step | None:
-    """The wheel of a settled subject, where it was built before, or why this Python is none of its Pythons."""
+    """Return the wheel of a settled subject if it was built before, or a step if the subject excludes this Python."""
     if subject.source.endswith(WHEEL):
         return _read(Path(subject.source), interpreter, {})
     about = _about(subject)
@@ -149,7 +150,7 @@ def kept(subject: Subject, interpreter: Interpreter, question: Question) -> Read
 
 
 def ready(subject: Subject, interpreter: Interpreter, question: Question, *, offline: bool = False) -> Ready | Step:
-    """The wheel of a settled subject for an interpreter, built now or before, or the step that failed.
+    """Return the wheel of a settled subject for an interpreter, built now or before, or the step that failed.
 
     A wheel that says to be for any Python is built once, by the first that needs it.
     """
@@ -171,7 +172,7 @@ def _about(subject: Subject) -> project.About:
 
 
 def _memories(subject: Subject, interpreter: Interpreter, question: Question) -> tuple[Path, Path]:
-    """Where it is remembered which build is that of a state: for any Python, and for this one."""
+    """Return the files that remember which build a state led to: for any Python, and for this one."""
     inputs = (question.build_constraints, question.build_variables, question.only_binary, question.index)
     names = [digest("subject", subject.state, python, *inputs) for python in (None, interpreter.identity)]
     for_any, for_this = (cache_folder() / "subjects" / f"{name}.txt" for name in names)
@@ -255,9 +256,10 @@ def _sha256(path: Path) -> str:
 
 
 def completed(asked: Question, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
-    """What is to be resolved for a cell: what the subject depends on besides what the matrix asks for.
+    """Return the question of a cell: the subject's dependencies besides the requirements of the matrix.
 
-    Raises BadInput for an extra or a group that the subject does not have, or where the matrix asks for it by name.
+    The subject itself is kept out of the lock. Raises BadInput for an extra or a group that the subject does not have,
+    or where the matrix asks for it by name.
     """
     name = known.tested.name
     refuse_naming(name, (*asked.requirements, *asked.overrides), "`extras`")
@@ -279,7 +281,7 @@ def refuse_naming(name: str, lines: Iterable[str], instead: str) -> None:
 
 
 def wanted(known: Ready, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]) -> tuple[str, ...]:
-    """The requirements of the subject with some of its extras and groups, as they stand for an interpreter."""
+    """Return the subject's requirements with some of its extras and groups, as they apply to an interpreter."""
     key = (interpreter, extras, groups)
     if key not in known.asked:
         for what, names, valid in (("extra", extras, known.extras), ("dependency group", groups, _group_names(known))):
@@ -294,7 +296,7 @@ def wanted(known: Ready, interpreter: Interpreter, extras: tuple[str, ...], grou
 def _expanded(
     known: Ready, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]
 ) -> dict[str, None]:
-    """The lines that hold, until no further extra of the package itself comes with them."""
+    """Return the lines that apply, repeating until no further extra of the package itself comes with them."""
     lines = (*known.requires, *_grouped(known, groups))
     environment = locks.marker_environment(interpreter)
     chosen = list(dict.fromkeys(extras))
@@ -308,7 +310,7 @@ def _expanded(
 
 
 def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[str]) -> Iterator[str]:
-    """The requirement without its marker, where that holds; one of the package itself adds to the chosen extras."""
+    """Yield a requirement without its marker if it applies; one of the package itself adds to the chosen extras."""
     try:
         requirement = Requirement(line)
     except InvalidRequirement:

@@ -1,4 +1,4 @@
-"""Resolutions: a question and an interpreter in, a lock out, or the step that says why there is none.
+"""Resolve a question for an interpreter: into a lock, or into the step that says why there is none.
 
 Two things uv does not do for us. Its cache of sdist metadata knows nothing of build constraints, build variables or
 the Python that built them, so a resolution that looked into an sdist is made again in a cache of its own. And torch
@@ -39,7 +39,7 @@ NO_CPU_TORCH = (
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Asking:
-    """A question on its way: where it is worked on, and what stays of it (`folder`)."""
+    """A question being resolved, with its scratch folder and the folder that keeps its log (`folder`)."""
 
     question: Question
     interpreter: Interpreter
@@ -49,7 +49,7 @@ class _Asking:
     options: tuple[str, ...] = ()
 
     def narrowed(self, constraints: Iterable[str], options: tuple[str, ...] = ()) -> _Asking:
-        """The same with more constraints."""
+        """Return the same with more constraints and options."""
         question = replace(self.question, constraints=(*self.question.constraints, *constraints))
         return replace(self, question=question, options=(*self.options, *options))
 
@@ -118,7 +118,7 @@ def _answer(asking: _Asking) -> Lock | Step:
 
 
 def _attempt(asking: _Asking) -> Lock | Step:
-    """Ask uv once; again, in a cache that belongs to the build inputs, where an sdist was looked into."""
+    """Ask uv once; if it looked into an sdist, ask again in a cache that belongs to the build inputs."""
     said = _compile(asking, uv_command.shared_cache())
     answer = _read(said, asking)
     has_source = isinstance(answer, Lock) and not all(pin.artifact.is_wheel for pin in answer.pins)
@@ -144,7 +144,7 @@ def _compile(asking: _Asking, cache: Path) -> uv_command.Said:
 
 
 def _options(asking: _Asking) -> Iterator[str]:
-    """The command line of a question, its lists written to files."""
+    """Yield the command-line options of a question, and write its lists to files."""
     question = asking.question
     lists = {
         "requirements.in": ("", question.requirements),
@@ -180,9 +180,9 @@ def _read(said: uv_command.Said, asking: _Asking) -> Lock | Step:
 
 
 def _failure(said: uv_command.Said, asking: _Asking) -> Step:
-    """What uv's failure means: an index that lists no file at all of a package (a login page, say) is no verdict.
+    """Return the step for uv's failure. An index that lists no file of a package (a login page, say) is no verdict.
 
-    Nor is what the caches hold, of which uv does not always say that it was all it looked at.
+    Nor is a failure offline: uv does not always say that it looked only into its caches.
     """
     step = uv_failures.failure(said.text, Phase.RESOLVE)
     if step.outcome is Outcome.FAILED and asking.offline and _is_remote(asking.question.index):
@@ -219,7 +219,7 @@ def _keep(pylock: Path, folder: Path) -> None:
 
 
 def _build_cache(asking: _Asking) -> Path:
-    """A cache for the metadata of sdists, one for each thing that they may depend on."""
+    """Return a cache for the metadata of sdists, one for each set of inputs that they may depend on."""
     question = asking.question
     inputs = (question.build_constraints, question.build_variables, question.index, question.snapshot)
     return cache_folder() / "uv-builds" / digest("metadata", asking.interpreter.identity, *inputs)
@@ -256,7 +256,7 @@ def _cpu_build(gpu: Lock, asking: _Asking) -> Lock | Step:
 
 
 def _found_builds(asking: _Asking) -> list[Version]:
-    """CPU builds of torch that lie in find-links folders and fit the interpreter, newest first."""
+    """Return the CPU builds of torch in find-links folders that fit the interpreter, newest first."""
     known = locks.tags(asking.interpreter)
     found = set()
     for folder in map(Path, index_settings.combined(asking.question.index).find_links):

@@ -1,4 +1,4 @@
-"""The one place that knows how uv is called: its binary, its variables, its caches, its commands.
+"""Call uv. Only this module knows its binary, its variables, its caches and its commands.
 
 uv sees the index settings of the user and of the matrix and nothing else of the user's: `UV_RESOLUTION`, a `uv.toml`
 or a `pyproject.toml` of the working folder would change what is resolved.
@@ -37,7 +37,7 @@ build that uv starts makes of a package."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Call:
-    """What surrounds a command of uv: where packages come from, which cache, which folder to work and log in."""
+    """The settings of a uv command: package sources, cache, working folder, log and variables."""
 
     index: IndexSettings
     folder: Path
@@ -49,7 +49,7 @@ class Call:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Said:
-    """How uv ended, what it printed (no paths of this machine), and the `trouble` if it did not end by itself."""
+    """The result of a uv command: its output (no paths of this machine), and `trouble` if uv did not end by itself."""
 
     ok: bool
     text: str
@@ -57,13 +57,13 @@ class Said:
 
 
 def shared_cache() -> Path:
-    """uv's cache for everything that does not depend on a build."""
+    """Return uv's cache for everything that does not depend on a build."""
     return cache_folder() / "uv"
 
 
 @contextmanager
 def scratch() -> Iterator[Path]:
-    """An empty folder on the cache's own disk: uv reads settings from the folder it works in."""
+    """Yield an empty folder on the cache's own disk: uv reads settings from the folder it works in."""
     parent = cache_folder() / "tmp"
     parent.mkdir(exist_ok=True)
     with scratch_folder(parent) as folder:
@@ -88,7 +88,7 @@ def create(call: Call, path: Path, interpreter: Interpreter) -> Said:
 
 
 def install(call: Call, python: Path, pylock: Path, settings: Path, link_mode: str) -> Said:
-    """Install exactly the wheels of a pylock into an environment, by settings of ours; nothing is built.
+    """Install exactly the wheels of a pylock into an environment, with the given uv settings; nothing is built.
 
     No index is asked for packages; uv is still told of them, since their logins are for the files too.
     """
@@ -98,7 +98,7 @@ def install(call: Call, python: Path, pylock: Path, settings: Path, link_mode: s
 
 
 def tidy(what: str) -> bool:
-    """Let uv `prune` its cache of what nothing leads to, or `clean` it whole; False where another uv is at work."""
+    """Let uv `prune` unused entries of its cache, or `clean` it whole; False if it fails, as while another uv works."""
     with scratch() as folder:
         impatient = {"UV_LOCK_TIMEOUT": "10"}
         call = Call(
@@ -108,7 +108,7 @@ def tidy(what: str) -> bool:
 
 
 def forget(packages: Iterable[str]) -> bool:
-    """Let uv forget all that it keeps of these packages, so that they are downloaded anew."""
+    """Remove these packages from uv's cache, so that they are downloaded anew; False if uv fails."""
     with scratch() as folder:
         patient = {"UV_LOCK_TIMEOUT": "60"}
         call = Call(
@@ -118,14 +118,14 @@ def forget(packages: Iterable[str]) -> bool:
 
 
 def keep_log(said: Said, log: Path) -> str:
-    """Write what uv said; returns the log's path below the state folder."""
+    """Write uv's output to a log; return the log's path below the state folder."""
     write_atomic(log, said.text.encode())
     state = state_folder()
     return log.relative_to(state).as_posix() if log.is_relative_to(state) else log.name
 
 
 def places() -> dict[str, str]:
-    """Folders of this machine and what evidence calls them."""
+    """Return the folders of this machine, each with its name in evidence."""
     return {str(cache_folder()): "$CACHE", str(state_folder()): "$STATE", str(Path.home()): "$HOME"}
 
 
@@ -149,7 +149,7 @@ def _run(
 
 
 def _trouble(completed: process.Completed) -> str | None:
-    """uv itself ends with 0, 1 or 2."""
+    """Return why uv did not end by itself; None if it did, which it does with 0, 1 or 2."""
     if completed.timed_out:
         return f"uv did not end within {DEADLINE:g} s; the network may be slow: try again"
     if completed.out_of_memory:
@@ -177,7 +177,7 @@ def _environment(call: Call) -> dict[str, str]:
 
 
 def _existing(links: Iterable[str], index: IndexSettings) -> Iterator[str]:
-    """uv stops at a folder that is absent, pip goes on: the user's own settings are read as pip reads them."""
+    """Return the links without absent folders of the user's settings: pip passes those over, uv stops at them."""
     return (link for link in links if "://" in link or link in index.find_links or Path(link).is_dir())
 
 

@@ -1,4 +1,4 @@
-"""What a failure of uv means: the packages', this machine's or the user's. Written from messages that uv printed.
+"""Classify failures of uv: the packages', this machine's or the user's. Written from messages that uv printed.
 
 Only uv's own words decide (its headline, causes and hints); what a build backend printed is quoted, and never taken
 for a trouble of the index.
@@ -80,7 +80,7 @@ WARNING = re.compile(r"^warning: ")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Words:
-    """A message of uv taken apart: its own words, and what the build backend that it called printed."""
+    """A message of uv taken apart: its own words, and the output of the build backend that it called."""
 
     own: tuple[str, ...]
     backend: str
@@ -95,21 +95,22 @@ def met_source(text: str) -> bool:
 
 
 def unreadable(text: str) -> str | None:
-    """What file uv could not read and so passed over, be it for an older version: what a cut download leaves behind."""
+    """Name a file that uv could not read and passed over, as a cut download leaves it; None if there is none."""
     found = UNREADABLE.search(strip_ansi(text))
     return f"{found[1]} came broken from its index: {bounded(found[2])}; try again" if found else None
 
 
 def unlisted(text: str) -> str | None:
-    """The package of which uv saw no version at all that is asked for."""
+    """Return the package that is asked for and of which uv saw no version at all; None if there is none."""
     found = NO_VERSION.search(str(_words(text)))
     return found[1] if found else None
 
 
 def failure(text: str, phase: Phase) -> Step:
-    """Tell whose failure it is; `phase` is what uv was asked to do. Raises UnusableRequirement for one that is none.
+    """Return the step for a failure of uv; `phase` is the phase that called uv.
 
-    Whatever is not known to be about packages is infra: it could not be told.
+    Whatever is not known to be about packages is infra: it could not be told. Raises UnusableRequirement for a
+    requirement or a setting that uv cannot use.
     """
     words = _words(text)
     own = str(words)
@@ -134,7 +135,7 @@ def failure(text: str, phase: Phase) -> Step:
 
 
 def _of_packages(words: _Words, own: str, phase: Phase) -> Step | None:
-    """Return what uv says of packages, where it says anything of them."""
+    """Return the step for a failure that uv blames on packages; None for any other."""
     if BUILD.search(own):
         return _build(words)
     if METADATA.search(own):
@@ -179,7 +180,7 @@ def _words(text: str) -> _Words:
 
 
 def _build(words: _Words) -> Step:
-    """An sdist whose metadata could not be made, or whose build requirements have no solution."""
+    """Return the step of an sdist whose metadata could not be made, or whose build requirements have no solution."""
     if "No solution found" in str(words):
         package = BUILD.search(str(words))
         named = f"{package[1]}: " if package and package[1] else ""
@@ -195,14 +196,14 @@ def _build(words: _Words) -> Step:
 
 
 def _metadata(words: _Words) -> str:
-    """uv puts the offending line into a hint of several lines."""
+    """Return the metadata line that uv cannot parse; uv puts it into a hint of several lines."""
     start = next((n for n, line in enumerate(words.own) if "could not be parsed" in line), 0)
     lines = [re.sub(r"^hint: ", "", line.strip()) for line in words.own[start:]]
     return bounded("\n".join(line for line in lines if line.strip("^ ~")))
 
 
 def _trouble(words: _Words) -> str:
-    """The last cause is the system's own word; a hint tells what the index answered."""
+    """Return the hint with the index's answer, else the first line and the last cause, the system's own word."""
     hints = [line for line in words.own if line.startswith("hint: ") and TROUBLE.search(line)]
     if hints:
         return bounded(hints[0].removeprefix("hint: "))
@@ -219,6 +220,6 @@ def _last_cause(words: _Words) -> str:
 
 
 def _plain(words: _Words) -> str:
-    """All of uv's own words but hints, in one line."""
+    """Return all of uv's own words but hints, in one line."""
     lines = [LEAD.sub("", line).strip() for line in words.own if not line.startswith("hint: ")]
     return bounded(": ".join(line.rstrip(":") for line in lines if line.strip("^ ~")) or "no word")

@@ -1,7 +1,6 @@
-"""Hold what one probe run showed: what was asked, how its process ended, what the host knew, its files by content.
+"""Define the evidence of one probe run: the request, the end of its process, the facts of the host, its files.
 
-These are facts. Whatever they mean is worked out from them by `harness.judging`, as often as the reading of them gets
-better.
+These are facts. `harness.judging` works out their meaning, as often as its reading of them gets better.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ SHORT_NAME = 16
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Request:
-    """Ask one process for the checks of a case, or for the tests of a package.
+    """A request to one process: the checks of a case, or the tests of a package.
 
     `limits` maps a check to its seconds, in the order of the checks; a suite has one of its own. `followers` are checks
     that are to follow those, in the same process. `confirms` marks a run that only tells whether a failure comes again,
@@ -56,7 +55,7 @@ class Request:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class End:
-    """Tell how the process of a run ended: `exit_code` or `signal`; neither where it never ran.
+    """The end of a run's process: `exit_code` or `signal`; neither if it never ran.
 
     `timed_out` is whether the time for the whole run was over, `overran` the limit of one check (seconds) that was,
     `killed` why the harness ended or did not start it, `out_of_memory` whether it held more than it may. `full` is
@@ -90,7 +89,7 @@ class End:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Host:
-    """Tell what the host knew of the run: things that no process in the cell could say.
+    """The facts of the host about a run, which no process in the cell could report.
 
     `python` is the version that the environment was made with, `undrawable` maps a way to draw to why it cannot be used
     here (`machine.undrawable`), `conditions` marks the system. `stood` is whether the environment still was as it was
@@ -109,7 +108,7 @@ class Host:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProbeRun:
-    """Keep one run for ever: `files` maps the name of each file that it left to the SHA-256 of its content.
+    """One run, kept for ever. `files` maps the name of each file that it left to the SHA-256 of its content.
 
     `program` is the digest of the in-cell program that ran, check by check. `measured` is the instant of its end (UTC).
     """
@@ -124,7 +123,7 @@ class ProbeRun:
 
 @dataclass(frozen=True)
 class Reading:
-    """Join a run with the texts that it left, which are read as hostile data when they are asked for.
+    """A run with the texts that it left, which are read as hostile data on demand.
 
     `name` is the SHA-256 of the run.
     """

@@ -1,7 +1,7 @@
-"""Hold what a check recorded for later judging: pictures in numbers, the camera's pose, the values of a trajectory.
+"""Define the facts that checks record for later judging: pictures in numbers, camera poses, values of a trajectory.
 
-Also the top-level modules that were loaded when a picture was drawn. They stand among the facts of a reply, under the
-names in `RECORDED`. Records and documents leave them out.
+Also the top-level modules that were loaded when a picture was drawn. These facts are in the reply, under the names in
+`RECORDED`. Records and documents leave them out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Entry = Annotated[tuple[Part | None, ...], Meta(min_length=1, max_length=4)]
 
 
 class Camera(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """From where a picture was drawn.
+    """The camera of a picture.
 
     MuJoCo: position and directions, and the field of view in degrees, or the height of an orthographic picture.
     PyBullet: the matrices of view and lens, column by column.
@@ -53,7 +53,7 @@ class Picture(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
 
 
 class Values(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The first entries of a trajectory: of a reset its observation, of a step also reward, terminated, truncated.
+    """The first entries of a trajectory: the observation of a reset; of a step also reward, terminated, truncated.
 
     There were `steps` entries, and `sizes` numbers in each of the four parts; what is missing was cut. A part that
     holds no numbers is None, and so is a number that is not finite.
@@ -75,7 +75,7 @@ RECORDED: Mapping[str, Any] = {
 
 
 def believed(facts: Mapping[str, Any]) -> tuple[Mapping[str, Any], str | None]:
-    """Return the facts of a check without those that are not what their names promise, and why some were left out."""
+    """Return the facts of a check without those of a wrong type, and the reason why some were left out, if any."""
     wrong: dict[str, str] = {}
     for name in sorted(RECORDED.keys() & facts.keys()):
         try:

@@ -1,4 +1,4 @@
-"""Runs one in-cell probe under the supervisor and watches the limit of each of its checks."""
+"""Run one in-cell probe under the supervisor, and watch the time limit of each of its checks."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ MOST_KEPT = 4 << 20
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Site:
-    """Where a probe runs: an environment's folder and interpreter, its compile cache, and the cell's own settings.
+    """The place where a probe runs: an environment and its interpreter, its compile cache, and the cell's own settings.
 
     `variables` is the whole environment of the probe, `files` maps a path below HOME to its content. `below` is the
-    environment that a thin one leads on to. `python_path` are folders, relative to HOME or not, that modules are
-    imported from before those of the environment; `brought` maps what the user brought, by a variable's name, to its
-    copy. `stands` tells whether the environment is still as it was when it was taken.
+    environment that a thin one builds on. `python_path` are folders, relative to HOME or not, from which modules are
+    imported before those of the environment. `brought` maps a variable's name to the copy of what the user brought.
+    `stands` tells whether the environment is still as it was when it was taken.
     """
 
     folder: Path
@@ -60,11 +60,11 @@ class Site:
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """All that a probe runs in, the one that is found first at the end."""
+        """Return the folders that a probe runs in. Modules are found first in the last one."""
         return (self.below, self.folder) if self.below else (self.folder,)
 
     def cached(self, home: Path, code: bytecode.Lent) -> dict[str, str]:
-        """The variables of a run, with where Python, numba and Warp keep what they compile."""
+        """Return the variables of a run, with the places where Python, numba and Warp keep compiled code."""
         brought = {name: str(copy) for name, copy in self.brought.items()}
         path = [*(str(home / folder) for folder in self.python_path), *filter(None, [self.variables.get("PYTHONPATH")])]
         found = {"PYTHONPATH": os.pathsep.join(path)} if path else {}
@@ -72,18 +72,18 @@ class Site:
         return {**kept, **self.variables, **brought, **found, bytecode.PREFIX: kept[bytecode.PREFIX]}
 
     def code(self, shown: Path, *imports: object) -> AbstractContextManager[bytecode.Lent]:
-        """Lend a run that sees the environment at `shown`, and imports this, a place for what it compiles."""
+        """Lend a place for compiled code to a run that sees the environment at `shown` and has these imports."""
         source = bytecode.Source(folders=self.folders, python=self.python, kept=self.pycache)
         return bytecode.lent(source, shown, digest(*imports))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ran:
-    """Hold what one probe process left, while its folders are there.
+    """The files and results of one probe process, while its folders exist.
 
     `overran` is the limit (seconds) that ended it, `left` the folder that it wrote its reply to, `beside` the one with
-    the log. `full` is whether their disk is, `lost` how the display that it drew on ended. `places` maps the folders of
-    the run to the names that evidence gives them.
+    the log. `full` is true if their disk is full, `lost` says how the display that it drew on ended. `places` maps the
+    folders of the run to the names that evidence gives them.
     """
 
     reply: ProbeReply
@@ -96,7 +96,7 @@ class Ran:
     lost: str | None = None
 
     def texts(self) -> Iterator[tuple[str, str]]:
-        """Yield what the probe and its workers wrote under the names that they were given, by name; nothing else."""
+        """Yield the name and text of each file that the probe and its workers were to write; nothing else."""
         for name in (LOG, REPLY, STACKS, *_workers(self.left)):
             if text := self.text(name):
                 yield name, text
@@ -116,9 +116,9 @@ def shared_memory_here() -> bool:
 def probe(site: Site, case: Case, limits: Mapping[str, float], followers: Iterable[str] | None = None) -> Iterator[Ran]:
     """Run the checks named in `limits` (in their order, each with its seconds) in one process of the cell.
 
-    `followers` are those that are to follow them where they pass; all of them where none are named.
+    `followers` are the checks that are to follow them if they pass; all that can if none are named.
 
-    HOME and the reply are below a folder that goes with the block; its path is short, as sockets below it need.
+    HOME and the reply are in a folder that is removed after the block. Its path is short, as sockets below it need.
     """
     with scratch_folder() as scratch:
         (scratch / "reply").mkdir()
@@ -199,16 +199,17 @@ def furnish(site: Site, home: Path) -> None:
 
 
 def entered(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
-    """The folder of the environment for one run and what is to be sealed of it.
+    """Return the folder of the environment for one run, and the folders to seal.
 
-    Where writes cannot be laid over the one of all, that is a copy, in which a thin one and the one below become one.
+    If writes cannot be laid over the shared environment, it is a copy, which merges a thin environment with the one
+    below.
     """
     if process.OVERLAY in process.sandbox_mode():
         return site.folder, (*site.folders, *site.brought.values())
     target = scratch / "environment"
 
     def passed_over(at: str, names: list[str]) -> set[str]:
-        """What leads on, and links that are there already."""
+        """Return the names not to copy: the file that leads on, and links that are there already."""
         here = Path(at)
         there = next(target / here.relative_to(folder) for folder in site.folders if here.is_relative_to(folder))
         return {LEADS_ON} | {name for name in names if (here / name).is_symlink() and (there / name).is_symlink()}
@@ -219,14 +220,14 @@ def entered(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
 
 
 def watched(site: Site, folder: Path, completed: process.Completed) -> process.Completed:
-    """How a run ended, with what it wrote into a copy of its environment, where it had one."""
+    """Return how a run ended, with the files that it wrote into its copy of the environment, if it had one."""
     if folder == site.folder:
         return completed
     return replace(completed, written=tuple(islice(_differences(site, folder), MOST_WRITTEN)))
 
 
 def _differences(site: Site, copy: Path) -> Iterator[str]:
-    """Files of the copy that are new, changed or gone; compiled bytecode is no change."""
+    """Yield the files of the copy that are new, changed or gone; compiled bytecode is no change."""
     before = {name: mark for folder in site.folders for name, mark in _files(folder).items()}
     after = _files(copy)
     return (name for name in sorted({*before, *after}) if before.get(name) != after.get(name))
@@ -253,7 +254,10 @@ def _files(folder: Path) -> dict[str, tuple[int, int]]:
 def _watch(
     command: process.Command, left: Folder, limits: Mapping[str, float]
 ) -> tuple[process.Completed, float | None]:
-    """Wait for the end, ending the probe when one check, or the end after the last one, takes longer than its limit."""
+    """Wait for the end. Kill the probe if a check, or the end after the last one, takes longer than its limit.
+
+    Return also the limit (seconds) that was exceeded, or None.
+    """
     follower = _Follower(left)
     with process.start(command) as running:
         since = monotonic()
@@ -268,7 +272,7 @@ def _watch(
 
 
 class _Glance(msgspec.Struct, frozen=True):
-    """The little of a record that tells which check is running."""
+    """The part of a record that tells which check is running."""
 
     kind: str
     check: str | None = None
@@ -278,7 +282,7 @@ _glances = msgspec.json.Decoder(_Glance)
 
 
 class _Follower:
-    """Reads the reply as it grows, to know which check is running; `latest` is the one that started last."""
+    """A reader of the growing reply, to know which check is running; `latest` is the one that started last."""
 
     def __init__(self, left: Folder) -> None:
         self.latest: str | None = None
@@ -307,7 +311,7 @@ class _Follower:
 
 
 def _reply(left: Folder) -> ProbeReply:
-    """Read the reply, as far as it is read at all; one that became something else is a problem."""
+    """Read the reply, up to the most bytes allowed. A file that became something else is a problem."""
     problems: tuple[str, ...] = ()
     content = b""
     try:
@@ -329,7 +333,7 @@ def _worker_files(left: Folder) -> dict[str, bytes]:
 
 
 def _content(folder: Folder, name: str, limit: int, start: int = 0) -> bytes:
-    """The beginning of a plain file; a cell may have left anything under its name."""
+    """Return the beginning of a plain file; empty if the cell left anything else under its name."""
     try:
         return folder.head(name, limit, start)
     except Unreadable:
@@ -338,7 +342,7 @@ def _content(folder: Folder, name: str, limit: int, start: int = 0) -> bytes:
 
 @cache
 def file_hash(path: Path) -> str:
-    """A hash of one in-cell file that runs by itself."""
+    """Return a hash of one in-cell file that runs by itself."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
 
 

@@ -1,4 +1,4 @@
-"""Run one probe and keep what it showed; nothing of it is judged, and no file that is kept names this machine."""
+"""Run one probe and keep its evidence. Nothing of it is judged, and no file that is kept names this machine."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FINE = frozenset({Outcome.PASSED, Outcome.SKIPPED})
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Laboratory:
-    """Hold all that the probes of one cell share: where they run, and what is noted beside each run.
+    """All that the probes of one cell share: where they run, and what is noted beside each run.
 
     `site` makes the environment when one really has to run. `host` is what is known of the host before a run, `places`
     maps folders of this machine to the names that evidence gives them.
@@ -38,7 +38,7 @@ class Laboratory:
     places: Mapping[str, str]
 
     def measure(self, request: Request, key: str) -> str:
-        """Run a request, keep what it showed as an answer to a key, and return the run's name."""
+        """Run a request, keep its evidence as an answer to a key, and return the name of the run."""
         assert request.case
         site = self.site()
         if request.recompiled:
@@ -60,7 +60,7 @@ class Laboratory:
         return self.vault.put(run, key)
 
     def _host(self, site: launch.Site, ran: launch.Ran, clean: _Cleaner) -> Host:
-        """Look what only the host can tell: where a run was not plainly good, whether its environment still stands."""
+        """Return the facts of the host. If a run was not plainly good, check whether its environment still stands."""
         done, reply = ran.completed, ran.reply
         host = replace(self.host, shares_memory=done.sandbox != process.UNSEALED or launch.shared_memory_here())
         ours = done.shot or done.killed or done.timed_out or done.out_of_memory or ran.full
@@ -99,7 +99,7 @@ def end_of(
 
 
 class _Cleaner:
-    """Take this machine's folders, and what changes from run to run, out of a text."""
+    """A filter that takes this machine's folders, and what changes from run to run, out of a text."""
 
     def __init__(self, places: Mapping[str, str]) -> None:
         self._places = places
@@ -107,11 +107,11 @@ class _Cleaner:
         self._in_json = {**places, **escaped}
 
     def line(self, text: str) -> str:
-        """Return a text without them."""
+        """Return a text without these."""
         return normalise(text, self._places)
 
     def file(self, name: str, text: str) -> str:
-        """Return the content of a file without them; in JSON letters beyond ASCII are written otherwise."""
+        """Return the content of a file without these. In JSON, letters beyond ASCII are written otherwise."""
         return normalise(text, self._in_json if name.endswith(".jsonl") else self._places)
 
 

@@ -105,9 +105,10 @@ def read(folder: Path) -> Program:
 
 
 def _file(name: str, source: bytes) -> File:
-    """Describe one file. What an adapter declares changes how it is judged, and nothing that is measured.
+    """Describe one file: its digest and its imports. The declarations of an adapter are not part of the digest.
 
-    A file that is no Python, which its cell will tell, counts byte by byte.
+    They change how a result is judged, and nothing that is measured. A file that is no valid Python, which its cell
+    will report, counts byte by byte.
     """
     try:
         tree = ast.parse(source)

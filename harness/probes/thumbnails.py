@@ -1,4 +1,4 @@
-"""Frames that a probe rendered, as small PNGs."""
+"""Turn frames that a probe rendered into small PNGs."""
 
 from __future__ import annotations
 

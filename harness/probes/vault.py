@@ -81,7 +81,7 @@ class Vault:
         return Reading(name, run, texts)
 
     def content(self, name: str, most: int) -> bytes:
-        """Return what is kept under a name. Raises Unreadable, also where it is not what was kept."""
+        """Return the content kept under a name. Raises Unreadable, also if it was damaged."""
         content = guarded_files.read(self._content(name), most)
         if hashlib.sha256(content).hexdigest() != name:
             message = f"the content of {name} was damaged"

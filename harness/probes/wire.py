@@ -91,9 +91,9 @@ Text = Annotated[str, Meta(max_length=100_000)]
 def request(
     case: Case, limits: Mapping[str, float], folder: Path, followers: Iterable[str] | None = None
 ) -> ProbeRequest:
-    """Return the request of these checks, each with its seconds; one that follows another may take as long.
+    """Return the request of these checks, each with its seconds. A check that follows another may take as long.
 
-    `followers` are the checks that are to follow where one passes; all that can where none are named.
+    `followers` are the checks that are to follow if one passes; all that can if none are named.
     """
     wanted = set(followers_of(limits) if followers is None else followers)
     led = {check: tuple(one for one in FOLLOWERS.get(check, ()) if one in wanted) for check in limits}
@@ -153,7 +153,7 @@ class _Observed(Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def _violation(observed: Observed) -> Raised:
-    """Return what the cell observed as the exception that its check raised, in words."""
+    """Return the cell's observation as the exception that its check raised, in words."""
     return Raised(type=VIOLATION, message=sentence(observed), traceback="", blame="library")
 
 
@@ -240,7 +240,7 @@ def read_reply(lines: Iterable[bytes], files: Mapping[str, bytes] = MappingProxy
 
 
 def plain_records(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the records of a reply, or of a worker's file, as plain objects: those lines that are any."""
+    """Yield the records of a reply, or of a worker's file, as plain objects. Lines that are none are skipped."""
     yield from filter(None, map(json_object, text.splitlines()))
 
 
@@ -262,7 +262,7 @@ def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRec
 
 @dataclass(slots=True, kw_only=True)
 class _Sequence:
-    """Records of one process, in their order: nobody else's, none twice."""
+    """The records of one process, in their order: none of another process, none twice."""
 
     decoder: msgspec.json.Decoder[Any]
     name: str
@@ -271,7 +271,7 @@ class _Sequence:
     problems: list[str] = field(default_factory=list)
 
     def read(self, lines: Iterable[bytes], use: Callable[[Any], str | None]) -> None:
-        """Give every record that can be believed to `use`, which returns why it cannot, if so."""
+        """Pass every record that can be believed to `use`, which returns the reason if it refuses one."""
         for number, line in enumerate(lines, start=1):
             where = f"{self.name} line {number}"
             record, refusal = self._decoded(line)
@@ -323,7 +323,7 @@ class _Reading:
     complete: bool = False
 
     def use(self, record: Any) -> str | None:
-        """Take one record, or say why not."""
+        """Take one record. Return the reason if it is refused."""
         if self.complete:
             return "comes after the last line"
         if isinstance(record, _Hello) == bool(self.facts):
@@ -373,7 +373,7 @@ class _Reading:
         return refusal
 
     def add_workers(self, workers: Iterable[tuple[str, WorkerRecord]]) -> Iterator[str]:
-        """Bring what the workers wrote to what their parent saw of them; yields problems."""
+        """Merge the records of the workers with what their parent saw of them. Yield problems."""
         for check, worker in workers:
             reply = self.checks.get(check)
             if reply is None:
@@ -390,7 +390,7 @@ class _Reading:
 
 @dataclass(slots=True)
 class _Diary:
-    """What one worker wrote, while it is read."""
+    """The records of one worker, while they are read."""
 
     check: str | None = None
     reached: str | None = None
@@ -398,7 +398,7 @@ class _Diary:
     observed: Observed | None = None
 
     def worker(self, pid: int, stacks: str) -> WorkerRecord:
-        """Return what is known of the worker."""
+        """Return the record of the worker as far as it is known."""
         return WorkerRecord(
             pid=pid, raised=self.raised, observed=self.observed, reached=self.reached, stacks=stacks or None
         )

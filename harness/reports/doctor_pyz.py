@@ -1,6 +1,6 @@
-"""Makes `simmatrix-doctor.pyz`: what stands alone, the known failures and the measured results, in one file.
+"""Build `simmatrix-doctor.pyz`: the standalone package, the known failures and the measured results in one file.
 
-Equal for equal contents: no time, no order and no path of this machine gets into it.
+Equal contents give an equal file: no time, no order and no path of this machine gets into it.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ EXECUTABLE = 0o755
 
 
 def write(path: Path) -> None:
-    """Write it to a path, atomically. Raises BadInput where signatures or results cannot be read."""
+    """Write the file to a path, atomically. Raises BadInput if signatures or results cannot be read."""
     store.write_atomic(path, content(shipped_signatures.known(), result_index.shipped()))
     path.chmod(EXECUTABLE)
 
 
 def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
-    """The whole file."""
+    """Return the bytes of the whole file."""
     ours = {file.relative_to(PACKAGE).as_posix(): file for file in sorted(PACKAGE.rglob("*.py"))}
     members = {
         "__main__.py": START.encode(),

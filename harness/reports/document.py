@@ -1,4 +1,7 @@
-"""The report document (`report.json`) made from records, written, read, moved and combined; types in `contract`."""
+"""Make the report document (`report.json`) from records; write, read, move and combine such documents.
+
+`harness.model.report_types` has the types.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
     *,
     known: Knowledge = NOTHING_KNOWN,
 ) -> Document:
-    """Judge every planned cell on every machine it was measured on; one without a record has a row that says so."""
+    """Judge every planned cell on every machine that measured it; a cell without a record gets an entry, too."""
     measured: dict[str, list[CellRecord]] = {}
     for record in records:
         measured.setdefault(record.cell.id, []).append(record)
@@ -86,23 +89,24 @@ def build(  # noqa: PLR0913 - all that a document is made of
 
 
 def matrix_entry(plan: Plan) -> MatrixEntry:
-    """Return what a document keeps of a matrix."""
+    """Return the document's entry for a matrix."""
     return MatrixEntry(
         axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot, pivot=plan.pivot, title=plan.title or None
     )
 
 
 def role(cell_id: str, change: ChangeEntry | None, variants: Container[str], *, proving: bool = False) -> Role:
-    """Return what a cell is measured for; a change that is the remedy of something, or proves one, is a repair."""
+    """Return the role of a cell; a change that is the remedy of a known failure, or proves one, is a repair."""
     if change is None:
         return Role.VARIANT if cell_id in variants else Role.MAIN
     return Role.REPAIR if proving or change.remedy_of or change.name == REPAIR else Role.WHAT_IF
 
 
 def marks() -> Callable[[Cell], str]:
-    """From a cell to a mark of what it asks for besides its axes: other packages or other cases, another mark.
+    """Return a function from a cell to a mark of what it asks for besides its axes.
 
-    Where packages come from, and as of when, is left out: shards on two machines may differ in it.
+    Other packages or other cases give another mark. The package index and its date are left out, because shards on two
+    machines may differ in them.
     """
     known: dict[tuple[int, ...], str] = {}
 
@@ -120,7 +124,7 @@ def marks() -> Callable[[Cell], str]:
 
 
 class Making(NamedTuple):
-    """Hold all that the entries of a document are made with; `signatures` gives the known failures."""
+    """The inputs for the entries of a document; `signatures` returns the known failures."""
 
     locate: Locate
     mark: Callable[[Cell], str]
@@ -130,7 +134,7 @@ class Making(NamedTuple):
 
 
 def entry(assessed: Assessed, making: Making) -> CellEntry:
-    """Write a cell as documents have it."""
+    """Return a judged cell as a document entry."""
     record, locate = assessed.record, making.locate
     cell = record.cell
     lock = locate(record.lock) if record.lock else None
@@ -191,7 +195,7 @@ def entry(assessed: Assessed, making: Making) -> CellEntry:
 
 
 def _change(cell: Cell, making: Making) -> ChangeEntry | None:
-    """What was tried, and of which known failures it is the remedy."""
+    """Return the change of a cell with the known failures that it is the remedy of; None for an unchanged cell."""
     tried, base = cell.tried, making.planned.get(cell.base or "")
     if tried is None:
         return None
@@ -208,7 +212,7 @@ def _change(cell: Cell, making: Making) -> ChangeEntry | None:
 
 
 def diagnosis_entry(found: Diagnosis) -> DiagnosisEntry:
-    """A known failure that fits, as documents have it."""
+    """Return a known failure that fits as a document entry."""
     one = found.signature
     return DiagnosisEntry(
         signature=str(one.id),
@@ -224,7 +228,7 @@ def diagnosis_entry(found: Diagnosis) -> DiagnosisEntry:
 
 
 def _repair(repair: Repair) -> RepairEntry:
-    """Return what was changed of a release."""
+    """Return the changes made to a release as a document entry."""
     built = repair.python is not None
     return RepairEntry(
         package=repair.name,
@@ -295,7 +299,7 @@ def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> Ca
 
 
 def expectation_entry(cell: Cell) -> ExpectationEntry | None:
-    """Return what is expected of a cell, as documents have it."""
+    """Return the expectation of a cell as a document entry, or None."""
     return msgspec.convert(cell.expect, ExpectationEntry, from_attributes=True) if cell.expect else None
 
 
@@ -303,14 +307,14 @@ def expectation_entry(cell: Cell) -> ExpectationEntry | None:
 
 
 def encode(document: Document) -> bytes:
-    """The document as indented JSON, equal for equal documents."""
+    """Return the document as indented JSON, equal for equal documents."""
     return msgspec.json.format(msgspec.json.encode(document, order="deterministic"), indent=1) + b"\n"
 
 
 def read(content: bytes, name: str) -> Document:
-    """Read a document; `name` is its file's in messages. Keys that this version does not know are passed over.
+    """Read a document; `name` is the name of its file in messages. Unknown keys are ignored.
 
-    Raises BadInput, for a combination that is listed twice, too: one of the two would be lost without a word.
+    Raises BadInput, also if a combination is listed twice: one of the two would be lost silently.
     """
     found = schema.load_json(content, Document, name)
     seen = Counter((cell.id, cell.machine) for cell in found.cells)
@@ -322,7 +326,7 @@ def read(content: bytes, name: str) -> Document:
 
 
 def _renamed(document: Document) -> Document:
-    """Return the document with the ids of today: earlier versions wrote them without separators."""
+    """Return the document with ids in today's format: earlier versions wrote them without separators."""
     names = {}
     for cell in document.cells:
         names[cell.id] = cellid.newer(cell.id, cell.axes, cell.requested_python if cell.base else None)
@@ -355,7 +359,7 @@ def _left_out(cell_id: str, document: Document) -> str:
 
 
 def moved(document: Document, locate: Locate) -> Document:
-    """The same document with its paths as they are from another place."""
+    """Return the document with every path replaced by `locate(path)`."""
     replace = msgspec.structs.replace
 
     def case(entry: CaseEntry) -> CaseEntry:
@@ -378,7 +382,7 @@ def moved(document: Document, locate: Locate) -> Document:
 
 
 def paths(document: Document) -> frozenset[str]:
-    """Every file and folder that a document names."""
+    """Return every file and folder that a document names."""
     found: set[str] = set()
 
     def keep(path: str) -> str:
@@ -390,7 +394,7 @@ def paths(document: Document) -> frozenset[str]:
 
 
 def combined(documents: Sequence[Document]) -> Document:
-    """Several documents as one; of a cell measured twice on one machine the later measurement stands."""
+    """Merge several documents. If a cell was measured twice on one machine, the later result counts."""
     cells: dict[tuple[str, str | None], CellEntry] = {}
     for entry in (entry for document in documents for entry in document.cells):
         before = cells.get((entry.id, entry.machine))
@@ -409,12 +413,12 @@ def combined(documents: Sequence[Document]) -> Document:
 
 
 def only(document: Document, ids: Container[str]) -> Document:
-    """The document with these cells alone."""
+    """Return the document with these cells alone."""
     return msgspec.structs.replace(document, cells=tuple(cell for cell in document.cells if cell.id in ids))
 
 
 def exit_code(document: Document, fail_on: Iterable[str]) -> int:
-    """The exit code of the contract for what the document says."""
+    """Return the exit code for a document; 3 if nothing is wrong but a package's own tests could not be run."""
     judged = [(cell.verdict, cell.as_expected) for cell in document.cells]
     code = expectation.exit_code(judged, stale=bool(document.stale), fail_on=frozenset(fail_on))
     return code or (3 if any(cell.suite and cell.suite.not_run for cell in document.cells) else 0)

@@ -1,8 +1,8 @@
-"""Expectations for what is red now: which cells one table can speak of, and where in the matrix file it goes.
+"""Write expectations for red cells into a matrix file: choose the cells of each table, and its place.
 
-A table is written for cells with the same verdict, phase and reason, and selects these and no others of the plan. It
-goes before every table that would have caught one of them, since the first one that fits a cell holds. The text around
-it stays as it is, comments included.
+A table is written for cells with the same verdict, phase and reason, and selects these and no other planned cells. It
+goes before every table that would have matched one of them, because the first table that fits a cell counts. The text
+around it stays as it is, comments included.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ INNER = re.compile(r"""[ \t]*\[+[ \t]*(?:expect|"expect"|'expect')[ \t]*\.""")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Wish:
-    """What the user says of the cells: `pattern` is the glob that chose them."""
+    """The user's reason, link and end date for the expectations; `pattern` is the glob that chose the cells."""
 
     pattern: str
     reason: str
@@ -44,7 +44,7 @@ class Wish:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Red:
-    """What a cell came to on every machine that could tell; `lines` are their reasons."""
+    """The result of a cell, the same on every machine that could judge it; `lines` are the decisive lines."""
 
     cell: Cell
     verdict: Verdict
@@ -54,7 +54,7 @@ class Red:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Accepted:
-    """The new text of the file, the tables in it that are new, and what the user is to know of those that went."""
+    """The new text of the file, its new tables, and a message for each table that was removed."""
 
     text: str
     tables: tuple[str, ...]
@@ -65,7 +65,7 @@ class Accepted:
 
 
 def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], today: str) -> tuple[list[Red], list[str]]:
-    """The cells that are red and not as expected, or no longer; and why others of them cannot be expected."""
+    """Return the red cells without a valid expectation, and messages about others that cannot be expected."""
     found, mixed = [], []
     for cell in cells:
         told = [entry for entry in entries.get(cell.id, ()) if entry.verdict not in UNTOLD]
@@ -83,7 +83,7 @@ def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], toda
 
 
 def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
-    """Judge a result by what the matrix expects of the cell now: whether it fits, and why that is out of date."""
+    """Return whether a result fits the matrix's present expectation, and why that is out of date, if it is."""
     return expected(cell, entry, today, lambda: counted_failures.nameable(entry))
 
 
@@ -91,7 +91,7 @@ def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, 
 
 
 def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red], wish: Wish) -> Accepted:
-    """Write tables for red cells into the text of a matrix file; `cells` are all that are planned."""
+    """Write tables for red cells into the text of a matrix file; `cells` are all planned cells."""
     groups: dict[tuple[Verdict, Phase | None, str, bool], list[Cell]] = {}
     for red in found:
         groups.setdefault((red.verdict, red.phase, _line(red.lines), red.cell.base is None), []).append(red.cell)
@@ -119,7 +119,10 @@ def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red
 
 
 def _line(lines: Sequence[str]) -> str:
-    """The keys that tell these lines: the code of our own sentence, else an expression that finds them all."""
+    """Return the TOML keys that match these lines; empty if there are none.
+
+    These are the code of our own sentence, else a regular expression that finds them all.
+    """
     first, *others = [recognised(line) for line in lines] or [None]
     if first is None or any(other != first for other in others):
         match = "|".join(escaped(_cut(line)) for line in lines)
@@ -142,14 +145,17 @@ def _table(selector: str, verdict: Verdict, phase: Phase | None, line: str, wish
 
 
 def _string(text: str) -> str:
-    """A TOML string; one with backslashes reads better between single quotes."""
+    """Return a TOML string; with backslashes it is written in single quotes if possible."""
     if "\\" in text and "'" not in text and text.isprintable():
         return f"'{text}'"
     return schema.toml_value(text)
 
 
 def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pattern: str) -> list[str]:
-    """Lines that together select these cells: values of one axis, one label, values of two axes, or what chose them."""
+    """Return lines that together select exactly these cells.
+
+    Tried in this order: values of one axis, one label, values of two axes, the user's pattern, several conditions.
+    """
     ids = {cell.id for cell in group}
     one, two = (_boxes(matrix, cells, group, axes) for axes in (1, 2))
     labels = [_labelled(cell) for cell in group]
@@ -162,7 +168,7 @@ def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pat
 
 
 def _parts(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell]) -> Iterator[str]:
-    """Conditions that each hold for some of these cells and no others, largest first; cells left over by label."""
+    """Yield conditions that hold for these cells only, largest first; cells left over are selected by label."""
     left = {cell.id: cell for cell in group}
     inside = [
         (when, held)
@@ -183,7 +189,10 @@ def _labelled(cell: Cell) -> str:
 
 
 def _inside(matrix: Matrix, cells: Sequence[Cell], ids: set[str]) -> Iterator[When]:
-    """For each two axes the values of one that go with the same values of the other, all of their cells being these."""
+    """Yield conditions over two axes that hold for these cells only.
+
+    Values of one axis are put together if they go with the same values of the other.
+    """
     for down, across in permutations(matrix.axes, 2):
         squares: dict[str, dict[str, bool]] = {}
         for cell in cells:
@@ -200,7 +209,7 @@ def _inside(matrix: Matrix, cells: Sequence[Cell], ids: set[str]) -> Iterator[Wh
 
 
 def _boxes(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], count: int) -> str | None:
-    """The first `when` over so many axes that holds for these cells and for no other."""
+    """Return the first `when` over `count` axes that holds for exactly these cells, or None."""
     ids = {cell.id for cell in group}
     for axes in combinations(matrix.axes, count):
         when: When = {axis: tuple(dict.fromkeys(cell.axes[axis] for cell in group)) for axis in axes}
@@ -230,7 +239,7 @@ def _values(values: str | tuple[str, ...]) -> str:
 
 
 def _owned(tables: Sequence[ExpectTable], cells: Iterable[Cell], matrix: Matrix) -> dict[int, set[str]]:
-    """The cells for which each table holds: the first one that fits."""
+    """Return the ids of the cells that each table governs: the first table that fits a cell counts."""
     owned: dict[int, set[str]] = {index: set() for index in range(len(tables))}
     for cell in cells:
         first = next((index for index, table in enumerate(tables) if _fits(table, cell, matrix)), None)
@@ -256,7 +265,10 @@ def _holds(when: When, cell: Cell, matrix: Matrix) -> bool:
 
 
 def _spliced(text: str, tables: Sequence[str], gone: set[int], before: int | None) -> str:
-    """The text with tables put in and others taken out; a comment right above a table goes with it."""
+    """Return the text with tables inserted and others removed; a comment right above a table goes with it.
+
+    Raises BadInput if the expectations are not written as [[expect]] tables.
+    """
     end = "\r\n" if "\r\n" in text else "\n"
     lines = text.split("\n")
     blocks = list(_blocks(lines))
@@ -272,7 +284,7 @@ def _spliced(text: str, tables: Sequence[str], gone: set[int], before: int | Non
 
 
 def _blocks(lines: Sequence[str]) -> Iterator[tuple[int, int]]:
-    """First line of each [[expect]] table, with the comment above it, and the line after its last one."""
+    """Yield the first line of each [[expect]] table, with the comment above it, and the line after its last one."""
     starts = [(_with_comment(lines, at), EXPECT.match(lines[at])) for at in _headers(lines)]
     for index, (start, mine) in enumerate(starts):
         if mine:
@@ -280,13 +292,16 @@ def _blocks(lines: Sequence[str]) -> Iterator[tuple[int, int]]:
 
 
 def _lines_of(lines: Sequence[str], start: int, stop: int) -> range:
-    """A table without the blank lines and comments that follow it, but one."""
+    """Return the lines of a table without the blank lines and comments after it, except one blank line."""
     last = max(at for at in range(start, stop) if lines[at].strip() and not lines[at].lstrip().startswith("#"))
     return range(start, last + 1 + (last + 1 < stop and not lines[last + 1].strip()))
 
 
 def _headers(lines: Sequence[str]) -> Iterator[int]:
-    """Lines that begin a table, those inside expectations apart: what stands since the last one is a whole document."""
+    """Yield the lines that begin a table, except those inside expectations.
+
+    A line counts only if the text since the last table is a complete TOML document.
+    """
     last = 0
     for at, line in enumerate(lines):
         if HEADER.match(line) and _whole("\n".join([*lines[last:at], ""])):
@@ -315,7 +330,10 @@ def _with_comment(lines: Sequence[str], at: int) -> int:
 def trouble(
     before: Sequence[Cell], after: Sequence[Cell], accepted: Iterable[str], judge: Callable[[Cell], list[Any]]
 ) -> str | None:
-    """What the new expectations got wrong; `judge` gives the standing of a cell's results by its expectation."""
+    """Return the first fault of the new expectations in words, or None if there is none.
+
+    `judge` returns how the results of a cell stand by its expectation.
+    """
     chosen, known = set(accepted), {cell.id: cell for cell in before}
     if known.keys() != {cell.id for cell in after}:
         return "other cells are planned"

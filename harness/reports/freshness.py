@@ -1,4 +1,4 @@
-"""Whether a report stands as it would be made again: then it is read, and nothing of it is written."""
+"""Reuse a report if making it again would give the same: then it is read, and nothing is written."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WORDS = "README.md"
 
 
 class _Note(msgspec.Struct, frozen=True):
-    """What a report was made of, and its files as they were left: size and time of change (nanoseconds)."""
+    """The mark of a report's inputs, and size and time of change (nanoseconds) of each of its files."""
 
     mark: str
     files: tuple[tuple[int, int], ...]
@@ -34,7 +34,10 @@ MOST = 1 << 20
 
 
 def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path, asked: object) -> str:
-    """Equal for two reports into one folder, made on one day, exactly when they say the same."""
+    """Return a mark of everything that a report is made of.
+
+    It is equal for two reports into one folder, made on one day, exactly if they say the same.
+    """
     told = [
         (one.cell.id, one.mark, one.measured, one.seconds, one.reused, one.controls) if one.mark else (one.cell.id, one)
         for one in records
@@ -43,7 +46,7 @@ def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path,
 
 
 def read(note: Path, made_of: str, folder: Path) -> Document | None:
-    """The report in a folder, if it was made of the same and nobody touched it since."""
+    """Return the report in a folder if its mark is the same and nobody changed its files since; else None."""
     try:
         noted = guarded_files.decoded(note, MOST, lambda text: msgspec.json.decode(text, type=_Note))
         if noted == _Note(made_of, _files(folder)):
@@ -54,7 +57,7 @@ def read(note: Path, made_of: str, folder: Path) -> Document | None:
 
 
 def keep(note: Path, made_of: str, folder: Path) -> None:
-    """Note what the report in a folder was made of."""
+    """Store the mark of the report in a folder, with the state of its files."""
     store.write_atomic(note, msgspec.json.encode(_Note(made_of, _files(folder))))
 
 
@@ -65,12 +68,12 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 
 @cache
 def _ourselves() -> tuple[tuple[int, int], ...]:
-    """Return a mark of the code and the data that reports are made with: another version makes another report."""
+    """Return size and time of the code and data that make reports: another version makes another report."""
     return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in made_with())
 
 
 def made_with() -> list[Path]:
-    """Return every file of ours, since any of them may have a say in a report."""
+    """Return all code and data files of the harness, because any of them can affect a report."""
     package = source_digests.PACKAGE
     data = [*template_files.FOLDER.iterdir(), *(package / "model").glob("*.toml"), *signature_files.files()]
     return sorted([*package.rglob("*.py"), *data])

@@ -36,7 +36,7 @@ MOST_NAMED = 20
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Again:
-    """A report judged again: its plans as they are today, and the document that comes of it."""
+    """A report judged again: its plans as they are today, and the new document."""
 
     folder: Path
     index: Index
@@ -45,14 +45,15 @@ class Again:
 
     @property
     def unchanged(self) -> bool:
-        """Tell whether the same comes of it as when it was judged last."""
+        """Return whether the document is the same as at the last judging."""
         return packs.sha256(document.encode(self.document)) == self.index.report
 
 
 def main(folders: Sequence[Path], *, write: bool, as_json: bool) -> int:
-    """Say what judging alters in these reports, or write them anew: 0 nothing, 1 something, 3 where evidence is gone.
+    """Print what judging again changes in these reports, or write them anew.
 
-    As JSON the document is printed that comes of all of them, and what alters on stderr.
+    Return 0 if nothing changed or everything was written, 1 if something changed, 3 if evidence is gone. As JSON the
+    combined document is printed, and the changes go to stderr.
     """
     altered, untold, made = 0, 0, []
     for folder in folders:
@@ -77,7 +78,7 @@ def main(folders: Sequence[Path], *, write: bool, as_json: bool) -> int:
 
 
 def judged(folder: Path, index: Index, opened: Store) -> Again:
-    """Return what comes of the evidence of a report today, laid into a store. Raises BadInput."""
+    """Return a report judged as of today from its evidence, which is unpacked into a store. Raises BadInput."""
     packed = packs.unpack(folder, index, opened.folder)
     vault = Vault(opened.folder)
     plans = _plans(packed)
@@ -98,7 +99,7 @@ def judged(folder: Path, index: Index, opened: Store) -> Again:
 
 
 def _record(record: CellRecord, vault: Vault, folder: Path) -> CellRecord:
-    """Return the record of a cell with what its runs come to."""
+    """Return the record of a cell with its runs judged again."""
     try:
         cases = tuple(_case(record, one, vault) for one in record.cases)
         tests = record.suite
@@ -118,7 +119,7 @@ def _case(record: CellRecord, one: CaseRecord, vault: Vault) -> CaseRecord:
 
 
 def _plans(packed: Iterable[Packed]) -> tuple[Plan, ...]:
-    """Return the plans of a report: as the matrices are today, where they still ask for the cells that were planned."""
+    """Return the plans of a report, with the cells as today's matrices have them where they are still the same."""
     plans = {plan.matrix: plan for one in packed for plan in one.plans}
     return tuple(map(_today, plans.values()))
 
@@ -140,14 +141,14 @@ def _today(kept: Plan) -> Plan:
 
 
 def _cell(today: Cell | None, kept: Cell) -> Cell:
-    """Return a cell with what is expected of it today, if it is still the same cell."""
+    """Return a cell with its expectation of today, if it is still the same cell."""
     if today and replace(today, expect=kept.expect, tried=kept.tried) == kept:
         return today
     return kept
 
 
 def _write(again: Again) -> None:
-    """Write the report anew, and its index where something else came of it."""
+    """Write the report anew, and its index if the document changed."""
     words = again.plans[0].page if len(again.plans) == 1 else None
     publishing.write(again.document, again.folder, None, words)
     if not again.unchanged:
@@ -171,7 +172,7 @@ def _tell_untold(folder: Path) -> None:
 
 
 def _altered(again: Again) -> Iterator[str]:
-    """Yield a line for each cell of which something else is said now; nothing where there is no document before."""
+    """Yield a line for each change in a cell's result; nothing if there is no document before."""
     path = again.folder / NAME
     if again.unchanged or not path.is_file():
         return
@@ -185,7 +186,7 @@ def _altered(again: Again) -> Iterator[str]:
 
 
 def _differences(old: CellEntry, new: CellEntry) -> Iterator[str]:
-    """Yield what is said otherwise of a cell."""
+    """Yield the changes in a cell's result."""
     for name in ("verdict", "phase", "decisive", "as_expected", "unverified"):
         before, now = getattr(old, name), getattr(new, name)
         if before != now:

@@ -1,8 +1,8 @@
-"""Reports of shards and machines as one.
+"""Merge reports of shards and machines into one.
 
-What comes out does not depend on the order in which reports are given, on how often, or on which of them were merged
-before. Of a cell that was measured more than once on one machine a verdict about the packages goes before one that says
-nothing about them (a newer `inconclusive` does not undo what was known), then the newer goes before the older.
+The result does not depend on the order of the reports, on repetitions, or on which of them were merged before. If a
+cell was measured more than once on one machine, a verdict about the packages goes before one that says nothing about
+them (a newer `inconclusive` does not undo a known result). Then the newer goes before the older.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Source:
 
 
 def united(sources: Sequence[Source]) -> Document:
-    """One document of several; BadInput where they do not speak of the same things."""
+    """Merge several documents into one. Raises BadInput if they answer different questions."""
     _check_alike(sources)
     documents = [source.document for source in sources]
     cells = _cells(documents)
@@ -60,7 +60,7 @@ def united(sources: Sequence[Source]) -> Document:
 
 
 def _cells(documents: Iterable[Document]) -> list[CellEntry]:
-    """The best entry of each cell on each machine; one that nobody ran has a single row, of no machine."""
+    """Return the best entry of each cell on each machine; a cell that nobody ran has one entry, without a machine."""
     best: dict[str, dict[str, CellEntry]] = {}
     orders: dict[str, set[tuple[str, ...]]] = {}
     for made in documents:
@@ -78,26 +78,26 @@ def _cells(documents: Iterable[Document]) -> list[CellEntry]:
 
 
 def _worth(cell: CellEntry) -> tuple[bool, bool, str, bool, bytes]:
-    """The greater is kept; the content decides where nothing else does."""
+    """Return a sort key: the greatest entry is kept. The content decides if nothing else does."""
     told, ran = cell.verdict not in UNTOLD, cell.verdict is not Verdict.NOT_RUN
     content = msgspec.json.encode(cell, order="deterministic")
     return told, ran, cell.measured or "", not cell.reused, content
 
 
 def _counts(entry: CellEntry, known: Mapping[str, CellEntry]) -> bool:
-    """A cell that was not run has a row only where no machine ran it."""
+    """Return whether an entry is listed: one without a machine only if no machine ran the cell."""
     return bool(entry.machine) or len(known) == 1
 
 
 def _ordered(orders: set[tuple[str, ...]]) -> list[str]:
-    """The order of the plan; where reports list other cells, all of them by their names."""
+    """Return the ids in the order of the plan; if reports list different cells, all of them sorted by name."""
     if len(orders) == 1:
         return list(next(iter(orders)))
     return sorted({name for order in orders for name in order}, key=natural)
 
 
 def natural(name: str) -> tuple[list[str | int], str]:
-    """Numbers by their size: 3.9 before 3.11."""
+    """Return a sort key that compares numbers by their size: 3.9 before 3.11."""
     return [int(part) if part.isdigit() else part for part in re.split(r"([0-9]+)", name)], name
 
 
@@ -105,7 +105,7 @@ def natural(name: str) -> tuple[list[str | int], str]:
 
 
 def _dropped(documents: Iterable[Document], planned: set[str]) -> list[DroppedEntry]:
-    """What every report leaves out: a combination that one of them plans is a cell."""
+    """Return the combinations that were left out, except those that some report has as a cell."""
     known: dict[str, DroppedEntry] = {}
     orders = set()
     for made in documents:
@@ -117,7 +117,7 @@ def _dropped(documents: Iterable[Document], planned: set[str]) -> list[DroppedEn
 
 
 def _machines(documents: Iterable[Document]) -> dict[str, dict[str, Any]]:
-    """The facts of each class of machines in which all of its machines agree."""
+    """Return the facts of each class of machines in which all of its machines agree."""
     found: dict[str, list[dict[str, Any]]] = {}
     for made in documents:
         for name, facts in made.machines.items():
@@ -130,7 +130,7 @@ def _common(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: set[str], today: str) -> tuple[str, ...]:
-    """What the matrix itself says, and what the cells say as they are now, not as a shard saw them."""
+    """Return sentences about stale expectations: of the matrices, and of the merged cells, not as a shard saw them."""
     said = {text for made in documents for text in made.stale if text.partition(" ")[0] not in planned}
     of_cells = {outdated(cell.id, cell.verdict, cell.expectation, today) for cell in cells if cell.expectation}
     return tuple(sorted(said | {text for text in of_cells if text}, key=natural))
@@ -140,7 +140,7 @@ def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: s
 
 
 def _check_alike(sources: Iterable[Source]) -> None:
-    """Refuse answers to different questions, and answers found in different ways."""
+    """Refuse reports that answer different questions or were measured in different ways. Raises BadInput."""
     known: dict[tuple[str, str], tuple[str, Any]] = {}
     for source in sources:
         for (what, of), value in _said(source.document):
@@ -159,7 +159,7 @@ def _check_alike(sources: Iterable[Source]) -> None:
 
 
 def _said(made: Document) -> Iterator[tuple[tuple[str, str], Any]]:
-    """What reports that belong together say alike: of each cell what it is, of each matrix its axes."""
+    """Yield the facts in which reports must agree: of each cell its definition, of each matrix its axes."""
     for cell in made.cells:
         yield from (((name, cell.id), getattr(cell, name)) for name in ASKED)
         if cell.requirements:
@@ -179,12 +179,12 @@ def _said(made: Document) -> Iterator[tuple[tuple[str, str], Any]]:
 
 
 def token(path: str, content: str) -> str:
-    """A file or folder by its path, without a mark, and the hash of its content."""
+    """Return a token for a file or folder: its path without a mark, and the hash of its content."""
     return f"{MARK.sub('', path)}\0{content}"
 
 
 def tokened(made: Document, tokens: Mapping[str, str]) -> Document:
-    """The document with tokens for paths; what has none (the empty text) is left out of it."""
+    """Return the document with tokens for paths; a path whose token is the empty text is removed."""
     moved = document.moved(made, lambda path: tokens[path])
     return msgspec.structs.replace(moved, cells=tuple(_without_missing(cell) for cell in moved.cells))
 
@@ -202,7 +202,7 @@ def _without_missing(cell: CellEntry) -> CellEntry:
 
 
 def placed(made: Document) -> tuple[Document, dict[str, str]]:
-    """The document with paths for tokens, and which token is to lie where: files of one content lie there once."""
+    """Return the document with paths for tokens, and the path of each token: equal files are stored once."""
     contents: dict[str, list[str]] = {}
     for known in sorted(document.paths(made)):
         contents.setdefault(known.partition("\0")[0], []).append(known)

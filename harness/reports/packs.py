@@ -40,7 +40,7 @@ FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9, "dict_size": 64 << 20}]
 
 
 class Packed(msgspec.Struct, frozen=True, kw_only=True):
-    """Hold the records of cells, the plans that they are of, machines, and in-cell digests."""
+    """The records of cells, the plans that they belong to, machines, and in-cell digests."""
 
     plans: tuple[Plan, ...]
     machines: dict[str, dict[str, Any]]
@@ -81,7 +81,7 @@ def write_index(folder: Path, index: Index) -> None:
 
 
 def sha256(content: bytes) -> str:
-    """Return the hash by which a content is named."""
+    """Return the SHA-256 of a content, which is its name."""
     return hashlib.sha256(content).hexdigest()
 
 
@@ -92,7 +92,7 @@ def runs(record: CellRecord) -> tuple[str, ...]:
 
 
 def _packs(packed: Packed, state: Path) -> Iterator[bytes]:
-    """Yield the packs of these records, of which none but one of a single cell is too large."""
+    """Yield the packs of these records; only a pack of a single cell may be larger than `MOST_PACK`."""
     content = _archive(_members(packed, state))
     if len(content) <= MOST_PACK or len(packed.records) == 1:
         yield content
@@ -103,7 +103,7 @@ def _packs(packed: Packed, state: Path) -> Iterator[bytes]:
 
 
 def _bare(record: CellRecord) -> CellRecord:
-    """Return a record without what is judged from its runs."""
+    """Return a record without the results that were judged from its runs."""
     cases = tuple(replace(one, phases=()) if one.runs else one for one in record.cases)
     tests = record.suite
     if tests and tests.runs:
@@ -122,7 +122,7 @@ def _members(packed: Packed, state: Path) -> dict[str, bytes]:
 
 
 def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
-    """Return what steps on the host left, and faults: texts by their path below the state."""
+    """Return the logs of steps on the host, and of faults: texts by their path below the state folder."""
     steps = [step.log for step in (record.resolve, record.install) if step]
     phases = [phase.evidence for one in record.cases if not one.runs for phase in one.phases]
     tests = [record.suite.evidence] if record.suite and not record.suite.runs else []
@@ -148,7 +148,7 @@ def _archive(members: Mapping[str, bytes]) -> bytes:
 
 
 def _kind(content: bytes) -> bytes:
-    """Return what like contents begin with, so that they come to lie side by side."""
+    """Return the first bytes of a content, so that similar contents lie side by side."""
     return content[:12]
 
 
@@ -156,7 +156,7 @@ def _kind(content: bytes) -> bytes:
 
 
 def index(folder: Path) -> Index | None:
-    """Return the index of a report; None where it has none. Raises BadInput."""
+    """Return the index of a report, or None if it has none. Raises BadInput."""
     path = folder / INDEX
     try:
         return guarded_files.decoded(path, MOST_INDEX, guarded_files.decoder(Index).decode, follow=True)
@@ -168,7 +168,7 @@ def index(folder: Path) -> Index | None:
 
 
 def unpack(folder: Path, known: Index, state: Path) -> tuple[Packed, ...]:
-    """Lay the evidence of a report into a state folder, and return what its packs say of cells.
+    """Unpack the evidence of a report into a state folder, and return the cells in its packs.
 
     Raises BadInput for a pack that is damaged, or gone.
     """
@@ -219,7 +219,7 @@ def _laid(content: bytes, state: Path) -> Packed:
 
 
 def members(content: bytes) -> Iterable[tuple[str, bytes]]:
-    """Yield the members of an archive, no more and no larger ones than a pack may have."""
+    """Yield the members of an archive. Raises Unreadable for more or other members than a pack may have."""
     plain = lzma.LZMADecompressor(memlimit=1 << 30).decompress(content, MOST_UNPACKED)
     with tarfile.open(fileobj=io.BytesIO(plain), mode="r:") as archive:
         for number, member in enumerate(archive):

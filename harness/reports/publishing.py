@@ -1,4 +1,4 @@
-"""What `run` and `try` do with their records: a report folder, a table on the terminal, an exit code."""
+"""Publish the records of `run` and `try`: a report folder, a table on the terminal, an exit code."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ DEFAULT_FAIL_ON = ("unexpected", "stale")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Wanted:
-    """How the user wants the report; `alone` leaves out what was measured before, as a shard does."""
+    """The user's options for the report; `alone` leaves out earlier measurements, as a shard does."""
 
     out: Path | None
     pivot: tuple[str, str] | None
@@ -51,14 +51,14 @@ class Wanted:
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Wanted:
-        """From the command line of `run`."""
+        """Return the options from the command line of `run`."""
         pivot = tuple(args.pivot) if args.pivot else None
         alone = args.shard is not None
         return cls(out=args.out, pivot=pivot, json=args.json, fail_on=args.fail_on, alone=alone)
 
 
 def kinds(text: str) -> tuple[str, ...]:
-    """The value of `--fail-on`."""
+    """Parse the value of `--fail-on`. Raises ArgumentTypeError for an unknown kind."""
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     unknown = [name for name in names if name not in FAIL_ON]
     if unknown:
@@ -68,7 +68,7 @@ def kinds(text: str) -> tuple[str, ...]:
 
 
 def headline(record: CellRecord) -> str:
-    """One line about a finished cell, for the progress."""
+    """Return one line about a finished cell, for the progress display."""
     judged = assess(record)
     told = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
     note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
@@ -78,7 +78,7 @@ def headline(record: CellRecord) -> str:
 
 
 class Published(NamedTuple):
-    """A report and its folder; `tables` are there where it was just made, `trouble` where it could not be written."""
+    """A report and its folder; `tables` is set if it was just made, `trouble` if it could not be written."""
 
     folder: Path
     document: Document
@@ -89,7 +89,7 @@ class Published(NamedTuple):
 def publish(
     plans: Sequence[Plan], measured: Mapping[str, CellRecord], opened: Store, wanted: Wanted
 ) -> list[Published]:
-    """Write the report of each matrix: of each cell what was measured now, by its id, or before."""
+    """Write the report of each matrix from new records (`measured`, by cell id), and earlier ones for other cells."""
     here = this_machine.facts()
     made: list[Published] = []
     for plan in plans:
@@ -123,7 +123,7 @@ def publish(
 
 
 def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:
-    """Lay the evidence of a report beside it, so that it can be judged again where this state is not."""
+    """Store the evidence of a report beside it, so that it can be judged again without this state folder."""
     packed = packs.Packed(plans=(plan,), machines=report.machines, probes=dict(report.probes), records=tuple(records))
     found = packs.write(packed, opened.folder, folder)
     sha = packs.sha256(document.encode(report))
@@ -155,7 +155,7 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
 
 
 def _suites_not_run(made: Document) -> Iterator[str]:
-    """Yield why tests could not be run, each reason once, with the known cause and its remedy."""
+    """Yield the reasons why tests could not be run, each once, with the known cause and its remedy."""
     suites = [cell.suite for cell in made.cells if cell.suite and cell.suite.not_run]
     for why, count in Counter(suite.decisive for suite in suites).items():
         first = next(suite for suite in suites if suite.decisive == why)
@@ -166,20 +166,21 @@ def _suites_not_run(made: Document) -> Iterator[str]:
 
 
 def place(records: Iterable[CellRecord], opened: Store, folder: Path) -> document.Locate:
-    """Copy what the records name into a report's folder and return how to name it from the report."""
+    """Copy the files that records name into a report's folder; return the function that names them from there."""
     return _Files(opened, folder).place(records)
 
 
 def probes(plan: Plan) -> dict[str, str]:
-    """What the cases of a plan are measured with: API and phase to the hash of the in-cell files that run."""
+    """Return the hash of the in-cell files that the cases of a plan run, by API and phase."""
     used = {(case.api, phase_of(check)) for cell in plan.cells for case in cell.cases for check in case.checks}
     return {f"{api or 'none'}.{phase}": launch.probe_hash(api, phase) for api, phase in sorted(used)}
 
 
 def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: str | None = None) -> Report:
-    """Write `report.json` and `report.md` into a folder; files that only its last report named go. Gives its tables.
+    """Write `report.json` and `report.md` into a folder, and return the tables of the report.
 
-    `words` is the template of the page in words, `README.md`, if the matrix has one.
+    Files that only the last report named are deleted. `words` is the template of the page in words, `README.md`, if the
+    matrix has one.
     """
     _sweep(folder, document.paths(report))
     store.write_atomic(folder / "report.json", document.encode(report))
@@ -204,12 +205,15 @@ def _sweep(folder: Path, named: frozenset[str]) -> None:
 
 
 def page(report: Report) -> str:
-    """The report as Markdown."""
+    """Return the report as Markdown."""
     return report_markdown.markdown(report, read_template(report_markdown.TEMPLATE))
 
 
 def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
-    """What was measured of a cell before, if it was this cell, whatever is expected of it now, and why it is tried."""
+    """Return the earlier record of a cell if it is still the same cell.
+
+    Its expectation, and why it is tried, may have changed.
+    """
     found = opened.load_cell(machine_id, cell)
     if found and replace(found.cell, expect=cell.expect, tried=cell.tried) == cell:
         return replace(found, cell=cell, reused=True)
@@ -218,7 +222,7 @@ def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
 
 @dataclass(slots=True)
 class _Files:
-    """Locks, frames and logs of a report, copied beside it."""
+    """The locks, frames and logs of a report, copied beside it."""
 
     opened: Store
     folder: Path
@@ -226,7 +230,7 @@ class _Files:
     there: set[str] = field(default_factory=set)  # names that were copied: of equal frames the first
 
     def place(self, records: Iterable[CellRecord]) -> document.Locate:
-        """Copy the frames, equal ones once, and return how the report names a file: any other is copied then."""
+        """Copy the frames, equal ones once, and return `locate`, which copies any other file when it is named."""
         for record in records:
             for case in record.cases:
                 for frame in (frame for phase in case.phases for frame in phase.frames):
@@ -234,7 +238,7 @@ class _Files:
         return self.locate
 
     def locate(self, path: str) -> str:
-        """A path of the store as the report names it."""
+        """Return the path by which the report names a file of the store; copy the file if it is not there."""
         self._copy(path, path)
         return self.placed.get(path) or os.path.relpath(self.opened.folder / path, self.folder)
 
@@ -253,7 +257,7 @@ class _Files:
 
 
 def carry(source: str | Path, target: str | Path) -> bool:
-    """Copy a file, or the texts of a folder; False where there is nothing."""
+    """Copy a file, or the text files of a folder; return False if there is nothing to copy."""
     try:
         there = os.stat(source)  # noqa: PTH116 - thousands of files
     except OSError:
@@ -269,7 +273,7 @@ def carry(source: str | Path, target: str | Path) -> bool:
 
 
 def _same(there: os.stat_result, target: str | Path) -> bool:
-    """Return whether the target is the same file, or a copy of it as it stands."""
+    """Return whether the target is the same file or an unchanged copy of it."""
     try:
         here = os.stat(target)  # noqa: PTH116 - thousands of files
     except OSError:
@@ -279,12 +283,12 @@ def _same(there: os.stat_result, target: str | Path) -> bool:
 
 
 def seen_from(folder: Path, state: Path) -> document.Locate:
-    """Return the function that names files of the state as they are seen from a report's folder."""
+    """Return the function that names files of the state relative to a report's folder."""
     return lambda path: os.path.relpath(state / path, folder)
 
 
 def seen_from_here(folder: Path) -> document.Locate:
-    """How paths relative to a folder are named from the working folder."""
+    """Return the function that turns paths relative to a folder into paths relative to the working folder."""
     return lambda path: os.path.relpath(folder / path)
 
 

@@ -1,7 +1,7 @@
-"""Tables inside a Markdown file of somebody's, made again from the reports that the file itself names.
+"""Update tables inside a user's Markdown file from the reports that the file itself names.
 
-A block starts with `<!-- simmatrix report SOURCE [--pivot DOWN ACROSS] -->`, SOURCE as seen from the file's folder,
-and ends with `<!-- end -->`.
+A block starts with `<!-- simmatrix report SOURCE [--pivot DOWN ACROSS] -->`, SOURCE as seen from the file's folder, and
+ends with `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Make = Callable[[Path, tuple[str, str] | None], str]
 
 
 def renew(file: Path, make: Make) -> int:
-    """Make the blocks of a file again; 0, or bad input where there is none."""
+    """Make the blocks of a file again and return 0. Raises BadInput if it has none."""
     before = given_files.read_text(file)
     if not BLOCK.search(before):
         message = f"{file}: has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
@@ -37,7 +37,7 @@ def renew(file: Path, make: Make) -> int:
 
 
 def renewed(text: str, folder: Path, make: Make) -> str:
-    """A text that lies in a folder, with its blocks made again."""
+    """Return a text that lies in a folder, with its blocks made again."""
 
     def block(found: re.Match[str]) -> str:
         pivot = (found["down"], found["across"]) if found["down"] else None

@@ -1,4 +1,4 @@
-"""Text that may be shown to strangers: without folders, people, hosts, addresses and secrets of this machine."""
+"""Redact text for strangers: remove folders, people, hosts, addresses and secrets of this machine."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ RULES = (
 
 
 def redacted(text: str, words: Mapping[str, str]) -> str:
-    """The text without what is nobody's business; `words` are names of here and what stands for each."""
+    """Return the text without private data; `words` maps names of this machine to their replacements."""
     for pattern, instead in RULES:
         text = pattern.sub(instead, text)
     for word in sorted(filter(None, words), key=len, reverse=True):
@@ -54,5 +54,5 @@ def redacted(text: str, words: Mapping[str, str]) -> str:
 
 
 def secret(name: str) -> bool:
-    """Return whether a variable of this name holds what nobody should read."""
+    """Return whether a variable of this name holds a secret."""
     return re.search(SECRET, name, re.IGNORECASE) is not None

@@ -1,6 +1,6 @@
-"""A script of a few lines that does what failed, for people who have plain Python and no harness.
+"""Write a script of a few lines that reproduces a failure, for people with plain Python and no harness.
 
-Only for APIs whose calls are the same for everybody; an environment that a matrix brings itself has none.
+It covers only APIs whose calls are the same for everybody. An environment that a matrix brings itself has no script.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ FIRST, MODERN = Version("0.25"), Version("0.26")
 
 
 def script(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> str | None:
-    """The lines, or None where there are none that everybody could run."""
+    """Return the script, or None if there is none that everybody could run."""
     imports = [f"import {name}" for name in case.imports]
     if phase is Phase.IMPORT:
         known = [f"import {name}" for name in IMPORTED.get(case.api, (case.api,))]
@@ -34,12 +34,12 @@ def _joined(lines: list[str]) -> str:
 
 
 def _named(case: Case) -> str:
-    """The id as the library knows it."""
+    """Return the id of the environment as the library expects it."""
     return (case.env or "").removeprefix(f"{case.api}:")
 
 
 def _module(case: Case) -> str:
-    """What an id such as `module:Name-v0` imports."""
+    """Return the module that an id such as `module:Name-v0` imports; empty for other ids."""
     return _named(case).rpartition(":")[0] if case.api in {"gym", "gymnasium"} else ""
 
 
@@ -76,7 +76,7 @@ def _vector(case: Case, check: str, *, modern: bool) -> list[str]:
 
 
 def _vector_of(library: str, check: str, seed: int, imports: list[str], made: str) -> list[str]:
-    """Two environments as one, in this process or in workers."""
+    """Return lines that run two environments as one, in this process or in workers."""
     kind = "SyncVectorEnv" if check == "vector.sync" else "AsyncVectorEnv"
     method = check.rpartition(".")[2]
     way = ", shared_memory=False" if method == "unshared" else f', context="{method}"' if method in METHODS else ""

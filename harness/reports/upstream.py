@@ -1,6 +1,6 @@
-"""A red cell as a report that its upstream can use: what fails, with what, how to see it, and no word of the harness's.
+"""Write a red cell as a report that its upstream can use: what fails, the versions, how to reproduce it.
 
-Made of plain values; the text still has to be redacted by `redacting`.
+It does not mention the harness. It is made of plain values; the text still has to be redacted by `redacting`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TOP = re.compile(r"(?:site|dist)-packages/(\w+)")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Failing:
-    """A red cell as it was asked for and as it was judged; `lock` is its text, `texts` the evidence of the phase."""
+    """A red cell as planned and as judged; `lock` is the text of the lock, `texts` the evidence of the phase."""
 
     cell: Cell
     entry: CellEntry
@@ -52,19 +52,19 @@ class Failing:
 
     @property
     def phase(self) -> Phase:
-        """The one that decided."""
+        """Return the phase that decided the verdict; the import if there is none."""
         return self.entry.phase or Phase.IMPORT
 
     @property
     def case(self) -> Case | None:
-        """The first case that failed as the cell did."""
+        """Return the first case that failed as the cell did, or None."""
         failed = [one for one in self.entry.cases if one.phases.get(self.phase) in FAILING]
         first = next((one for one in failed if one.decisive == self.entry.decisive), next(iter(failed), None))
         return next((one for one in self.cell.cases if first and one.id == first.case), None)
 
     @property
     def check(self) -> str:
-        """The first check of that case that failed."""
+        """Return the first check of that case that failed in the phase; empty if there is none."""
         case = self.case
         entry = next((one for one in self.entry.cases if case and one.case == case.id), None)
         checks = [name for name, how in (entry.checks if entry else {}).items() if how in FAILING]
@@ -72,13 +72,13 @@ class Failing:
 
 
 def issue(failing: Failing) -> str:
-    """The report, as Markdown."""
+    """Return the report as Markdown."""
     parts = [_title(failing), *_what(failing), *_known(failing), *_versions(failing), *_again(failing), *_lock(failing)]
     return visible("\n\n".join(parts) + "\n")
 
 
 def _title(failing: Failing) -> str:
-    """The packages that were asked for, and the line."""
+    """Return the title: the packages that were asked for, and the decisive line."""
     installed = failing.entry.installed or {}
     names = [name for name in failing.cell.axes if name in installed] or list(_asked(failing))[:3]
     told = ", ".join(f"{name} {installed[name]}" for name in names if name in installed)
@@ -114,7 +114,7 @@ def _outcome(failing: Failing) -> str:
 
 
 def _known(failing: Failing) -> Iterator[str]:
-    """The deepest known cause, and its remedy where that was proven."""
+    """Yield the deepest known cause, and its remedy if that was proven."""
     deepest = next(iter(counted(failing.entry)), None)
     if deepest is None:
         return
@@ -156,7 +156,7 @@ def _asked(failing: Failing) -> tuple[str, ...]:
 
 
 def _mattering(failing: Failing) -> tuple[str, ...]:
-    """Packages that were asked for, and those whose files are in the traceback."""
+    """Return the packages that were asked for, and those in the traceback or in the decisive line."""
     installed = failing.entry.installed or {}
     modules = {name.replace("-", "_"): name for name in installed}
     seen = [modules.get(top.lower(), "") for text in failing.texts.values() for top in TOP.findall(text)]
@@ -166,7 +166,7 @@ def _mattering(failing: Failing) -> tuple[str, ...]:
 
 
 def _variables(failing: Failing) -> dict[str, str]:
-    """Those of the cell, and of what was supplied that which its packages read."""
+    """Return the variables of the cell, and the supplied ones that its packages read."""
     entry = failing.entry
     supplied = settings(entry.supplied, entry.installed or ())
     return {**dict(text.split("=", 1) for text in supplied), **entry.environment}
@@ -180,7 +180,7 @@ def _shown(name: str, value: str) -> str:
 
 
 def _again(failing: Failing) -> Iterator[str]:
-    """The commands, with plain uv and Python; where there are none that everybody can run, so it is said."""
+    """Yield the commands to reproduce it, with plain uv and Python; say so if nobody else can run them."""
     minor = ".".join((failing.entry.python or failing.entry.requested_python).split(".")[:2])
     lines = [f"uv venv --python {minor} repro", _install(failing)]
     commands = block("\n".join(lines), "sh")
@@ -235,7 +235,7 @@ def _lock(failing: Failing) -> Iterator[str]:
 
 
 def excerpt(texts: Mapping[str, str], check: str, decisive: str | None) -> str:
-    """The traceback of a check that ends in the decisive line, without frames of ours; else the log around that."""
+    """Return the traceback of a check that ends in the decisive line, without our frames; else the log around it."""
     replies = [text for name, text in texts.items() if name.endswith(".jsonl")]
     found = [cleaned(text) for reply in replies for text in _tracebacks(reply, check)]
     kind = (decisive or "").partition(":")[0]
@@ -247,7 +247,7 @@ def excerpt(texts: Mapping[str, str], check: str, decisive: str | None) -> str:
 
 
 def _tracebacks(text: str, check: str) -> Iterator[str]:
-    """Of a reply, those of a check and of its workers, which come first."""
+    """Yield the tracebacks of a check from a reply; those of its workers come first."""
     for entry in plain_records(text):
         if entry.get("check", check) == check:
             workers = entry.get("workers")
@@ -261,7 +261,7 @@ def _tracebacks(text: str, check: str) -> Iterator[str]:
 
 
 def cleaned(traceback: str) -> str:
-    """A traceback without frames of ours and what they call of Python's own, its files named from there on."""
+    """Return a traceback with shortened paths, without our frames and the standard library's that they call."""
     kept, ours = [], False
     for line in traceback.splitlines():
         if line.lstrip().startswith('File "'):
@@ -274,7 +274,7 @@ def cleaned(traceback: str) -> str:
 
 
 def _around(logs: Sequence[str], decisive: str) -> Sequence[str]:
-    """The lines of a log about the one that says why, or its last ones."""
+    """Return the lines of a log around the decisive line, or its last ones."""
     lines = [line for text in logs for line in text.splitlines() if not line.startswith(("simmatrix:", "DEBUG "))]
     place = next((n for n, line in reversed([*enumerate(lines)]) if decisive and decisive[:60] in line), len(lines))
     return lines[max(place - BEFORE, 0) : place + AFTER]

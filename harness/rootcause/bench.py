@@ -1,4 +1,4 @@
-"""Cells measured for a search: what is at hand is used, what may come next is prepared meanwhile, within bounds."""
+"""Measure cells for a search, within bounds. Stored results are reused; likely next cells are prepared meanwhile."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Spent(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bounds:
-    """How many cells may be measured, and for how long; None is no bound."""
+    """Limits of a search: the number of measured cells, and the minutes; None means no limit."""
 
     runs: int | None = None
     minutes: float | None = None
@@ -33,9 +33,9 @@ class Bounds:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Trial:
-    """One cell as it was measured, in `seconds` of a clock. `at_hand` is whether nothing had to be run for it.
+    """One measured cell. `seconds` is wall-clock time, `at_hand` is true if nothing had to be run for it.
 
-    `failure` is what it failed of, found before another measurement of the cell puts other logs in the place of these.
+    `failure` is the failure of the cell, read before another measurement of the cell overwrites the logs.
     """
 
     assessed: Assessed
@@ -50,27 +50,27 @@ class Trial:
 
     @property
     def cell(self) -> Cell:
-        """The cell as it was measured."""
+        """Return the cell as it was measured."""
         return self.assessed.record.cell
 
     @property
     def works(self) -> bool:
-        """Return whether all of it that was asked for passed, and no silent issue is left open."""
+        """Return whether everything requested passed, and no silent issue is left open."""
         return self.assessed.fulfilled
 
     @property
     def doubtful(self) -> bool:
-        """Return whether it works but for a silent issue that no check has refuted."""
+        """Return whether the cell works except for a silent issue that no check has refuted."""
         return self.assessed.verdict is Verdict.WORKS and not self.works
 
     @property
     def bad(self) -> bool:
-        """Return whether it fails, misleads, or may mislead."""
+        """Return whether the cell fails, misleads, or may mislead."""
         return self.failure is not None or self.doubtful
 
     @property
     def well(self) -> str:
-        """How it is said of one that does all that was asked for: import alone is never called `works`."""
+        """Return the words for a cell that does everything requested. Import alone is never called `works`."""
         if self.assessed.verdict is Verdict.WORKS:
             return str(Verdict.WORKS)
         passed = [phase for phase in CASE_PHASES if self.assessed.phases.get(phase) is Outcome.PASSED]
@@ -78,16 +78,16 @@ class Trial:
 
     @property
     def untold(self) -> bool:
-        """Return whether it says nothing about the packages: this machine or the network was at fault."""
+        """Return whether the result says nothing about the packages: this machine or the network was at fault."""
         return self.assessed.untold and not self.works
 
 
 @dataclass
 class Bench:
-    """Where the cells of a search are measured, one at a time; use it in a `with` block.
+    """The place where the cells of a search are measured, one at a time. Use it in a `with` block.
 
-    `settings.until` is the last phase that matters. `trials` are all that were asked for, in order, those that were at
-    hand among them; `built` are the keys of the environments that had to be made.
+    `settings.until` is the last phase that matters. `trials` holds the result of each call of `measure` in order, those
+    at hand included. `built` holds the keys of the environments that had to be built.
     """
 
     store: Store
@@ -115,15 +115,15 @@ class Bench:
         self._ahead.shutdown(cancel_futures=True)
 
     def at_hand(self, cell: Cell) -> Trial | None:
-        """What a cell came to where nothing has to be run for it, whatever the bounds; it is not counted."""
+        """Return the stored result of a cell, uncounted and whatever the bounds; None if something has to be run."""
         began = monotonic()
         record = self._controlled(self._runner).known(cell)
         return self._trial(record, began, at_hand=True) if record else None
 
     def measure(self, cell: Cell, *, again: bool = False, keep: bool = False, whole: bool = False) -> Trial:
-        """Measure a cell, or take what is known of it; `again` runs its probes anew with the same lock.
+        """Measure a cell, or take its stored result. `again` runs its probes again with the same lock.
 
-        With `keep` its record is one that `show` knows, `whole` is in all phases. Raises Spent.
+        `keep` stores the record so that `show` finds it. `whole` measures all phases. Raises Spent.
         """
         began = monotonic()
         settings = replace(self.settings, until=Phase.SUITE) if whole else self.settings
@@ -154,12 +154,12 @@ class Bench:
             replace(self._runner, observer=Beside(self.observer)).prepare(cell)
 
     def stop_after(self, phase: Phase) -> None:
-        """From now on no phase behind this one matters."""
+        """Ignore all phases after this one from now on."""
         self.settings = replace(self.settings, until=phase)
         self._runner = self._made(self.settings)
 
     def stands(self, cell: Cell) -> bool:
-        """Return whether the environment of a cell was made before: then only its probes are to be run."""
+        """Return whether the environment of a cell exists already, so that only its probes have to run."""
         interpreter = interpreters.find(cell.python)
         if interpreter is None or cell.subject is not None:
             return False
@@ -205,5 +205,5 @@ class Bench:
 
 
 def until(failed: Failure) -> Phase:
-    """The last phase that matters to whoever asks for this failure only."""
+    """Return the last phase that matters if only this failure is of interest."""
     return failed.phase or Phase.SUITE

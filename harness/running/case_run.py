@@ -1,7 +1,7 @@
-"""One cell through its probes, given an environment: whoever owns the environment, the cell runs the same way.
+"""Run one cell through its probes in a given environment: the same way, whoever owns the environment.
 
-What is known of a case is judged anew from the runs that the vault holds; what is missing is measured, run by run, as
-long as judging asks for one more.
+A case is judged again from the runs that the vault holds. Missing runs are made one by one, as long as judging asks for
+one more.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ JUDGING = ("harness.judging.runs.case", "harness.judging.runs.todo")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Context:
-    """What the cases of one cell share.
+    """The parts that the cases of one cell share.
 
     `laboratory` runs the probes and keeps what they show. `identity` is all that a key holds besides the case:
     environment key, variables, sandbox mode, machine. Failures under other conditions than those of the host are
@@ -45,7 +45,7 @@ class Context:
     notify: Callable[[str], None] = lambda _: None
 
     def asked(self, case: Case) -> Asked:
-        """Return what is wanted of a case."""
+        """Return the checks that are wanted of a case, with the digests of their programs."""
         wanted = wanted_of(case.checks, self.until)
         checks = [check for names in wanted.values() for check in names]
         names = (*checks, *followers_of(checks), REPEAT)
@@ -74,7 +74,7 @@ def stored_case(context: Context, case: Case) -> CaseRecord | None:
 
 
 def _known(context: Context, asked: Asked, key: str) -> Folded:
-    """Return what the runs that are kept show, and those of this process whatever came of them."""
+    """Fold the stored runs that may be reused, and the runs of this process whatever their results; return the fold."""
     vault, mine = context.laboratory.vault, context.measured.get(key, ())
     before = () if context.fresh else [name for name in vault.runs(key) if name not in mine]
     folded = fold(asked, vault.readings(before))
@@ -88,9 +88,9 @@ def _notify(context: Context, request: Request) -> None:
 
 
 def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
-    """Equal for two cells exactly when each record of the one, if it may be reused, is one of the other.
+    """Return a mark that is equal for two cells exactly when each reusable record of one is a record of the other.
 
-    The record of a cell is a memo of what judging says of it: with other judging it is judged again.
+    The record of a cell is a memo of its judgement: other judging code judges the cell again.
     """
     asked = [(case.id, case.required, _asked(case), _limits(case), case.checks) for case in cases]
     programs = [sorted(context.asked(case).program.items()) for case in cases]
@@ -100,18 +100,21 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
 
 @cache
 def _judging() -> tuple[str, ...]:
-    """Identify what judges: its sources, and what adapters declare."""
+    """Identify the judging code: its sources, and the declarations of adapters."""
     return *map(source_digests.digest, JUDGING), carried().decode()
 
 
 def reusable(cases: Iterable[CaseRecord]) -> bool:
-    """Whether no phase came to an end that another run may change; one that was not reached has its reason before."""
+    """Return whether no phase has an outcome that another run may change.
+
+    A phase that was not reached does not count: an earlier phase has its reason.
+    """
     passing = MEASURED_AGAIN - {Outcome.NOT_REACHED}
     return not any(phase.outcome in passing for case in cases for phase in case.phases)
 
 
 def claim(context: Context, case: Case) -> str:
-    """Equal for two cases, of whatever cells, exactly when one run can answer for both.
+    """Return a key that is equal for two cases, of whatever cells, exactly when one run can answer for both.
 
     The in-cell program is no part of it: a run says which one it ran, check by check. Nor is anything that judges.
     """
@@ -119,12 +122,12 @@ def claim(context: Context, case: Case) -> str:
 
 
 def not_reached(case: Case) -> CaseRecord:
-    """The record of a case whose environment never came to be."""
+    """Return the record of a case whose environment never came to be."""
     return case_record(case, {})
 
 
 def untold(case: Case, step: Step) -> CaseRecord:
-    """The record of a case that could not be measured to its end, for a reason that says nothing about packages."""
+    """Return the record of a case that could not be measured to its end, for a reason unrelated to packages."""
     first = next(iter(wanted_of(case.checks, CASE_PHASES[-1])), Phase.IMPORT)
     evidence = step.log and step.log.rpartition("/")[0]
     record = PhaseRecord(phase=first, outcome=step.outcome, decisive=step.decisive, evidence=evidence)

@@ -1,4 +1,4 @@
-"""What cache and state hold that can be made again: what of it is waste, how old it is, what its removal frees.
+"""Find the parts of cache and state that can be made again, choose by waste, age and size, and remove them.
 
 Waste is what nothing will ever ask for: folders of processes that were killed, environments without a stamp, compiled
 bytecode without its environment, logs that no record names. The rest goes by age or size. The record of a cell, the
@@ -38,7 +38,7 @@ CONTENT = re.compile(rb"\b[0-9a-f]{32,64}\b")
 
 
 class Kind(StrEnum):
-    """What can be removed, as people read it."""
+    """The kinds of things that can be removed, as people read them."""
 
     ENVIRONMENT = "environments"
     WHEEL = "built wheels"
@@ -55,7 +55,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Item:
-    """Something that goes as a whole. `used` is when it was of use last (seconds since 1970).
+    """A thing that is removed as a whole. `used` is when it was of use last (seconds since 1970).
 
     `inodes` has an entry for each name of each file, so that what several items share is counted once.
     """
@@ -75,7 +75,7 @@ class Disk:
     gone: dict[int, int] = field(default_factory=dict)
 
     def walk(self, path: Path) -> tuple[array[int], float]:
-        """The inodes of a file or of all in a folder, one for each name, and when a folder of it changed last."""
+        """Return the inodes of a file or of all in a folder, one for each name, and the last change of a folder."""
         found, newest = array("Q"), 0.0
         waiting = [str(path)]
         while waiting:
@@ -102,7 +102,7 @@ class Disk:
         return inode
 
     def without(self, inodes: Iterable[int]) -> int:
-        """Take these names away; the bytes that this frees: of files that have no name left."""
+        """Count these names as removed; return the bytes that this frees: those of files without a name left."""
         freed = 0
         for inode in inodes:
             size, names = self.sizes[inode]
@@ -111,12 +111,12 @@ class Disk:
         return freed
 
     def size(self, inodes: Iterable[int]) -> int:
-        """The bytes of these files, each counted once."""
+        """Return the bytes of these files, each counted once."""
         return sum(self.sizes[inode][0] for inode in set(inodes))
 
 
 def _number(device: int, inode: int) -> int:
-    """One number for both, of 64 bits."""
+    """Return one number of 64 bits for both."""
     return (inode + (device << 40)) & 0xFFFF_FFFF_FFFF_FFFF
 
 
@@ -125,7 +125,7 @@ def _number(device: int, inode: int) -> int:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Places:
-    """Name places to look at; `state` and `temporary` need not exist. With `evidence` probe runs are looked at, too."""
+    """The places to look at; `state` and `temporary` need not exist. With `evidence` probe runs are looked at, too."""
 
     cache: Path
     state: Path
@@ -134,7 +134,7 @@ class Places:
 
 
 def find(places: Places, disk: Disk, now: float | None = None) -> list[Item]:
-    """Everything that could go, the least recently used first."""
+    """Return everything that could go, the least recently used first."""
     instant = time() if now is None else now
     items = [*_environments(places.cache, disk), *_cached(places.cache, disk), *_scratch(places, disk, instant)]
     if places.state.is_dir():
@@ -152,7 +152,7 @@ def _item(kind: Kind, disk: Disk, *paths: Path, used: float | None = None, waste
 
 
 def _environments(cache: Path, disk: Disk) -> Iterator[Item]:
-    """Each with its compiled bytecode; and bytecode that is left of one that is gone."""
+    """Yield each environment with its compiled bytecode, and bytecode whose environment is gone."""
     for path, status in _folders(cache / "environments"):
         compiled = [place for place in [cache / "pycache" / path.name] if place.is_dir()]
         whole = (path / "stamp.json").is_file()
@@ -173,7 +173,7 @@ def _cached(cache: Path, disk: Disk) -> Iterator[Item]:
 
 
 def _scratch(places: Places, disk: Disk, now: float) -> Iterator[Item]:
-    """Folders of this user that are a day old and that no living process speaks of."""
+    """Yield folders of this user that are a day old and that no living process mentions."""
     candidates = [*_folders(places.cache / "tmp"), *_folders(places.temporary, "simmatrix-*")]
     old = [path for path, status in candidates if now - status.st_mtime > DAY and status.st_uid == os.getuid()]
     told = _told() if old else b""
@@ -183,7 +183,7 @@ def _scratch(places: Places, disk: Disk, now: float) -> Iterator[Item]:
 
 
 def _told() -> bytes:
-    """What the command lines, variables and working folders of all processes say, as far as this user may read it."""
+    """Return the command lines, variables and working folders of all processes, as far as this user may read them."""
     said = []
     for process in Path("/proc").glob("[0-9]*"):
         for name in ("cmdline", "environ"):
@@ -206,7 +206,7 @@ def _folders(parent: Path, pattern: str = "*") -> Iterator[tuple[Path, os.stat_r
 
 
 def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
-    """Records that no cell's record leads to, each with its logs; and logs that nothing names."""
+    """Yield records that no cell's record leads to, and locks and logs that nothing names."""
     cells = set().union(*(_names(path) for path in (places.state / "cells").glob("**/*.json")))
     kept = set(cells)
     for kind in ("steps", "locks", "installed"):
@@ -235,7 +235,7 @@ def _aged(items: Iterable[Item], now: float) -> Iterator[Item]:
 
 
 def _runs(vault: Path, named: Set[str], disk: Disk, now: float) -> Iterator[Item]:
-    """Claims on runs none of which a record names, and contents to which no other claim leads."""
+    """Yield claims on runs none of which a record names, and contents to which no other claim leads."""
     needed: set[str] = set()
     for claim in sorted((vault / "ac").glob("*/*")):
         runs = {name.decode() for name in CONTENT.findall(_content(claim))}
@@ -259,14 +259,14 @@ def _content(path: Path) -> bytes:
 
 
 def _names(record: Path) -> set[str]:
-    """Evidence that a record names, and the keys and hashes in it, by which records know each other."""
+    """Return the evidence that a record names, and the keys and hashes by which records refer to each other."""
     content = _content(record)  # a damaged one names nothing any more
     keys = {found.decode() for found in CONTENT.findall(content)}
     return {found.decode() for found in EVIDENCE.findall(content)} | keys | {f"install-{key}" for key in keys}
 
 
 def _own(record: Path) -> set[str]:
-    """Evidence that a record has by its own key: what uv wrote of a question."""
+    """Return the evidence that a record has by its own key: uv's output for a question."""
     return {f"lock-{record.parent.name}{record.stem}"[: len("lock-") + 16]}
 
 
@@ -274,9 +274,10 @@ def _own(record: Path) -> set[str]:
 
 
 def chosen(items: Iterable[Item], disk: Disk, size: int, *, before: float | None, most: int | None) -> list[Item]:
-    """Waste; what was not of use since `before`; then the least recently used until no more than `most` bytes are left.
+    """Return the items to remove, by waste, age and size.
 
-    `size` is that of everything now, in bytes.
+    These are waste, items that were not of use since `before`, then the least recently used until no more than `most`
+    bytes are left. `size` is that of everything now, in bytes.
     """
     found: list[Item] = []
     others: list[Item] = []
@@ -293,7 +294,7 @@ def chosen(items: Iterable[Item], disk: Disk, size: int, *, before: float | None
 
 
 def remove(item: Item, cache: Path) -> bool:
-    """Remove it, unless somebody uses it."""
+    """Remove an item unless somebody uses it; return False if it was kept."""
     match item.kind:
         case Kind.ENVIRONMENT:
             return _removed_environment(item, cache)
@@ -320,7 +321,7 @@ def _removed_environment(item: Item, cache: Path) -> bool:
 
 
 def _removed_unused(item: Item, cache: Path) -> bool:
-    """Take it away in one step, so that nobody finds half of it, and remove it then."""
+    """Move the item aside in one step, so that nobody finds half of it, then remove it; return False if it is used."""
     with file_locks.unused(item.paths[0]) as free:
         if not _free(item, free):
             return False
@@ -332,7 +333,7 @@ def _removed_unused(item: Item, cache: Path) -> bool:
 
 
 def _free(item: Item, free: bool | None) -> bool:
-    """Where nobody can tell whether it is in use, what is young is taken to be."""
+    """Return whether an item may go; if nobody can tell whether it is in use, only after a day."""
     return time() - item.used > DAY if free is None else free
 
 

@@ -1,4 +1,4 @@
-"""Controls: for each adapter a known-good lock with a case, from `matrices/controls/`.
+"""Read the controls: for each adapter a known-good lock with a case, from `matrices/controls/`.
 
 A control that fails on a machine says that its adapter, or the machine, is at fault: what else fails with the adapter
 there says nothing about packages. `HARNESS_CONTROLS` names another folder of them; set to the empty string, there are
@@ -85,7 +85,7 @@ class ControlsFile(Table, frozen=True, kw_only=True):
 
 
 def folder() -> Path | None:
-    """Where the controls lie: beside the package in a checkout, inside it in a wheel; None for none at all."""
+    """Return the folder of the controls: beside the package in a checkout, inside it in a wheel; None for none."""
     named = os.environ.get(VARIABLE)
     if named is not None:
         return Path(named) if named else None
@@ -96,14 +96,14 @@ def folder() -> Path | None:
 
 @cache
 def read(place: Path) -> ControlsFile:
-    """The controls of a folder. Raises BadInput."""
+    """Return the controls of a folder. Raises BadInput."""
     path = place / FILE
     return schema.load_toml(_text(path), ControlsFile, str(path))
 
 
 @cache
 def _lock(place: Path, name: str) -> Mapping[str, tuple[str, tuple[str, ...]]]:
-    """The lock of a control: name to version and hashes of all files that it allows."""
+    """Return the lock of a control: name to version and hashes of all files that it allows."""
     return locks.pinned(_text(place / f"{name}.txt"))
 
 
@@ -119,7 +119,7 @@ def _text(path: Path) -> str:
 
 
 def wanted(record: CellRecord) -> dict[str, Cell | str]:
-    """The control, as a cell, of each adapter with which something failed after the install; or why there is none."""
+    """Return the control, as a cell, of each adapter with a failure after the install; or why there is none."""
     if not any(case.api and (case.required or _fails(case.phases)) for case in record.cases):
         return {}
     if record.installed is None or record.cell.matrix == MATRIX or unregistered(record) or folder() is None:
@@ -130,7 +130,7 @@ def wanted(record: CellRecord) -> dict[str, Cell | str]:
 
 
 def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
-    """The control of an adapter that speaks for these versions, or why there is none."""
+    """Return the control of an adapter that speaks for these versions, or why there is none."""
     place = folder()
     if place:
         for table in read(place).control:
@@ -142,14 +142,14 @@ def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
 
 
 def possible(cell: Cell, lock: str) -> tuple[Cell, ...]:
-    """The controls that a failure of a cell with this lock (its text) would turn on."""
+    """Return the controls that a failure of a cell with this lock (its text) would turn on."""
     versions = {str(canonicalize_name(name)): version for name, (version, _) in locks.pinned(lock).items()}
     found = (covering(api, versions) for api in dict.fromkeys(case.api for case in cell.cases if case.api))
     return tuple(one for one in found if isinstance(one, Cell))
 
 
 def cells() -> tuple[Cell, ...]:
-    """All controls, as cells."""
+    """Return all controls, as cells."""
     place = folder()
     return tuple(_cell(place, table.id) for table in read(place).control) if place else ()
 
@@ -196,7 +196,7 @@ def _cell(place: Path, name: str) -> Cell:
 
 
 def said(record: CellRecord, lock: str | None) -> ControlRecord:
-    """What the record of a control's cell says of its adapter; `lock` is the text of the lock that it was run with."""
+    """Judge a control's cell and return the control's record; `lock` is the text of the lock that it was run with."""
     name = f"control {record.cell.label}"
     judged = assess(record)
     match judged.verdict:
@@ -216,7 +216,10 @@ def said(record: CellRecord, lock: str | None) -> ControlRecord:
 
 
 def _differs(cell: Cell, text: str) -> str | None:
-    """How a lock differs from the known-good one, which allows more files: those of other machines."""
+    """Return a sentence on the first package that is not as in the known-good lock; None if all are.
+
+    The known-good lock allows more files than a lock has: those of other machines.
+    """
     place = folder()
     known = _lock(place, cell.label) if place else {}
     for name, (version, hashes) in locks.pinned(text).items():

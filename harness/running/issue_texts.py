@@ -1,4 +1,4 @@
-"""The known issues in words, read once for each state of the signature files: checking every pattern takes long."""
+"""Load the known issues in words, read once for each state of the signature files: checking all patterns takes long."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Locks handed to users: a header that says what they are, and beside them the patched wheels that no index has."""
+"""Write locks for users: a header that says what they are, and beside them the patched wheels that no index has."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `simmatrix fetch` brought into a folder, read on a machine without network: matrices, locks, wheels, Pythons.
+"""Read the folder that `simmatrix fetch` filled, on a machine without network: matrices, locks, wheels, Pythons.
 
 The folder is only read, so that many machines can share it. `manifest.json` is written last and names every file with
 its hash; a file is compared with its hash before it is used.
@@ -54,7 +54,7 @@ class FetchedMatrix(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FetchedCell(msgspec.Struct, frozen=True, kw_only=True):
-    """One cell: the Python that its lock is for, the lock, its wheels; `decisive` is why there is none of them.
+    """One cell: the Python that its lock is for, the lock, its wheels; `decisive` is why it has no lock.
 
     `question` marks what was resolved; `complete` is false where the network or this machine got in the way.
     """
@@ -103,7 +103,7 @@ class BuiltWheel:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Answer:
-    """What became of a question: a lock whose wheels lie below the folder, or the step that failed."""
+    """The answer to a question: a lock whose wheels lie below the folder, or the step that failed."""
 
     lock: Lock | None = None
     step: Step | None = None
@@ -115,7 +115,7 @@ class Changed(Exception):
 
 
 def read(folder: Path) -> Manifest:
-    """The manifest of a folder. Raises BadInput where there is none: the fetch did not come to its end."""
+    """Return the manifest of a folder. Raises BadInput if there is none: the fetch did not come to its end."""
     path = folder / MANIFEST
     try:
         content = given_files.read_content(path)
@@ -130,7 +130,7 @@ def read(folder: Path) -> Manifest:
 
 
 def open_folder(folder: Path) -> Fetched:
-    """The layer to run from. Raises BadInput where it is incomplete or for another kind of machine."""
+    """Return the folder to run from. Raises BadInput if it is incomplete or for another kind of machine."""
     manifest = read(folder)
     here = os.uname().machine
     if manifest.architecture != here:
@@ -140,18 +140,18 @@ def open_folder(folder: Path) -> Fetched:
 
 
 def question_mark(cell: Cell) -> str:
-    """Marks what a cell asks, the places apart that packages come from: these differ between machines."""
+    """Return a mark of a cell's question, without the places of packages: these differ between machines."""
     return digest("question", replace(cell.question, index=IndexSettings()))
 
 
 def hash_of(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def request_for(implementation: str, version: str) -> str:
-    """How to ask for exactly this Python."""
+    """Return the request for exactly this Python."""
     name, _, build = implementation.partition("+")
     return ("" if name == "cpython" else name) + version + "t" * (build == "freethreaded")
 
@@ -166,7 +166,7 @@ class Fetched:
     _guard: threading.Lock = field(default_factory=threading.Lock)
 
     def matrix(self, name: str) -> tuple[FetchedMatrix, Path]:
-        """The fetched matrix of a name, or of a file that has to be the same. Raises BadInput."""
+        """Return the fetched matrix of a name, or of a file that has to be the same. Raises BadInput."""
         given = Path(name)
         stem = given.stem if given.suffix == ".toml" else name
         known = {one.name: one for one in self.manifest.matrices}
@@ -184,15 +184,15 @@ class Fetched:
         return found, path
 
     def instant(self, matrix: str) -> str | None:
-        """The instant that a matrix was locked as of."""
+        """Return the instant that a matrix was locked as of."""
         return next((one.instant for one in self.manifest.matrices if one.name == matrix), None)
 
     def seconds(self) -> dict[str, float]:
-        """Recorded seconds of cells, by their ids."""
+        """Return the recorded seconds of cells, by their ids."""
         return {cell: seconds for one in self.manifest.matrices for cell, seconds in one.seconds.items()}
 
     def interpreter(self, cell: Cell) -> Interpreter | str:
-        """The very Python that a cell was locked for, or why the cell cannot be run."""
+        """Return the very Python that a cell was locked for, or why the cell cannot be run."""
         entry = self._entry(cell)
         if entry is None:
             matrix = "MATRIX" if cell.matrix == controls.MATRIX else cell.matrix
@@ -212,9 +212,10 @@ class Fetched:
         return f"its lock is for {entry.implementation} {entry.python}, and {there}{exact}"
 
     def answer(self, cell: Cell) -> tuple[Lock | None, Step]:
-        """The lock of a cell, its wheels named by their paths here, and how it came; or the step that failed.
+        """Return the lock of a cell, its wheels named by their paths here, and how it came; or the step that failed.
 
-        Its requirements go beside the results; as an answer it is not kept, since it holds for this folder only.
+        The lock's requirements are written beside the results. The answer itself is not kept, since it holds for this
+        folder only.
         """
         entry = self._entry(cell)
         if entry is None or entry.answer is None:
@@ -234,7 +235,7 @@ class Fetched:
         return lock, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)
 
     def supply(self, cell: Cell, lock: Lock, interpreter: Interpreter) -> Step | None:
-        """Compare the wheels of a cell with their hashes and hand over what was built; a step where that fails."""
+        """Compare the wheels of a cell with their hashes and hand over built wheels; return a step if that fails."""
         try:
             entry = self._entry(cell)
             built = self._answer(entry.answer or "" if entry else "").built
@@ -252,7 +253,7 @@ class Fetched:
         return None
 
     def sound(self, name: str) -> Path:
-        """The path of a file that is what was fetched; hashed once by a process. Raises Changed."""
+        """Return the path of a file that is as it was fetched; each process hashes it once. Raises Changed."""
         path, wanted = self.folder / name, self.manifest.files.get(name)
         with self._guard:
             if name not in self._sound:
@@ -270,20 +271,20 @@ class Fetched:
         return {one.id: one for one in self.manifest.cells}
 
     def _entry(self, cell: Cell) -> FetchedCell | None:
-        """Return what was fetched of a cell, by its id of today or by that of earlier versions."""
+        """Return the fetched entry of a cell, by its id of today or by that of earlier versions."""
         return self._cells.get(cell.id) or self._cells.get(cellid.older(cell))
 
     def _answer(self, name: str) -> Answer:
         return guarded_files.decoder(Answer).decode(self.sound(name).read_bytes())
 
     def _here(self, pin: Pin) -> Pin:
-        """A pin whose wheel is named by its path; an sdist is not here, its built wheel is handed over instead."""
+        """Return a pin with the path of its wheel; an sdist's pin stays, its built wheel is handed over instead."""
         if not pin.artifact.is_wheel:
             return pin
         return replace(pin, artifact=replace(pin.artifact, source=str(self.folder / pin.artifact.source)))
 
     def _exact(self, implementation: str, version: str) -> Interpreter | str:
-        """This Python, from this machine or unpacked from the folder; else what to do about it."""
+        """Return this Python, from this machine or unpacked from the folder; else what to do about it."""
         request = request_for(implementation, version)
         found = interpreters.obtain(request, offline=True)
         if found is not None:
@@ -299,7 +300,7 @@ class Fetched:
 
 
 def unpack(archive: Path, request: str) -> Interpreter | None:
-    """Put a packed Python among those that the harness looks after, and find it there."""
+    """Put a packed Python among those that the harness looks after, and return it; None if it does not start."""
     folder = interpreters.managed_folder() / archive.name.removesuffix(".tar")
     with exclusive(folder.with_name(f"{folder.name}.lock")):
         if not folder.exists():

@@ -1,4 +1,4 @@
-"""Brings into a folder what cells need: locks, wheels, builds, Pythons; `fetched` reads it where there is no network.
+"""Collect in a folder the locks, wheels, builds and Pythons of cells; `offline_bundle` reads it without network.
 
 A file comes into place whole or not at all and is never changed, the manifest is written last: a fetch that was
 killed goes on where it was, and what an earlier one brought stays valid.
@@ -48,7 +48,10 @@ NOT_RELOCATABLE = "was built or installed on the machine that fetched, and runs 
 
 
 def intact(folder: Path) -> Manifest | None:
-    """What an earlier fetch brought and is still as it was; what is not is forgotten, and its files removed."""
+    """Return the manifest of an earlier fetch, without the parts that changed since; None if there is none.
+
+    Files that are no longer as they were fetched are removed.
+    """
     for leftover in folder.glob("wheels/*/tmp*"):
         leftover.unlink()
     if not (folder / offline_bundle.MANIFEST).exists():
@@ -125,7 +128,7 @@ class Bringing:
         return tuple(self._python(implementation, version) for implementation, version in sorted(wanted))
 
     def _resolved(self, record: CellRecord) -> _Resolved:
-        """What became of a cell, its sdists built."""
+        """Build a cell's sdists and return the cell with its lock, or with the step or reason why it has none."""
         interpreter = interpreters.obtain(record.cell.python)
         if record.unavailable or interpreter is None or record.resolve is None:
             return _Resolved(record=record, reason=record.unavailable or interpreters.hint(record.cell.python))
@@ -176,7 +179,10 @@ class Bringing:
         return msgspec.structs.replace(entry, answer=answer, lock=lock_file, wheels=tuple(sorted(files)))
 
     def _failed(self, entry: FetchedCell, step: Step | None) -> FetchedCell:
-        """A cell without a lock: what the packages are at fault for is an answer, another day's trouble is none."""
+        """Return the entry of a cell without a lock.
+
+        A fault of the packages is kept as an answer. Another day's trouble is none: the entry is then incomplete.
+        """
         told = step.decisive if step else None
         if step is None or step.outcome not in {Outcome.FAILED, Outcome.UNAVAILABLE}:
             return msgspec.structs.replace(entry, decisive=told, complete=False)
@@ -191,7 +197,7 @@ class Bringing:
         return name
 
     def _download(self, wanted: Sequence[tuple[Artifact, IndexSettings]]) -> dict[str, str]:
-        """Bring files that are not there; returns why not, by the hash of each that could not be had."""
+        """Bring files that are not there; return why not, by the hash of each that could not be had."""
         missing = [(artifact, settings) for artifact, settings in wanted if not self._has(artifact)]
         download_notice.announce([artifact for artifact, _ in missing], frozenset())
         todo: SimpleQueue[tuple[Artifact, IndexSettings]] = SimpleQueue()
@@ -226,7 +232,10 @@ class Bringing:
                 self.say(f"{number(len(sizes), 'file')} under way, {sum(sizes) / 1e6:.0f} MB of them here")
 
     def _has(self, artifact: Artifact) -> bool:
-        """Whether the file is there; one that is, but is another, goes: what no manifest names was never compared."""
+        """Return whether the file is there; remove a file with another hash.
+
+        A file that no manifest names was never compared before.
+        """
         path = self.folder / _place(artifact)
         if path.exists() and offline_bundle.hash_of(path) != artifact.sha256:
             path.unlink()
@@ -246,7 +255,7 @@ class Bringing:
 
 
 def pack(folder: Path, target: Path) -> int:
-    """Write a folder as a tar file, whole or not at all; returns its size in bytes."""
+    """Write a folder as a tar file, whole or not at all; return its size in bytes."""
     target.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".making-") as making:
         path = Path(making) / target.name
@@ -275,13 +284,13 @@ def _fetch_all(
 
 
 def _portable(pin: Pin) -> Pin:
-    """A pin that names its wheel by its place in the folder, and of an sdist nothing but its name."""
+    """Return a pin that names its wheel by its place in the folder, and of an sdist nothing but its name."""
     source = _place(pin.artifact) if pin.artifact.is_wheel else pin.artifact.filename
     return replace(pin, artifact=replace(pin.artifact, source=source))
 
 
 def _place(wheel: Artifact) -> str:
-    """Where a wheel lies: `index.fetch` names it so."""
+    """Return the place of a wheel below the folder, as `index.fetch` names it."""
     return f"wheels/{wheel.sha256[:16]}/{wheel.filename}"
 
 

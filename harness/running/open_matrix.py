@@ -1,4 +1,4 @@
-"""From the name of a matrix to its plan: the file, its expansion, the instant that its locks are made as of."""
+"""Turn the name of a matrix into its plan: the file, its expansion, the instant that its locks are made as of."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ REUSED_FOR_HOURS = 24.0
 
 
 def built_in() -> dict[str, Path]:
-    """The matrices that come with the harness."""
+    """Return the matrices that come with the harness, by name."""
     return {path.stem: path for path in sorted(_matrices().glob("*.toml"))}
 
 
 def recipes(folder: Path) -> dict[str, tuple[Repair, ...]]:
-    """How packages are repaired, by name: recipes in `overlays/` beside a matrix go before those of the harness."""
+    """Return the repairs of packages by name; recipes in `overlays/` beside a matrix go before those of the harness."""
     files = [path for place in (_matrices(), folder) for path in sorted((place / OVERLAYS).glob("*.toml"))]
     found = [overlay_recipes.read(_text(path), str(path)) for path in files]
     return {made[0].name: made for made in found}
 
 
 def _matrices() -> Path:
-    """Where matrices lie: beside the package in a checkout, inside it in a wheel."""
+    """Return the folder of the matrices: beside the package in a checkout, inside it in a wheel."""
     folders = (PACKAGE / "matrices", PACKAGE.parent / "matrices")
     return next((folder for folder in folders if folder.is_dir()), folders[0])
 
@@ -84,9 +84,9 @@ def load(
 def dated(
     planned: Plan, store: Store, *, renew: bool = False, fetched: Fetched | None = None, offline: bool = False
 ) -> Plan:
-    """The plan with an instant in every question: the matrix's own, else that of its first lock, which is kept.
+    """Return the plan with an instant in every question: the matrix's own, else that of its first lock, which is kept.
 
-    Subjects are looked at: a cell is one of the package as it stands now.
+    Subjects are looked at: a cell tests the package as it stands now.
     """
     planned = _with_subjects(planned, partial(_settled, offline=offline))
     if all(cell.question.snapshot for cell in planned.cells):
@@ -97,12 +97,12 @@ def dated(
 
 
 def as_of(planned: Plan, instant: str) -> Plan:
-    """The plan with this instant in every question that has none."""
+    """Return the plan with this instant in every question that has none."""
     return _with_questions(planned, lambda question: replace(question, snapshot=question.snapshot or instant))
 
 
 def files(name: str) -> dict[str, Path]:
-    """All files that a plan is made of, the matrix first, by their paths relative to its folder."""
+    """Return all files that a plan is made of, the matrix first, by their paths relative to its folder."""
     path = locate(name)
     matrix = matrix_file.read(_text(path), str(path))
     expanded = _expanded(path)
@@ -114,7 +114,7 @@ def files(name: str) -> dict[str, Path]:
 
 
 def locate(name: str) -> Path:
-    """The file of a matrix, given as a path or as the name of a built-in one."""
+    """Return the file of a matrix, given as a path or as the name of a built-in matrix. Raises BadInput."""
     path = Path(name)
     if path.suffix == ".toml":
         return path
@@ -130,14 +130,18 @@ def locate(name: str) -> Path:
 
 
 def _text(path: Path, place: str | None = None) -> str:
-    """The text of a file, which `place` in a matrix asks for."""
+    """Return the text of a file, which `place` in a matrix asks for."""
     return given_files.read_text(path, f"{place}: {path}" if place else "")
 
 
 def _expansion(
     matrix: Matrix, path: Path, say: Callable[[str], None], *, offline: bool, renew: bool
 ) -> Expansion | None:
-    """The committed expansion; made now where there is none, kept where it has ranges (a choice is kept once made)."""
+    """Return the committed expansion, or make it now; None if the matrix needs none.
+
+    A new expansion is written if it has ranges; a choice is written once it is made. Raises CouldNotTell where the
+    index is needed and `offline` forbids it.
+    """
     file = _expanded(path)
     if not matrix.expands:
         return None
@@ -168,7 +172,7 @@ def _expanded(path: Path) -> Path:
 
 
 def _chosen(known: plan.Candidates, expanded: Expansion, ask: plan.Ask, say: Callable[[str], None]) -> Expansion:
-    """The expansion with the combinations that a covering strategy chose of those that resolve."""
+    """Write and return the expansion with the combinations that a covering strategy chose of those that resolve."""
     file = _expanded(Path(known.matrix.path))
     made = msgspec.structs.replace(expanded, chosen=plan.choose(known, ask, say))
     write_atomic(file, version_ranges.text_of(made).encode())
@@ -177,7 +181,7 @@ def _chosen(known: plan.Candidates, expanded: Expansion, ask: plan.Ask, say: Cal
 
 
 def _asked(ask: plan.Ask, matrix: Matrix, folder: Path, cells: Sequence[Cell]) -> list[str | None]:
-    """Ask with index settings and subject as the cells of a plan have them."""
+    """Resolve cells with the index settings and the subject that the cells of a plan have."""
     index = _located(plan.index_settings(matrix), folder)
     planned = _with_subjects(Plan(matrix=matrix.name, cells=tuple(cells)), partial(_placed, matrix, folder))
     planned = _with_subjects(planned, _settled)
@@ -195,13 +199,16 @@ def _host() -> str:
 
 
 def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
-    """Settings whose folders of files are found from anywhere: the file names them as seen from its own folder."""
+    """Return settings whose folders of files are found from anywhere: the file names them from its own folder."""
     links = tuple(link if "://" in link else str((folder / link).absolute()) for link in settings.find_links)
     return replace(settings, find_links=links)
 
 
 def _placed(matrix: Matrix, folder: Path, subject: Subject) -> Subject:
-    """The subject as it is found from anywhere, its extras and groups known ones where its pyproject tells them."""
+    """Return the subject as it is found from anywhere.
+
+    Raises BadInput if its pyproject does not have one of its extras and groups.
+    """
     from harness.packages import package_under_test  # noqa: PLC0415 - start-up
 
     located = replace(subject, source=package_under_test.located(subject.source, folder))
@@ -226,7 +233,7 @@ def _check_names(matrix: Matrix, what: str, names: Sequence[str], known: Sequenc
 
 
 def _with_subjects(planned: Plan, change: Callable[[Subject], Subject]) -> Plan:
-    """The plan with each subject changed; equal ones are changed once, and stay one object."""
+    """Return the plan with each subject changed; equal subjects are changed once, and stay one object."""
     made: dict[Subject, Subject] = {}
     cells = []
     for cell in planned.cells:
@@ -237,7 +244,7 @@ def _with_subjects(planned: Plan, change: Callable[[Subject], Subject]) -> Plan:
 
 
 def _with_questions(planned: Plan, change: Callable[[Question], Question]) -> Plan:
-    """The plan with each question changed; equal questions stay one object."""
+    """Return the plan with each question changed; equal questions stay one object."""
     distinct = {id(cell.question): cell.question for cell in planned.cells}
     made = {key: change(question) for key, question in distinct.items()}
     return replace(planned, cells=tuple(replace(cell, question=made[id(cell.question)]) for cell in planned.cells))

@@ -1,7 +1,7 @@
-"""The subject's own pytest suite, run beside a cell: in an environment of its own, on a clean copy of the source.
+"""Run the subject's own pytest suite beside a cell: in an environment of its own, on a clean copy of the source.
 
-The environment holds the cell's packages at the cell's versions and what the tests need besides, so that the cell
-itself stays pure. The package is met as it was installed: what it is made of is taken out of the copy.
+The environment holds the cell's packages at the cell's versions and the other packages that the tests need, so that the
+cell itself stays pure. The tests import the package as it was installed: its modules are removed from the copy.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ HOST = re.compile(r' hostname="[^"]*"')
 
 
 def question(asked: Question, lock: Lock, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
-    """What is to be resolved for a suite: the cell's question, what the tests need, and every pin of the cell.
+    """Return the question to resolve for a suite: the cell's question, the needs of the tests, every pin of the cell.
 
     Raises BadInput for an extra or a group that the subject does not have, or a requirement that is the subject.
     """
@@ -72,7 +72,7 @@ def question(asked: Question, lock: Lock, subject: Subject, known: Ready, interp
 
 
 def moved(lock: Lock, other: Lock) -> str | None:
-    """Which packages of the cell the tests' lock holds at other versions, in words; None where all stand."""
+    """Return a sentence on packages that the tests' lock has at other versions than the cell's; None for none."""
     found = other.versions
     names = [name for name, version in lock.versions.items() if found.get(name) != version]
     told = [f"{name} {found.get(name, 'gone')} instead of {lock.versions[name]}" for name in names]
@@ -104,7 +104,7 @@ def not_run(decisive: str, step: Step) -> PhaseRecord:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bench:
-    """All that a run of a suite takes; `places` maps this machine's folders to their names in evidence."""
+    """Everything that a run of a suite needs; `places` maps this machine's folders to their names in evidence."""
 
     subject: Subject
     known: Ready
@@ -115,7 +115,7 @@ class Bench:
 
     @property
     def suite(self) -> Suite:
-        """How it is to be run."""
+        """Return the suite's settings."""
         return self.subject.suite or Suite()
 
     def measure(self, request: Request, key: str) -> str:
@@ -203,7 +203,11 @@ def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
 
 
 def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, str | None, Mapping[str, str]]:
-    """Run it at its display, if it has one: how it ended, how the display did, and what evidence calls that."""
+    """Run a command at its display, if it has one.
+
+    Return how the command ended, how the display ended (None if it lasted), and the names that evidence uses for the
+    display.
+    """
     try:
         with display.shown(command, scratch / "display") as seen:
             return process.run(seen.command), seen.lost(), seen.places
@@ -212,7 +216,7 @@ def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, 
 
 
 def without(source: Path, known: Ready) -> None:
-    """Take what was installed out of the copy, so that it cannot be met there."""
+    """Remove the installed modules from the copy, so that the tests cannot import them there."""
     for base in {source, source / "src", source / "lib", *_holding(source, known.path)}:
         for module in known.modules:
             if (base / module).is_dir():
@@ -221,7 +225,7 @@ def without(source: Path, known: Ready) -> None:
 
 
 def _holding(source: Path, wheel: Path) -> list[Path]:
-    """Folders of the copy that hold most of the wheel's modules as they are in it, wherever the project keeps them."""
+    """Return the folders of the copy that hold most of the wheel's modules unchanged, wherever these are kept."""
     with zipfile.ZipFile(wheel) as archive:
         packed = {
             info.filename: (info.file_size, info.CRC)
@@ -241,7 +245,7 @@ def _holding(source: Path, wheel: Path) -> list[Path]:
 
 
 def _text(left: Folder, name: str) -> str:
-    """A file that a cell wrote, as far as it is read at all; one that is too long is not."""
+    """Return the text of a file that a cell wrote; empty if it cannot be read or is too long."""
     try:
         content = left.head(name, MOST_REPORT + 1)
     except Unreadable:

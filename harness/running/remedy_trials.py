@@ -1,4 +1,4 @@
-"""Remedies of known failures that nobody has tried yet on the cells that have these failures, as cells to be run."""
+"""Make cells that try a remedy of a known failure, where nobody has tried it yet on a cell with that failure."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ Recipes = Mapping[str, tuple[Repair, ...]]
 
 
 def untried(cells: Sequence[Cell], assessed: Iterable[Assessed], recipes: Callable[[], Recipes]) -> Iterator[Cell]:
-    """Red cells with their remedies applied, the deepest cause first; of cells that ask the same, one for each cause.
+    """Yield red cells with their remedies applied, the deepest cause first.
 
-    `cells` are all that are planned, of which some may be such a cell already.
+    Of cells that ask the same there is one for each cause. `cells` are all that are planned; some may be such a cell
+    already.
     """
     tried: dict[str, list[Cell]] = {}
     for cell in cells:
@@ -39,7 +40,7 @@ def untried(cells: Sequence[Cell], assessed: Iterable[Assessed], recipes: Callab
 
 
 def _made(cell: Cell, signature: Signature, change: Change, recipes: Recipes) -> Cell | None:
-    """The cell with the remedy; None where the remedy is not to be had, or leaves it as it is."""
+    """Return the cell with the remedy; None if the remedy is not to be had, or leaves the cell as it is."""
     try:
         made = changes.applied(cell, change, recipes)
     except ValueError:
@@ -52,7 +53,7 @@ def _made(cell: Cell, signature: Signature, change: Change, recipes: Recipes) ->
 
 
 def beside(plan: Plan, more: Iterable[Cell]) -> Plan:
-    """The plan with these cells of its matrix, each behind the one that it was made of."""
+    """Return the plan with these cells of its matrix, each behind the cell that it was made of."""
     found: dict[str, list[Cell]] = {}
     for cell in more:
         found.setdefault(cell.base or "", []).append(cell)

@@ -1,4 +1,4 @@
-"""Many questions at once, asked for nothing but whether they resolve."""
+"""Resolve many questions at once, only to learn whether they resolve."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from harness.running import scheduler
 
 
 class Unobserved:
-    """Tells nobody: whoever asks tells how many questions there are."""
+    """An observer that reports nothing: the caller reports how many questions there are."""
 
     def started(self, cell: Cell) -> None:
         """Say nothing."""
@@ -31,10 +31,10 @@ class Unobserved:
 
 
 def asking(store: Store, settings: scheduler.Settings) -> Ask:
-    """A function that resolves cells, several at a time, and keeps the locks for the run to come.
+    """Return a function that resolves cells, several at a time, and keeps the locks for the run to come.
 
-    Its answers say why there is no lock, None where there is one, or where this machine cannot tell (no such Python),
-    or where a build failed: those are for the run to measure. A trouble of the network is CouldNotTell.
+    Its answers say why there is no lock. An answer is None if there is a lock, if this machine cannot tell (no such
+    Python), or if a build failed: those are for the run to measure. A trouble of the network is CouldNotTell.
     """
     sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
     runner = scheduler.Runner(store, settings, Unobserved())

@@ -1,4 +1,4 @@
-"""Cells split into shards of about equal time, the same split wherever it is computed.
+"""Split cells into shards of about equal time, the same way wherever that is computed.
 
 Seconds come from a committed report only, never from what this machine has measured.
 """
@@ -34,7 +34,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """From `I/N`. Raises ValueError with a sentence."""
+        """Return the shard that `I/N` names. Raises ValueError with a sentence."""
         match = re.fullmatch(r"(\d+)/(\d+)", text)
         if match is None:
             message = f"{text!r} is no shard; write I/N, which one of how many, as in 2/4"
@@ -53,7 +53,7 @@ class Shard:
 
 
 def recorded(document: Document) -> dict[str, float]:
-    """Seconds of each cell that was run, by its id; of one measured on several machines the most."""
+    """Return the seconds of each cell that was run, by its id; the most of a cell measured on several machines."""
     seconds: dict[str, float] = {}
     for cell in document.cells:
         if cell.seconds > 0:
@@ -85,7 +85,7 @@ def split(cells: Sequence[Cell], count: int, seconds: Mapping[str, float]) -> tu
 
 
 def _groups(cells: Sequence[Cell]) -> Iterable[list[int]]:
-    """Places of cells with the same question and Python."""
+    """Return the places of cells, grouped by the same question and Python."""
     marks: dict[int, bytes] = {}
     groups: dict[tuple[bytes, str], list[int]] = {}
     for place in sorted(range(len(cells)), key=lambda place: cells[place].id):
@@ -98,7 +98,7 @@ def _groups(cells: Sequence[Cell]) -> Iterable[list[int]]:
 
 
 def _parts(group: list[int], cost: Sequence[float], fair: float) -> Iterable[list[int]]:
-    """The group, or pieces of it of at most a fair part each (or of one cell)."""
+    """Yield the group, or pieces of it of at most a fair part each (or of one cell)."""
     part: list[int] = []
     load = 0.0
     for place in group:

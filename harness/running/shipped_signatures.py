@@ -1,4 +1,4 @@
-"""Known failures: the signatures that come with the harness, from `matrices/signatures/`.
+"""Read the known failures: the signatures that come with the harness, from `matrices/signatures/`.
 
 `HARNESS_SIGNATURES` names another folder of them; set to the empty string, nothing is known.
 """
@@ -26,7 +26,7 @@ KEPT = (".log", ".txt", ".jsonl")
 
 
 def known() -> tuple[Signature, ...]:
-    """All signatures. Raises BadInput."""
+    """Return all signatures. Raises BadInput."""
     place = folder()
     return _read(place) if place else ()
 
@@ -40,7 +40,7 @@ def _read(place: Path) -> tuple[Signature, ...]:
 
 
 def silent() -> tuple[Signature, ...]:
-    """Return the silent ones, without reading the others: a green result is compared with nothing else."""
+    """Return the silent signatures without reading the others: a green result is compared with nothing else."""
     place = folder()
     return _read_silent(place) if place else ()
 
@@ -63,7 +63,7 @@ def _text(path: Path) -> str:
 
 
 def beside(state: Path) -> Knowledge:
-    """What failures are compared with, their logs lying below the state folder."""
+    """Return the knowledge that failures are compared with; their logs lie below the state folder."""
     return Knowledge(
         signatures=known,
         logs=lambda path: texts(state / path),
@@ -82,7 +82,7 @@ MOST_TEXT = 64 << 20
 
 
 def texts(place: Path) -> dict[str, str]:
-    """The texts of a log file, or of a folder of evidence, by name; none where it is gone."""
+    """Return the texts of a log file, or of a folder of evidence, by name; none where it is gone."""
     files = sorted(place.iterdir()) if place.is_dir() else [place]
     return {path.name: _bounded(path) for path in files if path.suffix in KEPT and path.is_file()}
 

@@ -1,4 +1,4 @@
-"""Finds the folder of the known issues: `matrices/signatures/`, or the one that `HARNESS_SIGNATURES` names."""
+"""Find the folder of the known issues: `matrices/signatures/`, or the folder that `HARNESS_SIGNATURES` names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ FOLDER = "signatures"
 
 
 def folder() -> Path | None:
-    """Return the folder, beside the package in a checkout, inside it in a wheel; None where nothing is to be known."""
+    """Return the folder, beside the package in a checkout, inside it in a wheel; None where there is none."""
     named = os.environ.get(VARIABLE)
     if named is not None:
         return Path(named) if named else None
@@ -20,6 +20,6 @@ def folder() -> Path | None:
 
 
 def files() -> tuple[Path, ...]:
-    """Return the files that they stand in."""
+    """Return the files of the known issues."""
     place = folder()
     return tuple(sorted(place.glob("*.toml"))) if place else ()

@@ -1,4 +1,4 @@
-"""Gives xdist's workers cells by environment: what shares one is made, and warmed, by one worker.
+"""Distribute cells over xdist's workers by environment: one worker makes and warms it, and runs all its cells.
 
 A scheduler of our own, since a mark reaches xdist's only as a change to node ids, which pytest 9.2 no longer takes;
 so ids are the same with and without workers, too.
@@ -24,7 +24,7 @@ Group = Callable[[Iterable[Cell]], Mapping[str, str]]
 
 
 class ByEnvironment(LoadGroupScheduling):  # type: ignore[misc]  # xdist has no types
-    """Locks the cells that the workers collected, then hands them out by the environment that their lock becomes."""
+    """A scheduler that locks the collected cells, then hands them out by the environment that their lock becomes."""
 
     def __init__(self, config: pytest.Config, log: Any, cells: Iterable[Cell], group: Group) -> None:
         super().__init__(config, log)
@@ -41,7 +41,7 @@ class ByEnvironment(LoadGroupScheduling):  # type: ignore[misc]  # xdist has no 
         super().schedule()
 
     def cell_of(self, nodeid: str) -> str | None:
-        """The cell of an item: of ours by its place, of a user's function by its parameter."""
+        """Return the cell id of an item, if any: of our items by place, of a user's function by its parameter."""
         place, _, name = nodeid.partition("::")
         if place in self.cells:
             return place
@@ -54,7 +54,7 @@ class ByEnvironment(LoadGroupScheduling):  # type: ignore[misc]  # xdist has no 
 
 
 def by_environment(runner: Runner, cells: Iterable[Cell]) -> dict[str, str]:
-    """Lock the cells, as far as `runner` goes; those that are installed alike get the same name."""
+    """Lock the cells, as far as `runner` goes. Return group names by cell id: cells that install alike share one."""
 
     def group(cell: Cell) -> str:
         try:

@@ -1,4 +1,4 @@
-"""The plugin of a session with a matrix: plans before anything is collected, keeps and reports what was measured."""
+"""The plugin for sessions with a matrix: it plans before collection, then stores and reports the results."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ INPUT, FACTS, RECORD = "simmatrix_plan", "simmatrix_facts", "simmatrix_record"
 
 
 class Face:
-    """Everything that the suite hooks into. A worker has its plan from the controller and reads no matrix."""
+    """The pytest hooks of the suite. A worker gets its plan from the controller and reads no matrix."""
 
     frozen: frozen.Frozen
     measuring: Measuring
@@ -48,7 +48,7 @@ class Face:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionstart(self) -> None:
-        """Plan, before workers are started; what is wrong with the matrix is pytest's usage error."""
+        """Plan before workers are started. A mistake in the matrix raises pytest's UsageError."""
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         if self.worker:
             self.frozen = frozen.decode(self.config.workerinput[INPUT])  # type: ignore[attr-defined]
@@ -64,7 +64,7 @@ class Face:
         self._take_chosen()
 
     def _take_chosen(self) -> None:
-        """Let node ids of the suite be arguments as pytest prints them, or printed them, though they name no file."""
+        """Accept node ids of the suite as arguments, also those of earlier versions, though they name no file."""
         known = {name: cell.id for cell in self.frozen.cells for name in (cellid.older(cell), cell.id)}
         named = {given: given.partition("::") for given in self.config.args}
         chosen = {given: known[name] + sign + rest for given, (name, sign, rest) in named.items() if name in known}
@@ -80,7 +80,7 @@ class Face:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Any) -> Any:
-        """What shares an environment goes to one worker."""
+        """Return the scheduler that gives cells with one environment to one worker. None for another `--dist`."""
         if config.getoption("dist") != "loadgroup":
             return None
         from harness.smoke import distribute  # noqa: PLC0415 - xdist may be absent
@@ -91,19 +91,19 @@ class Face:
         )
 
     def pytest_report_header(self) -> list[str]:
-        """What the plan came to."""
+        """Return the header lines: the number of cells of each matrix, then notes of the planning."""
         return [f"simmatrix: {plan.matrix}: {len(plan.cells)} cells" for plan in self.frozen.plans] + self.told
 
     # --- items -------------------------------------------------------------------------------------------------
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collect_directory(self, path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-        """The folder of this package stands for the matrices."""
+        """Return the suite of the matrices for the folder of this package, None for any other folder."""
         ours = path.name == FOLDER.name and path.samefile(FOLDER)
         return tree.Suite.from_parent(parent, path=path) if ours else None
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
-        """Run a function of the user that asks for our `cell`, or `env`, once for each."""
+        """Run a user's function that asks for our fixture `cell` or `env` once for each of them."""
         if not _ours(metafunc, "cell"):
             return
         if _ours(metafunc, "env"):
@@ -121,7 +121,7 @@ class Face:
         item.extra_keyword_matches.update(cellid.older(cell) for cell in found if isinstance(cell, Cell))
 
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        """Of the suite only what was named, where node ids were."""
+        """Keep only the named items of the suite, if node ids were given."""
         if not self.chosen:
             return
         left = [item for item in items if isinstance(item, tree.Told) and not _within(item.nodeid, self.chosen)]
@@ -131,14 +131,14 @@ class Face:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_finish(self, session: pytest.Session) -> None:
-        """Know what is wanted of each case before the first is run."""
+        """Determine the wanted phases of each case before the first item runs."""
         self.measuring = Measuring(self.frozen, tree.selection(session.items), worker=self.worker)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Let the report carry what the controller wants to know."""
+        """Attach the facts and the record of a cell to the report, for the controller. Correct its duration."""
         report = yield
         if call.when == "call" and isinstance(item, tree.Told):
             report.duration = item.seconds
@@ -150,7 +150,7 @@ class Face:
         return report
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Collect what was learnt, from this process and from workers."""
+        """Collect the facts and records of reports, from this process and from workers."""
         facts = dict(getattr(report, FACTS, {}))
         record = getattr(report, RECORD, None)
         if self.worker or not facts:
@@ -164,7 +164,7 @@ class Face:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_sessionfinish(self, session: pytest.Session) -> Generator[None]:
-        """Keep the records of cells that were measured in full, report them, and part the JUnit file by cells."""
+        """Store and report the records of cells that were measured in full, and split the JUnit file by cell."""
         yield
         if self.worker or session.config.getoption("collectonly"):
             return

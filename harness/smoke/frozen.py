@@ -26,17 +26,17 @@ class Frozen:
     verify: bool = False
 
     def settings(self, until: Phase = CASE_PHASES[-1]) -> Settings:
-        """As the scheduler wants them."""
+        """Return the settings of the scheduler, up to a phase."""
         return Settings(until=until, fresh=self.fresh, offline=self.offline, verify=self.verify)
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """The cells of all matrices, in their order."""
+        """Return the cells of all matrices, in their order."""
         return tuple(cell for plan in self.plans for cell in plan.cells)
 
     @property
     def store(self) -> Store:
-        """Where results are kept, the same for all workers."""
+        """Return the store of the results, the same for all workers."""
         return Store(Path(self.state))
 
 
@@ -51,7 +51,7 @@ def freeze(
 ) -> Frozen:
     """Plan the matrices as `run` does: expanded, and with the instant that their locks are made as of.
 
-    What is only `listed` is planned from files alone.
+    With `listed`, plan from files alone and set no instant.
     """
     planned = [open_matrix.load(name, say, offline=offline or listed) for name in matrices]
     select_cells.check_distinct(planned)
@@ -62,10 +62,10 @@ def freeze(
 
 
 def encode(frozen: Frozen) -> str:
-    """As text for a worker."""
+    """Encode a plan as text for a worker."""
     return msgspec.json.encode(frozen).decode()
 
 
 def decode(text: str) -> Frozen:
-    """What the controller wrote."""
+    """Decode the plan that the controller encoded."""
     return msgspec.json.decode(text, type=Frozen)

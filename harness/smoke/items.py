@@ -1,4 +1,4 @@
-"""The matrix as a tree of pytest's: cell, case, phase; each cell ends with its verdict."""
+"""The matrix as a tree of pytest items: cell, case, phase. Each cell ends with its verdict."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from harness.smoke.measuring import STEPS, Measuring, Selection, has_suite
 
 
 class Session(Protocol):
-    """What an item sees of the plugin: the plan, and who measures."""
+    """The part of the plugin that items use: the plan, and the measurements."""
 
     frozen: Frozen
     measuring: Measuring
@@ -42,20 +42,23 @@ MARKERS = {
 
 
 class NotAsExpected(Exception):
-    """Why an item failed; shown without a traceback, which would be of our own code."""
+    """The failure of an item, shown without a traceback, which would be of our own code."""
 
 
 class Told(pytest.Item):
-    """An item that measures, and tells pytest how that ended. `seconds` are those of what it stands for."""
+    """An item that measures, and reports the outcome to pytest. `seconds` is the duration of its own part."""
 
     seconds = 0.0
 
     def measured(self) -> Ended:
-        """How it ended."""
+        """Measure, and return the outcome. Subclasses implement it."""
         raise NotImplementedError
 
     def _ended(self) -> Ended:
-        """As measured; trouble of this machine says nothing about packages, and what is no bug has no traceback."""
+        """Measure, and return the outcome; errors become outcomes, and only bugs keep their traceback.
+
+        Trouble of this machine is inconclusive: it says nothing about packages.
+        """
         try:
             return self.measured()
         except CouldNotTell as error:
@@ -69,7 +72,7 @@ class Told(pytest.Item):
             return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: {machine}")
 
     def runtest(self) -> None:
-        """Measure, and tell pytest."""
+        """Measure, and report the outcome to pytest."""
         measuring, began = self.config.stash[SESSION].measuring, monotonic()
         before = measuring.credit
         ended = self._ended()
@@ -87,12 +90,12 @@ class Told(pytest.Item):
                 raise NotAsExpected("\n".join(filter(None, (ended.text, place))))
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """It lies in no file; the place in its node id takes the file's part."""
+        """Return the place of the item. It lies in no file, so the place in its node id stands for one."""
         place, *names = self.nodeid.split("::")
         return self.config.rootpath / place, None, " ".join((place, *names))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """What was measured, without a traceback; a bug of ours keeps its own."""
+        """Return the text of a failure without a traceback. A bug of ours keeps its own."""
         if not isinstance(excinfo.value, NotAsExpected):
             return super().repr_failure(excinfo, style)
         told = excinfo.getrepr(style="value")
@@ -102,7 +105,7 @@ class Told(pytest.Item):
 
 
 class CellItem(Told):
-    """An item of a cell. `facts` are what it learnt of the cell, `record` is all that was measured of it."""
+    """An item of a cell. `facts` describe the cell as measured, `record` is its full record (verdict items only)."""
 
     def __init__(self, *, cell: Cell, case: Case | None = None, phase: Phase | None = None, **rest: Any) -> None:
         super().__init__(**rest)
@@ -113,16 +116,16 @@ class CellItem(Told):
         self.user_properties.append((junit.CELL, cell.id))
 
     def told_of(self, record: CellRecord) -> dict[str, str]:
-        """What a reader of the items wants to know of the cell."""
+        """Return the facts of a record for reports: machine, Python, hash of the lock, key of the environment."""
         known = {"machine": record.machine, "python": record.python, "lock_sha256": record.lock_sha256}
         return {name: value for name, value in {**known, "environment": record.key}.items() if value}
 
 
 class StepItem(CellItem):
-    """Resolve, or install."""
+    """The item of a cell's step: resolve or install."""
 
     def measured(self) -> Ended:
-        """How the step ended."""
+        """Run the step, and return its outcome."""
         measuring = self.config.stash[SESSION].measuring
         assert self.phase
         record = measuring.steps(self.cell)
@@ -135,7 +138,7 @@ class PhaseItem(CellItem):
     """One phase of one case."""
 
     def measured(self) -> Ended:
-        """How the phase ended."""
+        """Measure the case, and return the outcome of the phase."""
         measuring = self.config.stash[SESSION].measuring
         assert self.case
         assert self.phase
@@ -146,10 +149,10 @@ class PhaseItem(CellItem):
 
 
 class SuiteItem(CellItem):
-    """The own suite of the package under test."""
+    """The item of the package's own test suite."""
 
     def measured(self) -> Ended:
-        """How the suite ended."""
+        """Run the suite, and return its outcome."""
         measuring = self.config.stash[SESSION].measuring
         assert self.phase
         record = measuring.suite(self.cell)
@@ -160,10 +163,10 @@ class SuiteItem(CellItem):
 
 
 class VerdictItem(CellItem):
-    """The cell as a whole against what was expected of it."""
+    """The item that compares the whole cell with its expectation."""
 
     def measured(self) -> Ended:
-        """How the cell is judged."""
+        """Measure and judge the whole cell, and return the outcome."""
         measuring = self.config.stash[SESSION].measuring
         self.record = measuring.whole(self.cell)
         found = assess(self.record, shipped_signatures.beside(measuring.store.folder), store.now())
@@ -172,7 +175,7 @@ class VerdictItem(CellItem):
 
 
 class ExpectationItem(Told):
-    """Expectations of a matrix that match no cell."""
+    """The item for expectations of a matrix that match no cell."""
 
     def __init__(self, *, plan: Plan, **rest: Any) -> None:
         super().__init__(**rest)
@@ -180,7 +183,7 @@ class ExpectationItem(Told):
         self.add_marker(EXPECTATIONS)
 
     def measured(self) -> Ended:
-        """Stale, as everyone can read in the matrix file."""
+        """Return a failure that lists the stale expectations, without measuring."""
         return Ended(kind=Kind.FAILED, text="\n".join(self.plan.stale))
 
 
@@ -191,7 +194,7 @@ class Suite(pytest.Directory):
     """All cells of all matrices."""
 
     def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
-        """The cells, in the order of the plan."""
+        """Yield the cells in the order of the plan, then an item for the stale expectations of each matrix."""
         for plan in self.config.stash[SESSION].frozen.plans:
             for cell in plan.cells:
                 yield CellNode.from_parent(self, name=cell.id, nodeid=cell.id, cell=cell)
@@ -210,7 +213,7 @@ class CellNode(pytest.Collector):
         self.extra_keyword_matches.add(cellid.older(cell))
 
     def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
-        """What every cell goes through, its cases, its verdict."""
+        """Yield the steps of the cell, its cases, its suite if it has one, and its verdict."""
         for phase in sorted(STEPS, key=list(Phase).index):
             yield StepItem.from_parent(self, name=phase.value, cell=self.cell, phase=phase)
         for case in self.cell.cases:
@@ -228,14 +231,14 @@ class CaseNode(pytest.Collector):
         self.cell, self.case = cell, case
 
     def collect(self) -> Iterator[pytest.Item]:
-        """The phases that checks were asked of."""
+        """Yield an item for each phase in which the case has checks."""
         asked = {phase_of(check) for check in self.case.checks}
         for phase in (phase for phase in CASE_PHASES if phase in asked):
             yield PhaseItem.from_parent(self, name=phase.value, cell=self.cell, case=self.case, phase=phase)
 
 
 def selection(items: Sequence[pytest.Item]) -> Selection:
-    """What the items of a session are about."""
+    """Return the phases that have items in a session, and the cells that it judges."""
     shown: dict[tuple[str, str], frozenset[Phase]] = {}
     for item in items:
         if isinstance(item, CellItem) and item.phase:

@@ -1,4 +1,4 @@
-"""From what was measured to what pytest is told: pure functions."""
+"""Turn measured records into outcomes for pytest: pure functions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
 
 
 class Kind(StrEnum):
-    """How an item ends in pytest's words; `inconclusive` fails and says so first."""
+    """The outcome of an item in pytest's words; `inconclusive` fails, and its text says so first."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -36,7 +36,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ended:
-    """How one item ended; the first line of `text` says why, `evidence` is a path below the state folder."""
+    """The outcome of one item: the first line of `text` says why, `evidence` is a path below the state folder."""
 
     kind: Kind
     text: str = ""
@@ -58,7 +58,7 @@ class Seen:
 
 
 def seen(record: CellRecord) -> dict[Phase, Seen]:
-    """The phases of a record of one case, or of none, that were tried or stand in the way of others."""
+    """Return the phases that were tried or that block others, from a record of one case or none."""
     found: dict[Phase, Seen] = {}
     for step in (record.resolve, record.install):
         if step:
@@ -76,7 +76,7 @@ def seen(record: CellRecord) -> dict[Phase, Seen]:
 
 
 def suite_seen(record: CellRecord) -> dict[Phase, Seen]:
-    """The suite of a cell's subject and what stands in its way: that no case could be imported."""
+    """Return the suite of a cell's subject and the phases that block it. Import blocks it if all cases fail it."""
     found = seen(replace(record, cases=()))
     suite = suite_phase(record)
     imports = [at for case in record.cases if (at := seen(replace(record, cases=(case,))).get(Phase.IMPORT))]
@@ -86,9 +86,9 @@ def suite_seen(record: CellRecord) -> dict[Phase, Seen]:
 
 
 def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozenset[Phase], today: str) -> Ended:
-    """How the item of a phase ended. `shown` are the phases with items of their own in this session.
+    """Return the outcome of a phase's item. `shown` are the phases with items of their own in this session.
 
-    What was not reached is skipped where the phase in its way is shown; else it is told here.
+    A phase that was not reached is skipped if the phase that blocks it is shown; else it reports that phase's outcome.
     """
     here = found.get(phase)
     if here is not None and here.outcome is not Outcome.NOT_REACHED:
@@ -109,7 +109,7 @@ def ended(cell: Cell, phase: Phase, found: Mapping[Phase, Seen], shown: frozense
 
 
 def judged(found: Assessed) -> Ended:
-    """Return how the item of a cell's verdict ended: an expected failure is a strict xfail."""
+    """Return the outcome of the item of a cell's verdict: an expected failure is a strict xfail."""
     right, stale = found.as_expected, found.stale
     where = f" in {found.phase}" if found.phase else ""
     told = f"{found.verdict}{where}"
@@ -132,13 +132,13 @@ def judged(found: Assessed) -> Ended:
 
 
 def needs(phase: Phase) -> tuple[Phase, ...]:
-    """The phases of a case that come before this one, the nearest first."""
+    """Return the phases of a case that this one needs, the nearest first."""
     needed = Phase.IMPORT if phase is Phase.SUITE else NEEDS.get(phase)
     return (needed, *needs(needed)) if needed else ()
 
 
 def foreseen(expect: Expectation | None, at: Seen, today: str) -> bool:
-    """Whether a failure is the expected one, or the same one seen again in a later phase; after `until` none is."""
+    """Return whether a failure is the expected one, or the same one again in a later phase. After `until`, none is."""
     if expect is None or passed(expect, today) or at.phase not in POSSIBLE.get(expect.verdict, frozenset()):
         return False
     fits = says(expect, at.line, at.observed)
@@ -150,7 +150,7 @@ def foreseen(expect: Expectation | None, at: Seen, today: str) -> bool:
 
 
 def _probed(record: PhaseRecord) -> Seen:
-    """Return a phase as its item ends: one that passed and in which a case misleads has not passed."""
+    """Return a phase as its item reports it. A phase that passed but misleads counts as failed."""
     shown = misleading.shown(record.checks) if record.outcome is Outcome.PASSED else ()
     told = tuple(check.decisive for check in shown)
     why = told[0] if told else reason(record)
@@ -172,7 +172,7 @@ def _probed(record: PhaseRecord) -> Seen:
 
 
 def _told(cell: Cell, at: Seen, today: str) -> Ended:
-    """How a phase that was reached ended."""
+    """Return the outcome that a measured phase means for its item."""
     line = at.line or f"{at.phase} {at.outcome}"
     match at.outcome:
         case Outcome.PASSED:
@@ -193,7 +193,7 @@ def _told(cell: Cell, at: Seen, today: str) -> Ended:
 
 
 def _in_the_way(phase: Phase, found: Mapping[Phase, Seen]) -> Seen | None:
-    """The phase without which this one is not reached: of the cell first, then the nearest one that it needs."""
+    """Return the phase that blocks this one, if any: a step of the cell first, then the nearest phase it needs."""
     for step in (Phase.RESOLVE, Phase.INSTALL):
         if step is not phase and step in found and found[step].outcome is not Outcome.PASSED:
             return found[step]

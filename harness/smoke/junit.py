@@ -1,4 +1,4 @@
-"""The file of `--junitxml` with one suite per cell: pytest itself writes a single one."""
+"""Split the file of `--junitxml` into one suite per cell: pytest itself writes a single one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def regroup(path: Path, properties: Mapping[str, Mapping[str, str]]) -> None:
 
 
 def _claim(case: ET.Element) -> str:
-    """The cell of a test case, whose property goes: the schema knows properties of suites only."""
+    """Remove and return the cell that a test case names by a property: the schema has properties for suites only."""
     for holder in case.findall("properties"):
         for one in holder.findall("property"):
             if one.get("name") == CELL:

@@ -1,4 +1,4 @@
-"""What items ask of the harness: each case once per process, with the phases that the session's items want."""
+"""Measure cells for items: each case once per process, with the phases that the session's items want."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ ITSELF, SUITE = "", "::suite"
 
 
 class Quiet:
-    """An observer: pytest tells what goes on."""
+    """An observer that prints nothing: pytest reports the progress."""
 
     def started(self, cell: Cell) -> None:
-        """Said by pytest."""
+        """Do nothing: pytest reports it."""
 
     def step(self, cell: Cell, text: str) -> None:
-        """Said by pytest."""
+        """Do nothing: pytest reports it."""
 
     def done(self, record: CellRecord) -> None:
-        """Said by pytest."""
+        """Do nothing: pytest reports it."""
 
     def say(self, text: str) -> None:
-        """Said by pytest."""
+        """Do nothing: pytest reports it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Selection:
-    """What the items of a session are about.
+    """The phases and cells that the items of a session stand for.
 
     `shown` has, by cell and case (empty for the cell itself), the phases with an item of their own; `whole` are the
     cells that are judged, and so measured in full.
@@ -48,24 +48,24 @@ class Selection:
     whole: frozenset[str]
 
     def phases(self, cell: Cell, case: str = ITSELF) -> frozenset[Phase]:
-        """The phases of a case, or of the cell itself, that have an item of their own."""
+        """Return the phases of a case, or of the cell itself, that have an item of their own."""
         return self.shown.get((cell.id, case), frozenset())
 
     def wanted(self, cell: Cell, case: Case) -> frozenset[Phase]:
-        """The phases of a case to be measured: those asked for, and what they need."""
+        """Return the phases of a case to measure: those asked for, and those that they need."""
         if cell.id in self.whole:
             return frozenset(CASE_PHASES)  # of which only those count that checks were asked of
         asked = self.phases(cell, case.id)
         return asked.union(*(judging.needs(phase) for phase in asked))
 
     def resolved_only(self, cell: Cell) -> bool:
-        """Return whether nothing is wanted of the cell but its lock."""
+        """Return whether only the lock of the cell is wanted."""
         cases = any(self.phases(cell, case.id) for case in cell.cases)
         return self.phases(cell) == {Phase.RESOLVE} and not cases and cell.id not in self.whole
 
 
 class Measuring:
-    """Measures for one process; what was measured once is not asked again."""
+    """The measurements of one process. Each part of a cell is measured once, then reused."""
 
     def __init__(self, frozen: Frozen, selection: Selection, *, worker: bool) -> None:
         self.store: Store = frozen.store
@@ -78,12 +78,12 @@ class Measuring:
         self._controls: dict[str, ControlRecord] = {}
 
     def steps(self, cell: Cell) -> CellRecord:
-        """Resolve and, unless nothing but that is wanted, install."""
+        """Resolve the cell, and install it unless only its lock is wanted. Return the record."""
         until = Phase.RESOLVE if self.selection.resolved_only(cell) else CASE_PHASES[-1]
         return self._measured(cell, ITSELF, replace(cell, cases=()), until)
 
     def case(self, cell: Cell, case: Case) -> CellRecord:
-        """Run what is wanted of one case in one go, as `run` does."""
+        """Run the wanted phases of one case in one go, as `run` does. Return the record."""
         return self._measured(cell, case.id, replace(cell, cases=(self._wanted(cell, case),)), CASE_PHASES[-1])
 
     def suite(self, cell: Cell) -> CellRecord:
@@ -92,12 +92,12 @@ class Measuring:
         return self._measured(cell, SUITE, replace(cell, cases=cases), Phase.SUITE)
 
     def environment(self, cell: Cell) -> tuple[CellRecord, launch.Site | None]:
-        """Bring the cell as far as an environment, and say where that is."""
+        """Install the environment of a cell. Return the record and the environment, None if that failed."""
         ready = self._bound(cell, Phase.INSTALL).prepare(replace(cell, cases=()))
         return ready.record, ready.site
 
     def whole(self, cell: Cell) -> CellRecord:
-        """The record of the cell with all its cases, as `run` keeps it."""
+        """Measure the cell with all its cases, and return the record as `run` stores it."""
         suite = [self.suite(cell)] if has_suite(cell) else []
         cases = [self.case(cell, case) for case in cell.cases]
         record = combined(cell, self.steps(cell), cases, suite)
@@ -108,7 +108,7 @@ class Measuring:
         return replace(record, cases=drawn.cases, supplied=drawn.supplied, findings=drawn.findings)
 
     def shown(self, cell: Cell, case: Case) -> frozenset[Phase]:
-        """The phases whose end is told by an item of their own, so that it need not be told again."""
+        """Return the phases whose outcome an item of their own reports, so that no other item has to repeat it."""
         steps = self.selection.phases(cell)
         if steps:
             first, here = judging.seen(self.steps(cell)), judging.seen(self.case(cell, case))
@@ -117,7 +117,7 @@ class Measuring:
         return self.selection.phases(cell, case.id) | steps
 
     def _wanted(self, cell: Cell, case: Case, more: Set[Phase] = frozenset()) -> Case:
-        """The case with the checks that this session wants."""
+        """Return the case with only the checks that this session wants."""
         wanted = self.selection.wanted(cell, case) | more
         return replace(case, checks=tuple(check for check in case.checks if phase_of(check) in wanted))
 
@@ -129,7 +129,7 @@ class Measuring:
         return self._records[cell.id, name]
 
     def _shown_seconds(self, cell: Cell, name: str, record: CellRecord) -> float:
-        """The seconds of what an item of its own stands for."""
+        """Return the seconds of those phases in a record that have an item of their own."""
         told = judging.suite_seen(record) if name == SUITE else judging.seen(record)
         own = {ITSELF: STEPS, SUITE: {Phase.SUITE}}.get(name, frozenset(CASE_PHASES))
         shown = own & self.selection.phases(cell, ITSELF if name == SUITE else name)
@@ -139,14 +139,14 @@ class Measuring:
         return Controlled(self._bound(cell, until), self._controls)
 
     def _bound(self, cell: Cell, until: Phase) -> Runner:
-        """The runner that goes as far as this; they know what the others did."""
+        """Return a runner that stops after a phase. All such runners share their results."""
         runner = replace(self._runner, settings=self._frozen.settings(until))
         if self._takes_locks:
             self._take_lock(runner, cell)
         return runner
 
     def _take_lock(self, runner: Runner, cell: Cell) -> None:
-        """Let a worker use the lock that the controller has just made, however fresh the rest is to be."""
+        """Let a worker reuse the lock that the controller has just made, even if all else is measured afresh."""
         interpreter = interpreters.obtain(cell.python, offline=self._frozen.offline)
         if interpreter and cell.subject is None:  # with a subject another question is asked, which is its own
             kept = Runner(self.store, replace(runner.settings, fresh=False), Quiet())
@@ -160,7 +160,7 @@ def has_suite(cell: Cell) -> bool:
 
 
 def combined(cell: Cell, steps: CellRecord, cases: Iterable[CellRecord], suite: Iterable[CellRecord]) -> CellRecord:
-    """One record of all: the steps of the cell, or of the first part that found them ended otherwise."""
+    """Return one record of all parts, based on the steps, or on the first part whose install ended differently."""
     known, last = tuple(cases), tuple(suite)
     parts = (*known, *last)
     other = (one for one in parts if (one.install and one.install.outcome) != (steps.install and steps.install.outcome))

@@ -1,4 +1,4 @@
-"""What pytest loads wherever simmatrix is installed: a few options, two fixtures.
+"""Give pytest a few options and two fixtures, wherever simmatrix is installed.
 
 Nothing of the harness is imported before `--matrix` is given.
 """
@@ -16,7 +16,7 @@ NEEDED = "needs a matrix: pytest --matrix NAME (a matrix file, or the name of a 
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The options of the suite."""
+    """Add the options of the suite."""
     group = parser.getgroup("simmatrix", "simmatrix: which versions work together")
     group.addoption(
         "--matrix",
@@ -38,7 +38,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_cmdline_main(config: pytest.Config) -> Generator[None, Any, Any]:
-    """With `-n` and no `--dist`, what shares an environment goes to one worker."""
+    """Set `--dist loadgroup` for `-n` without `--dist`, so that cells with one environment go to one worker."""
     if config.getoption("matrix") and config.getoption("numprocesses", None) and config.getoption("dist") == "no":
         config.option.dist = "loadgroup"
     return (yield)
@@ -46,7 +46,7 @@ def pytest_cmdline_main(config: pytest.Config) -> Generator[None, Any, Any]:
 
 @pytest.hookimpl(tryfirst=True, optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """With `-n auto` a worker per core, and no more than the free memory has room for."""
+    """Return the number of workers for `-n auto`: one per core, but no more than fit into the free memory."""
     if not config.getoption("matrix"):
         return None
     from harness.machine import free_memory  # noqa: PLC0415 - loaded by every pytest there is
@@ -58,7 +58,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Bring in the suite where a matrix was named."""
+    """Register the suite if a matrix is named. Raises UsageError if the suite is asked for without one."""
     if config.getoption("matrix"):
         from harness.smoke.face import Face  # noqa: PLC0415 - loaded by every pytest there is
 
@@ -70,7 +70,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def cell(request: pytest.FixtureRequest) -> Any:
-    """Each cell of the matrices named by --matrix, installed: `cell.run("import gymnasium")` runs in its Python."""
+    """Return each cell of the matrices in --matrix, installed: `cell.run("import gymnasium")` runs in its Python."""
     if not hasattr(request, "param"):
         pytest.skip(f"the fixture `cell` {NEEDED}")
     from harness.smoke.tried import tried  # noqa: PLC0415 - loaded by every pytest there is
@@ -80,5 +80,5 @@ def cell(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture(scope="session")
 def env(request: pytest.FixtureRequest, cell: Any) -> Any:
-    """Each case of the cell: `env.env` is an environment id, `env.api` who makes it, `env.kwargs` with what."""
+    """Return each case of the cell: `env.env` is an environment id, `env.api` its API, `env.kwargs` its arguments."""
     return request.param

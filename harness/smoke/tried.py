@@ -1,4 +1,4 @@
-"""A cell for somebody's own test functions: they run on the host, what they hand to `run` runs in the cell."""
+"""Offer a cell to a user's test functions: they run on the host, the code that they pass to `run` runs in the cell."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ TAIL = 4000
 
 
 class CellFailed(AssertionError):
-    """A command in a cell did not end well; the message is how it ended and the end of what it printed."""
+    """Error for a command that failed in a cell. The message says how it ended, and shows the end of its output."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ran:
-    """How a command in a cell ended, and all that it printed."""
+    """The result of a command in a cell: how it ended, and all that it printed."""
 
     exit_code: int | None
     signal: int | None
@@ -39,7 +39,7 @@ class Ran:
 
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class CellUnderTest:
-    """An installed cell. `version` is its Python's, `expect` what the matrix expects of it, if not that it works.
+    """An installed cell. `version` is that of its Python, `expect` the expectation of the matrix, if it has one for it.
 
     The environment holds what the lock says and nothing else: no pytest, not this package. It is shared and sealed:
     use `run`, which keeps what is written from others.
@@ -54,24 +54,24 @@ class CellUnderTest:
 
     @property
     def python(self) -> Path:
-        """The cell's interpreter."""
+        """Return the path of the cell's interpreter."""
         return self.site.python
 
     @property
     def environment(self) -> Path:
-        """The folder of the cell's environment."""
+        """Return the folder of the cell's environment."""
         return self.site.folder
 
     @property
     def variables(self) -> Mapping[str, str]:
-        """All variables that a command in the cell is given, but for HOME, TMPDIR and XDG_*."""
+        """Return all variables that a command in the cell is given, except HOME, TMPDIR and XDG_*."""
         return self.site.variables
 
     def __repr__(self) -> str:
         return f"<cell {self.id}>"
 
     def run(self, code: str, *arguments: str, timeout: float = 120.0, memory_mb: int = 6000, check: bool = True) -> Ran:
-        """Run Python source in the cell, in the sandbox that probes run in; with `check` it has to end well."""
+        """Run Python source in the cell, in the sandbox of probes. With `check`, raise CellFailed unless it exits 0."""
         __tracebackhide__ = True
         with scratch_folder() as scratch:
             ran = self._run(code, arguments, process.Limits(seconds=timeout, memory_mb=memory_mb), scratch)
@@ -114,7 +114,7 @@ class CellUnderTest:
 
 
 def tried(config: pytest.Config, cell: Cell) -> CellUnderTest:
-    """The cell, installed; one that cannot be ends the test as it would end the item of its install."""
+    """Return the installed cell. If it cannot be installed, end the test as the item of its install would end."""
     record, site = config.stash[SESSION].measuring.environment(cell)
     found = judging.seen(record)
     for phase in found:

@@ -1,4 +1,4 @@
-"""`python simmatrix-doctor.pyz explain|doctor ...`: the two verbs where the harness is not."""
+"""Run `explain` or `doctor` where the harness is not installed: `python simmatrix-doctor.pyz explain|doctor ...`."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _program() -> str:
-    """How we were called, as it can be typed again."""
+    """Return our own command line as it can be typed again."""
     name = os.path.basename(sys.argv[0] or "simmatrix-doctor.pyz")
     return "python {}".format(name) if name.endswith(".pyz") else "python -m harness.standalone"
 

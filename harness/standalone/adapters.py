@@ -52,7 +52,7 @@ NAMES = {field.upper(): field for field in Adapter._fields}
 
 @lru_cache(maxsize=None)
 def adapters() -> Dict[str, Adapter]:
-    """Return what is declared, by API in order. Raises ValueError where a declaration cannot be read."""
+    """Return the declarations of all adapters, by API in order. Raises ValueError if one cannot be read."""
     content = _data(CARRIED)
     if content is not None:
         return read(content)
@@ -66,7 +66,7 @@ def carried() -> bytes:
 
 
 def read(content: bytes) -> Dict[str, Adapter]:
-    """Read what `carried` returned."""
+    """Read declarations in the form that `carried` returns."""
     plain: Dict[str, Dict[str, Any]] = json.loads(content.decode())
     for fields in plain.values():
         fields.update({name: tuple(value) for name, value in fields.items() if isinstance(value, list)})

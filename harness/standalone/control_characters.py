@@ -1,4 +1,4 @@
-"""Text without what a terminal would obey."""
+"""Remove from text the characters that a terminal would obey."""
 
 from __future__ import annotations
 

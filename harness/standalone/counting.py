@@ -1,4 +1,4 @@
-"""The known failures that count in a failure, of all that fit it: the one rule for documents, expectations and texts.
+"""Choose, of all known failures that fit, those that count: one rule for documents, expectations and texts.
 
 A known failure that masks others hides why something failed. It counts only where nothing else is known, and only where
 it is what the failure says: of a mask that stands in a log alone, or behind which a reason was found, the reason is
@@ -11,7 +11,7 @@ from typing import Any, Iterable, List, NamedTuple, Tuple
 
 
 class Fit(NamedTuple):
-    """A known failure that fits. `seen` is the line by which it was told, `says` whether that is why it failed."""
+    """A known failure that fits. `seen` is the line that shows it, `says` whether that line says why it failed."""
 
     known: Any
     masks: bool

@@ -1,4 +1,4 @@
-"""The packages that decide whether a simulation runs: what they are imported as, and what a change of one weighs.
+"""List the packages that decide whether a simulation runs: their modules, and the weight of a change of each.
 
 Those of a simulator are declared by its adapter.
 """

@@ -1,4 +1,4 @@
-"""The one line of a text that says why.
+"""Find the one line of a text that says why something failed.
 
 Of a long text the decisive line is what a person would quote: the exception that started a chain rather than the last
 one of it, the compiler's complaint rather than "command failed", a resolver's explanation in one piece.
@@ -73,7 +73,7 @@ def decisive_line(text: str) -> str | None:
 
 
 def bounded(text: str) -> str:
-    """One line of at most `LIMIT` characters: line breaks become ` / `, repeated blanks one."""
+    """Return a text as one line of at most `LIMIT` characters: line breaks become ` / `, repeated blanks one."""
     parts = (" ".join(visible(part).split()) for part in text.splitlines())
     line = " / ".join(part for part in parts if part)
     return line if len(line) <= LIMIT else line[: LIMIT - 1].rstrip() + "…"
@@ -101,7 +101,7 @@ class Block(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The name of the exception's class."""
+        """Return the name of the exception's class."""
         return self.text.partition(":")[0].rpartition(".")[2]
 
 
@@ -131,13 +131,16 @@ def root(chain: Sequence[Block]) -> Block:
 
 
 def _says_less(cause: Block, raised: Block) -> bool:
-    """Whether a cause is only a bare key, or names a missing module that the exception raised from it names, too."""
+    """Return whether a cause says less than the exception raised from it.
+
+    That is so for a bare key, and for a missing module that the exception names, too.
+    """
     missing = MISSING_MODULE.search(cause.text)
     return cause.kind in LOOKUPS or bool(missing and missing[1].casefold() in raised.text.casefold())
 
 
 def chains(lines: Sequence[str]) -> Iterator[tuple[Block, ...]]:
-    """The tracebacks of a text, those together of which each led to the next."""
+    """Yield the tracebacks of a text in chains, in which each led to the next."""
     chain: list[Block] = []
     for block in blocks(lines):
         if chain and block.link is None:
@@ -149,7 +152,7 @@ def chains(lines: Sequence[str]) -> Iterator[tuple[Block, ...]]:
 
 
 def blocks(lines: Sequence[str]) -> Iterator[Block]:
-    """Every traceback of a text, whatever its indentation; those of exceptions that Python ignored are left out."""
+    """Yield every traceback of a text, whatever its indentation, except those of exceptions that Python ignored."""
     link: str | None = None
     position = 0
     while position < len(lines):
@@ -188,7 +191,7 @@ def _without(indent: str, line: str) -> str:
 
 
 def _rest(lines: Sequence[str], position: int) -> tuple[str, ...]:
-    """MuJoCo's compiler puts the element and its line after a blank line."""
+    """Return the element and its line, which MuJoCo's compiler puts after a blank line."""
     following = lines[position + 1 : position + 2]
     return tuple(line for line in following if line.startswith("Element '"))
 
@@ -199,7 +202,7 @@ ERROR = re.compile(r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\
 
 
 def _fatal(lines: Sequence[str]) -> str | None:
-    """A crash as C++, glibc or faulthandler put it; the former two say more."""
+    """Return the line in which C++, glibc or faulthandler reports a crash; the former two say more."""
     for pattern in (r"^\s*what\(\):\s", r": Assertion .* failed", r"^Fatal Python error: "):
         found = next((line for line in lines if re.search(pattern, line)), None)
         if found:
@@ -245,7 +248,9 @@ def _last(lines: Sequence[str]) -> str | None:
 
 
 def death(exit_code: int | None, number: int | None, stacks: str) -> str:
-    """How a process died, in words. `stacks` is what faulthandler wrote, after the process's log where there is one.
+    """Describe how a process died.
+
+    `stacks` is the output of faulthandler, after the process's log where there is one.
 
     An abort gives its reason in the log (`what():`, a failed assertion).
     """

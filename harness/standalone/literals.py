@@ -1,4 +1,4 @@
-"""Literals that have to stand in a text for a regular expression to match there: looking for them first is quick."""
+"""Find literals that a text must contain for a regular expression to match: looking for them first is quick."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WIDEST = 12
 
 @lru_cache(maxsize=None)
 def clauses(pattern: str) -> Tuple[Clause, ...]:
-    """All of which hold for every text in which the pattern is found; none where nothing is known."""
+    """Return clauses that hold for every text in which the pattern is found; none if nothing is known."""
     try:
         parsed = _parser.parse(pattern, re.MULTILINE)
         if (parsed.state if hasattr(parsed, "state") else parsed.pattern).flags & re.IGNORECASE:
@@ -47,7 +47,7 @@ def _worth(clause: Clause) -> bool:
 
 
 def _of_sequence(items: Sequence[Tuple[Any, Any]]) -> Iterator[Clause]:
-    """Runs of literals, and what has to be there of everything between them."""
+    """Yield the runs of literals in a sequence, and the literals that the parts between them need."""
     run: List[str] = []
     for operation, argument in items:
         if str(operation) == "LITERAL":
@@ -75,6 +75,6 @@ def _of_one(operation: str, argument: Any) -> Iterator[Clause]:
 
 
 def _best(items: Sequence[Tuple[Any, Any]]) -> Clause:
-    """The clause of one alternative that tells most; an empty one where it has none."""
+    """Return the most telling clause of one alternative; an empty one if it has none."""
     known = [clause for clause in _of_sequence(items) if _worth(clause)]
     return max(known, key=lambda one: min(map(len, one))) if known else frozenset()

@@ -1,4 +1,4 @@
-"""Which known failures fit what was written of a failure, the deepest cause first.
+"""Match known failures against the output of a failure, the deepest cause first.
 
 A known failure is looked at by its attributes only: those of `Known` here, or of the host's `signatures.Signature`.
 """
@@ -20,7 +20,7 @@ PROBED = frozenset(PHASES[2:])
 
 
 class Part(NamedTuple):
-    """Requirements of which one has to hold."""
+    """Alternative requirements: one of them has to hold."""
 
     requirements: Tuple[str, ...]
 
@@ -46,17 +46,17 @@ class Known(NamedTuple):
 
     @property
     def wording(self) -> Optional[str]:
-        """The pattern for texts of which nothing else is known."""
+        """Return the pattern for texts of which nothing else is known."""
         return self.pattern
 
     @property
     def loud(self) -> bool:
-        """True where it prints something by which it can be recognised."""
+        """Return whether it can be recognised by its output or its signal."""
         return bool(self.pattern or self.signal)
 
 
 def read(plain: Mapping[str, Any]) -> Known:
-    """A known failure of its keys in a file of signatures."""
+    """Make a known failure of its keys in a file of signatures."""
     parts = (each if isinstance(each, (list, tuple)) else [each] for each in plain.get("packages", ()))
     return Known(
         plain=plain,
@@ -77,7 +77,7 @@ def read(plain: Mapping[str, Any]) -> Known:
 
 
 def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str, Any]:
-    """A known failure as documents hold it, with the phase that it shows in, and what it was seen by."""
+    """Return a known failure as documents hold it, with the phase that it shows in, and the line that showed it."""
     plain = one.plain
     return {
         "signature": one.id,
@@ -94,7 +94,7 @@ def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str
 
 
 class Seen(NamedTuple):
-    """What is known of one failure. `told` are the lines that say why, `logs` all else that was written.
+    """Evidence of one failure. `told` are the lines that say why, `logs` all other output.
 
     `phase` is None where that is not known: then it may be any. `observed` is what our own of these lines say, as codes
     and data; None where there are only texts.
@@ -108,7 +108,7 @@ class Seen(NamedTuple):
 
 
 class Around(NamedTuple):
-    """What a failure met: `installed` versions, where anything was installed, else what was asked for."""
+    """The context of a failure: `installed` versions if anything was installed, else `requirements`."""
 
     installed: Optional[Mapping[str, str]] = None
     requirements: Tuple[str, ...] = ()
@@ -116,7 +116,7 @@ class Around(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """A known failure that fits. `seen` is the line by which it was told, in the log only where not `told`."""
+    """A known failure that fits. `seen` is the line that shows it; without `told`, it is in the log only."""
 
     known: Any
     phase: Optional[str]
@@ -125,12 +125,16 @@ class Hit(NamedTuple):
 
     @property
     def rank(self) -> Tuple[Any, ...]:
-        """The deepest cause is least: no mask, of packages rather than of the machine, specific, in so many words."""
+        """Return a sort key, least for the deepest cause.
+
+        A mask comes last. Causes in packages come before those of the machine, specific ones before generic
+        ones, and those in lines that say why before those in logs.
+        """
         return rank(self.known, not self.told, _order(self.phase))
 
 
 def rank(known: Any, *nearness: int) -> Tuple[Any, ...]:
-    """Return what known failures that fit are sorted by: the deepest cause first, of equal ones the nearest."""
+    """Return the sort key of a known failure that fits: the deepest cause first, of equal ones the nearest."""
     return (known.masks, not known.phases, known.generic, *nearness)
 
 
@@ -139,7 +143,7 @@ def _order(phase: Optional[str]) -> int:
 
 
 def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tuple[Hit, ...]:
-    """The known failures that fit, the deepest cause first, each once; of equal ones that of what failed first."""
+    """Return the known failures that fit, each once, the deepest cause first; equal ones by what failed first."""
     look = _looking(around)
     found: List[Tuple[Any, int, Hit]] = []
     for one in known:
@@ -152,19 +156,22 @@ def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tupl
 
 
 def _beside_the_point(hit: Hit) -> bool:
-    """Whether a mask is only mentioned where an exception says why; what installers say stands in their logs alone."""
+    """Return whether a mask is only mentioned in a log, though an exception says why.
+
+    In other phases it counts: what installers say stands in their logs alone.
+    """
     return hit.known.masks and not hit.told and hit.phase in PROBED
 
 
 def lurking(known: Iterable[Any], around: Any) -> Tuple[Any, ...]:
-    """The silent failures that what is installed runs into: all their packages are there."""
+    """Return the silent failures that the installed packages run into: all their packages are there."""
     silent = [one for one in known if one.silent]
     look = _looking(around) if silent else None
     return tuple(one for one in silent if look and _of_python(one, around) and _standing(one, look))
 
 
 def matches(known: Iterable[Any], evidence: Any) -> Iterator[Hit]:
-    """The known failures that evidence tells of, whatever is installed, in their order."""
+    """Yield the known failures that the evidence shows, whatever is installed, in their order."""
     for one in known:
         hit = _hit(one, evidence)
         if hit:
@@ -178,7 +185,7 @@ def standing(known: Sequence[Any], around: Any) -> List[Optional[bool]]:
 
 
 def _hit(one: Any, evidence: Any) -> Optional[Hit]:
-    """The evidence as this failure sees it, if it fits."""
+    """Return the hit of a known failure in the evidence; None if it does not fit."""
     if one.phases and evidence.phase is not None and evidence.phase not in one.phases:
         return None
     if one.signal and one.signal != evidence.signal:
@@ -189,7 +196,7 @@ def _hit(one: Any, evidence: Any) -> Optional[Hit]:
 
 
 def _by_code(one: Any, evidence: Any) -> Optional[Hit]:
-    """The observation that has the code and data of this failure."""
+    """Return the hit of the observation that has the code and data of this failure; None without one."""
     for each in evidence.observed or () if one.code else ():
         if one.observes(each.observed):
             return Hit(one, evidence.phase, bounded(each.line), told=each.told)
@@ -197,7 +204,10 @@ def _by_code(one: Any, evidence: Any) -> Optional[Hit]:
 
 
 def _by_pattern(one: Any, evidence: Any) -> Optional[Hit]:
-    """The text that the failure's pattern finds; where there are only texts, one that finds our own sentences, too."""
+    """Return the hit of the text that the failure's pattern finds; None without one.
+
+    If there are only texts, a pattern that finds our own sentences, too, is used.
+    """
     pattern = one.wording if evidence.observed is None else one.pattern
     for told, texts in ((True, evidence.told), (False, evidence.logs)):
         for text in texts if pattern else ():
@@ -209,7 +219,7 @@ def _by_pattern(one: Any, evidence: Any) -> Optional[Hit]:
 
 @lru_cache(maxsize=None)
 def compiled(pattern: str) -> re.Pattern[str]:
-    """A pattern as it is searched for."""
+    """Return a pattern, compiled once."""
     return re.compile(pattern, re.MULTILINE)
 
 
@@ -219,7 +229,7 @@ def search(pattern: str, text: str) -> Optional[re.Match[str]]:
 
 
 def _line(text: str, found: re.Match[str]) -> str:
-    """The line on which a match ends: of a traceback and its exception that is the exception."""
+    """Return the line on which a match ends; of a traceback and its exception that is the exception."""
     start = text.rfind("\n", 0, max(found.end() - 1, 0)) + 1
     stop = text.find("\n", found.end())
     return bounded(text[start : stop if stop >= 0 else len(text)])
@@ -232,7 +242,10 @@ Look = Callable[[str], Optional[bool]]
 
 
 def _fits(one: Any, around: Any, look: Look) -> bool:
-    """Whether nothing that is known of packages and Python speaks against it; of a generic one all speaks for it."""
+    """Return whether packages and Python allow this failure.
+
+    Unknown packages do not speak against it, but a generic failure needs all of them to fit.
+    """
     if not _of_python(one, around):
         return False
     found = _standing(one, look)
@@ -255,7 +268,7 @@ def _any(found: List[Optional[bool]]) -> Optional[bool]:
 
 
 def _looking(around: Any) -> Look:
-    """How packages that take part are looked up."""
+    """Return a function that tells whether a requirement holds; it returns None if that is unknown."""
     if around.installed is not None:
         installed = {canonical(name): version for name, version in around.installed.items()}
         return lambda text: _installed(text, installed)

@@ -1,4 +1,4 @@
-"""Standard output and error: nothing that a terminal would obey, and no error where a reader has seen enough."""
+"""Guard standard output and error: remove what a terminal would obey, and raise nothing once a reader has gone."""
 
 from __future__ import annotations
 

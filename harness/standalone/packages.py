@@ -1,4 +1,4 @@
-"""The packages of an interpreter, read from its folders; nothing of it is run."""
+"""Read the packages of an interpreter from its folders, without running it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ READ = 4096
 
 
 class Packages(NamedTuple):
-    """What an interpreter has: its own path, its version as far as it can be told, versions by name."""
+    """The path of an interpreter, its version if that can be determined, and installed versions by name."""
 
     python: str
     version: Optional[str]
@@ -24,7 +24,7 @@ class Packages(NamedTuple):
 
 
 def of_command(argv: Sequence[str], variables: Mapping[str, str], folder: str) -> Optional[Packages]:
-    """Those of the interpreter that a command runs; None where it is none that can be told."""
+    """Return the packages of the interpreter that a command runs; None if it cannot be determined."""
     for word in argv:
         python = _interpreter(word, variables, folder)
         if python:
@@ -33,7 +33,7 @@ def of_command(argv: Sequence[str], variables: Mapping[str, str], folder: str) -
 
 
 def of_interpreter(python: str, variables: Mapping[str, str], folder: str = ".") -> Optional[Packages]:
-    """Those of an interpreter, or of the folder of an environment; None where none lies there."""
+    """Return the packages of an interpreter, or of an environment's folder; None if no interpreter lies there."""
     path = os.path.join(folder, os.path.expanduser(python))
     if os.path.isdir(path):
         names = (("bin", "python"), ("bin", "python3"), ("Scripts", "python.exe"), ("python.exe",))
@@ -50,7 +50,7 @@ def of_interpreter(python: str, variables: Mapping[str, str], folder: str = ".")
 
 
 def _interpreter(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
-    """The interpreter that a word of a command line is, or that its first line names."""
+    """Return the interpreter that a word of a command line is, or that the first line of its script names."""
     path = _found(word, variables, folder)
     if path is None or PYTHON.match(os.path.basename(path)):
         return path
@@ -68,7 +68,7 @@ def _interpreter(word: str, variables: Mapping[str, str], folder: str) -> Option
 
 
 def _found(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
-    """The file that a shell runs for a word."""
+    """Return the file that a shell runs for a word; None if there is none."""
     if os.sep in word:
         path = os.path.join(folder, os.path.expanduser(word))
         return path if os.path.isfile(path) else None
@@ -78,7 +78,7 @@ def _found(word: str, variables: Mapping[str, str], folder: str) -> Optional[str
 
 
 def _behind_shim(path: str, variables: Mapping[str, str], folder: str) -> str:
-    """What one of pyenv's shims starts here."""
+    """Return the interpreter that one of pyenv's shims starts here; other paths are returned unchanged."""
     place, name = os.path.split(path)
     root = os.path.dirname(place)
     if os.path.basename(place) != "shims" or not os.path.isdir(os.path.join(root, "versions")):
@@ -104,7 +104,7 @@ def _near(folder: str) -> str:
 
 
 def _entries(path: str, variables: Mapping[str, str]) -> "tuple[Optional[str], List[str]]":
-    """The version of an interpreter, and the folders that it imports from, the first one first."""
+    """Return the version of an interpreter, and the folders that it imports from, the first one first."""
     extra = [one for one in variables.get("PYTHONPATH", "").split(os.pathsep) if one]
     root = os.path.dirname(os.path.dirname(os.path.abspath(path)))
     settings = _text(os.path.join(root, "pyvenv.cfg")) or _text(os.path.join(os.path.dirname(path), "pyvenv.cfg"))
@@ -119,7 +119,7 @@ def _entries(path: str, variables: Mapping[str, str]) -> "tuple[Optional[str], L
 
 
 def _base(path: str, variables: Mapping[str, str]) -> Iterator[str]:
-    """Those of an interpreter that is no environment's: the user's own, then its own, then Debian's."""
+    """Yield the package folders of an interpreter outside environments: the user's own, its own, Debian's."""
     root = os.path.dirname(os.path.dirname(path))
     named = re.search(r"(\d+\.\d+)(?:\.exe)?$", os.path.basename(path))
     own = list(_folders(root, named.group(1) if named else None))
@@ -134,7 +134,7 @@ def _base(path: str, variables: Mapping[str, str]) -> Iterator[str]:
 
 
 def _folders(root: str, version: Optional[str]) -> Iterator[str]:
-    """The folders of packages below a prefix; of this Python, where that is known."""
+    """Yield the folders of packages below a prefix; of this Python, if that is known."""
     minor = ".".join(version.split(".")[:2]) if version else None
     for library in ("lib", "lib64", "Lib"):
         place = os.path.join(root, library)
@@ -152,7 +152,7 @@ def _fits(name: str, minor: Optional[str]) -> bool:
 
 
 def _version(entries: Sequence[str]) -> Optional[str]:
-    """The version that the folders of an interpreter are called by, if it is but one."""
+    """Return the version that the folders of an interpreter are named after; None if they name several."""
     found = {
         match.group(1)
         for entry in entries
@@ -163,7 +163,7 @@ def _version(entries: Sequence[str]) -> Optional[str]:
 
 
 def _release(path: str) -> Optional[str]:
-    """The whole version, where a folder is called by it (pyenv, uv) or conda has noted it."""
+    """Return the whole version, if a folder is named after it (pyenv, uv) or conda has noted it."""
     root = os.path.dirname(os.path.dirname(path))
     named = re.match(r"(?:c?python-)?(\d+\.\d+\.\d+)(?:-|$)", os.path.basename(root))
     notes = (re.match(r"python-(\d+\.\d+\.\d+)-", name) for name in _names(os.path.join(root, "conda-meta")))
@@ -175,7 +175,7 @@ def _release(path: str) -> Optional[str]:
 
 
 def _distributions(entry: str) -> "Iterator[tuple[str, str]]":
-    """Name and version of everything installed in a folder."""
+    """Yield name and version of everything installed in a folder."""
     for name in sorted(_names(entry)):
         stem, dot, kind = name.rpartition(".")
         if kind not in {"dist-info", "egg-info"} or not dot:

@@ -1,4 +1,4 @@
-"""A remedy, as documents hold it, in words."""
+"""Describe a remedy, as documents hold it, in words."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ VERBS = (
 
 
 def in_words(remedy: Mapping[str, Any]) -> str:
-    """A remedy: what a machine can do, then what none can."""
+    """Describe a remedy: first the steps that a machine can take, then its text."""
     return ". ".join(filter(None, ("; ".join(does(remedy)), str(remedy.get("text", "")))))
 
 
 def does(remedy: Mapping[str, Any]) -> Iterator[str]:
-    """What a machine can do of it, in a few words each."""
+    """Yield the steps of a remedy that a machine can take, in a few words each."""
     for verb, key in VERBS:
         said = remedy.get(key) or ()
         if said:

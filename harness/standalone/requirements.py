@@ -1,4 +1,4 @@
-"""What one package asks of another: requirements with extras, URL and markers (PEP 508)."""
+"""Parse requirements of packages, with extras, URL and markers (PEP 508)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Comparison(NamedTuple):
     right: Term
 
     def holds(self, environment: Mapping[str, Any]) -> bool:
-        """Return whether it does, in an environment. Raises KeyError for a variable that is not given."""
+        """Return whether the comparison holds in an environment. Raises KeyError for a variable that is not given."""
         variable = self.left.text if self.left.variable else self.right.text
         left, right = (environment[side.text] if side.variable else side.text for side in (self.left, self.right))
         if variable == "extra" or variable in MANY:
@@ -69,7 +69,7 @@ def _names(value: Any) -> Any:
 
 
 def _compared(left: Any, operator: str, right: Any) -> bool:
-    """As texts; there, no order is one."""
+    """Compare two texts. They have no order: `<=` and `>=` mean that they are equal."""
     if operator in {"in", "not in"}:
         return (left in right) is (operator == "in")
     if operator == "!=":
@@ -87,13 +87,13 @@ class Group(NamedTuple):
     parts: List[Any]
 
     def holds(self, environment: Mapping[str, Any]) -> bool:
-        """Return whether they do. Raises KeyError for a variable that is not given."""
+        """Return whether the group holds in an environment. Raises KeyError for a variable that is not given."""
         found = [part.holds(environment) for part in self.parts]
         return any(found) if self.any_of else all(found)
 
 
 class _Reader:
-    """The marker that a text is, token by token."""
+    """Parses the marker in a text, token by token."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -109,7 +109,7 @@ class _Reader:
         return ValueError('"{}" is not a marker such as \'python_version < "3.11"\''.format(self.text.strip()))
 
     def _next(self, *kinds: str) -> Optional[str]:
-        """The next token, if it is of such a kind."""
+        """Return the next token if it is of one of these kinds, else None."""
         found = TOKEN.match(self.text, self.position)
         if not found or found.lastgroup not in kinds:
             return None
@@ -185,7 +185,7 @@ class Requirement:
         return frozenset(map(canonical, names)), rest[found.end() :]
 
     def _details(self, rest: str) -> Any:
-        """URL, specifiers and marker."""
+        """Return URL, specifiers and marker."""
         found = URL.match(rest)
         if found:
             after = rest[found.end() :].strip(" \t")
@@ -208,7 +208,7 @@ class Requirement:
             raise self._wrong() from None
 
     def wanted(self, environment: Mapping[str, str], extras: Iterable[str] = ()) -> bool:
-        """Return whether it counts in an environment, for one of the extras that were asked for, or for none.
+        """Return whether the requirement applies in an environment, for one of the requested extras or for none.
 
         Raises KeyError for a variable that the environment lacks, ValueError for a comparison that means nothing.
         """
@@ -222,5 +222,5 @@ class Requirement:
 
 @lru_cache(maxsize=None)
 def requirement(text: str) -> Requirement:
-    """The requirement, parsed once. Raises ValueError."""
+    """Return the requirement, parsed once. Raises ValueError."""
     return Requirement(text)

@@ -1,4 +1,4 @@
-"""How the single file starts a process. The harness has its own spawner, with its supervisor."""
+"""Start processes for the single file. The harness has its own spawner, with its supervisor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KEPT = 400000
 
 
 class Ran(NamedTuple):
-    """How a process ended; `output` is what it wrote, both streams in order."""
+    """The end of a process; `output` is what it wrote, both streams in order."""
 
     code: Optional[int]
     signal: Optional[str]
@@ -62,7 +62,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def name(number: int) -> str:
-    """What a signal is called."""
+    """Return the name of a signal."""
     try:
         return signal.Signals(number).name
     except ValueError:

@@ -1,4 +1,4 @@
-"""Silent known issues: nothing is raised, so that a green result may be wrong. Which cases they speak of."""
+"""Decide which cases silent known issues concern: nothing is raised there, so that a green result may be wrong."""
 
 from __future__ import annotations
 

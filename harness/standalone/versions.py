@@ -30,7 +30,7 @@ FAR = 10**18
 
 
 def canonical(name: str) -> str:
-    """A package's name as indexes compare it."""
+    """Return a package's name as indexes compare it."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
@@ -72,17 +72,17 @@ class Version:
 
     @property
     def public(self) -> Tuple[Any, ...]:
-        """What is compared where a local label does not count."""
+        """Return the key to compare where a local label does not count."""
         return self.key[:5]
 
     @property
     def base(self) -> Tuple[Any, ...]:
-        """Epoch and release."""
+        """Return epoch and release."""
         return self.key[:2]
 
     @property
     def is_prerelease(self) -> bool:
-        """Return whether it is one of development, or before the release."""
+        """Return whether it is a development release or a prerelease."""
         return self.pre is not None or self.dev is not None
 
     def __str__(self) -> str:
@@ -115,7 +115,7 @@ class Version:
 
 
 def trimmed(release: Tuple[int, ...]) -> Tuple[int, ...]:
-    """A release without the zeros at its end."""
+    """Return a release without the zeros at its end."""
     end = len(release)
     while end > 1 and release[end - 1] == 0:
         end -= 1
@@ -124,12 +124,12 @@ def trimmed(release: Tuple[int, ...]) -> Tuple[int, ...]:
 
 @lru_cache(maxsize=None)
 def version(text: str) -> Version:
-    """The version, parsed once. Raises ValueError."""
+    """Return the version, parsed once. Raises ValueError."""
     return Version(text)
 
 
 def is_version(text: str) -> bool:
-    """Return whether it is one."""
+    """Return whether a text is a version."""
     return VERSION.fullmatch(text) is not None
 
 
@@ -227,18 +227,18 @@ class Specifiers:
         return self.text
 
     def admits(self, text: str) -> bool:
-        """Whether a version fits, be it a prerelease; what is no version fits only where it is named by `===`."""
+        """Return whether a version fits, be it a prerelease; a text that is no version fits only `===`."""
         return all(one.admits_text(text) for one in self.clauses)
 
     def newest(self, texts: Iterable[str]) -> str | None:
-        """The greatest of several versions that fits; None where none does."""
+        """Return the greatest of several versions that fits; None if none does."""
         fitting = [text for text in texts if is_version(text) and self.admits(text)]
         return max(fitting, key=version) if fitting else None
 
 
 @lru_cache(maxsize=None)
 def specifiers(text: str) -> Specifiers:
-    """The specifiers, parsed once. Raises ValueError."""
+    """Return the specifiers, parsed once. Raises ValueError."""
     return Specifiers(text)
 
 
@@ -254,7 +254,7 @@ def unsatisfiable(together: Iterable[Specifiers]) -> bool:
 
 
 def _near(clause: Clause) -> Iterator[str]:
-    """Versions at a bound, right before it and right after it, whatever kind of release may stand there."""
+    """Yield versions at a bound, right before it and right after it, of every kind of release."""
     if clause.prefix:
         epoch, release = clause.prefix
         yield from _around(epoch, release)
@@ -267,7 +267,7 @@ def _near(clause: Clause) -> Iterator[str]:
 
 
 def _around(epoch: int, release: Tuple[int, ...]) -> Iterator[str]:
-    """The first and last of a release, the first after it and the last before it."""
+    """Yield the first and last versions of a release, the first one after it and the last one before it."""
     start = "{}!".format(epoch) if epoch else ""
     whole = start + ".".join(map(str, release))
     yield from (whole, whole + ".dev0", whole + ".post{}".format(FAR), whole + ".0.0.0.0.1", whole + ".0.0.0.0.1.dev0")
@@ -281,7 +281,7 @@ def _around(epoch: int, release: Tuple[int, ...]) -> Iterator[str]:
 
 
 def _close(bound: Version) -> Iterator[str]:
-    """What stands next to one version, before and after."""
+    """Yield the neighbours of one version, before and after it."""
     public = str(bound).partition("+")[0]
     yield public + "+0"
     yield "{}+{}".format(public, FAR)

@@ -58,7 +58,7 @@ LONGEST = 280
 
 
 def assets(mended):
-    """The files that the scene includes; `mended` is what a maintainer would do: the class nested."""
+    """Return the files that the scene includes; `mended` is what a maintainer would do: the class nested."""
     return {"counter.xml": COUNTER, "kettle.xml": MENDED if mended else KETTLE}
 
 
@@ -104,7 +104,7 @@ class ByControl:
 
 
 class Kitchen(gym.Env):
-    """What all of them are: positions and velocities are observed, the shoulder is turned."""
+    """The base of all environments: positions and velocities are observed, the shoulder is turned."""
 
     metadata = {"render_modes": []}  # noqa: RUF012 - as in every user's environment
 
@@ -296,7 +296,7 @@ class MultiStepWrapper(gym.Wrapper):
 
 
 def repeated(space, number):
-    """A space of as many."""
+    """Return the space of so many environments as one."""
     return gym.spaces.Box(np.stack([space.low] * number), np.stack([space.high] * number), dtype=space.dtype)
 
 
@@ -323,7 +323,7 @@ class SyncVectorEnv:
 
 
 def batch(results):
-    """Steps of several as one."""
+    """Return the steps of several environments as one."""
     observations, rewards, done, infos = zip(*results)
     return np.stack(observations), np.array(rewards), np.array(done), infos
 
@@ -385,7 +385,7 @@ class AsyncVectorEnv(gym.vector.VectorEnv):
 
 
 def serve(env_fn, pipe, other):
-    """A worker: it says what was asked of its environment."""
+    """Run a worker: make an environment, and answer requests for its attributes and calls until `close`."""
     env = env_fn()
     other.close()
     while True:

@@ -46,7 +46,7 @@ class World:
         self.observation_space = self.space((self.num_envs,))
 
     def space(self, worlds):
-        """The space of observations with these dimensions before those of one world."""
+        """Return the space of observations with these dimensions before those of one world."""
         policy = spaces.Box(-LIMIT, LIMIT, (*worlds, 2), "float32")
         age = spaces.Box(0.0, 1.0, (*worlds, 1), "float32")
         return spaces.Dict({"policy": policy, "age": age}) if self.dict else policy
@@ -76,20 +76,20 @@ class World:
         return self.observe(), reward, terminated, truncated, info
 
     def finish(self, ended):
-        """What follows the end of an episode: the next one."""
+        """Begin the next episode in the worlds whose episode has ended."""
         if ended.any():
             self.begin(ended)
         return {}
 
     def observe(self):
-        """What is seen of all worlds."""
+        """Return the observation of all worlds."""
         policy = self.give("policy", self.position)
         if not self.dict:
             return policy
         return {"policy": policy, "age": self.give("age", (self.age / self.lengths).clamp(max=1.0)[:, None])}
 
     def give(self, name, value):
-        """The value in memory of its own, or in that of the step before."""
+        """Return the value in memory of its own, or in that of the step before."""
         if not self.reuse:
             return value.clone()
         return self.given.setdefault(name, torch.empty_like(value)).copy_(value)
@@ -98,7 +98,7 @@ class World:
         """Draw nothing."""
 
     def close(self, **_):
-        """There is nothing to let go of."""
+        """Do nothing: there is nothing to release."""
 
 
 class Environment(World, gymnasium.Env):

@@ -18,7 +18,7 @@ HERE = sys.executable
 
 
 def importing(*names: str, checks: tuple[str, ...] = ("import.modules",)) -> Case:
-    """A case that only imports."""
+    """Return a case that only imports."""
     return Case(id="c", env=None, api="", imports=names, checks=checks)
 
 
@@ -204,7 +204,7 @@ def test_deprecations_are_notes(probe, tmp_path: Path) -> None:
 
 
 def test_ignored_exceptions_are_findings(probe, tmp_path: Path) -> None:
-    """What `__del__` raises reaches nobody but the findings."""
+    """An exception raised in `__del__` appears in the findings, and nowhere else."""
     write(
         tmp_path,
         littering="""
@@ -231,7 +231,7 @@ def test_death_leaves_the_check_open(probe, tmp_path: Path) -> None:
 
 
 def test_slowness_leaves_stacks(probe, tmp_path: Path) -> None:
-    """When nine tenths of a limit are spent the stacks are written, and the check goes on."""
+    """Stacks are written after nine tenths of a limit, and the check goes on."""
     write(tmp_path, slow="import time\ntime.sleep(1)")
     done = probe(HERE, importing("slow"), limit=0.2)
     assert done["import.modules"].outcome is Outcome.PASSED

@@ -88,7 +88,7 @@ def test_every_template_is_used() -> None:
 
 
 def test_codes_are_written_where_they_are_reported() -> None:
-    """But for the few functions that hand them on."""
+    """Codes are written at the call, except in the few functions that pass them on."""
     found: dict[str, set[str]] = {}
     for one in FOUND:
         if isinstance(one, Open):

@@ -54,7 +54,7 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _imports(tree: ast.AST) -> list[tuple[str, int]]:
-    """(module, level of relative import) of each import statement."""
+    """Return (module, level of relative import) of each import statement."""
     found = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -65,7 +65,7 @@ def _imports(tree: ast.AST) -> list[tuple[str, int]]:
 
 
 def _at_load(tree: ast.Module) -> ast.Module:
-    """The file without what its functions do when they are called."""
+    """Return the file without the bodies of its functions, which do not run at import."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
             node.body = [ast.Pass()]
@@ -82,7 +82,7 @@ def test_syntax(path: Path) -> None:
     "source", ["if (n := 1): pass", "def f(a, /): pass", "with (open('x') as f): match f:\n  case 1: pass"]
 )
 def test_syntax_check_can_fail(source: str) -> None:
-    """What 3.7 lacks is refused by the same call."""
+    """Syntax newer than Python 3.7 is refused by the same call."""
     with pytest.raises(SyntaxError):
         ast.parse(source, feature_version=(3, 7))
 

@@ -37,7 +37,7 @@ HEALTHY = {
 
 
 def importing(name: str) -> Case:
-    """A case that only imports."""
+    """Return a case that only imports."""
     return Case(id="c", env=None, api="", imports=(name,), checks=("import.modules",))
 
 
@@ -92,7 +92,7 @@ VALUES = [
 
 @pytest.fixture
 def encoded(monkeypatch: pytest.MonkeyPatch):
-    """The encoder, imported by this Python as the bootstrap does."""
+    """Return the encoder, imported by this Python as the bootstrap does."""
     package = type(sys)("_simmatrix_cell")
     package.__path__ = [str(Path(harness.__file__).parent / "incell")]
     monkeypatch.setitem(sys.modules, "_simmatrix_cell", package)

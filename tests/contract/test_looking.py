@@ -1,4 +1,4 @@
-"""What looks at an environment runs under every Python from 3.7 to 3.14, and so does all that `doctor` makes of it."""
+"""Test `doctor`, and the program that looks at an environment for it, under every Python from 3.7 to 3.14."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ print(json.dumps([made["environment"]["version"], doctor.code(made), list(doctor
 
 
 def bare(version: str, folder: Path) -> Path:
-    """An environment of this Python with nothing in it."""
+    """Create an empty environment of this Python; return its interpreter."""
     found = interpreters.find(version)
     if found is None:
         pytest.skip(f"unavailable: python{version}")

@@ -34,7 +34,7 @@ LOGS = {
 
 @pytest.fixture(scope="module")
 def pyz(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The file, in a folder that nobody writes to."""
+    """Return the single file, in a folder that nobody can write to."""
     folder = tmp_path_factory.mktemp("alone")
     doctor_pyz.write(folder / "simmatrix-doctor.pyz")
     folder.chmod(0o555)
@@ -43,7 +43,7 @@ def pyz(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def python(request: pytest.FixtureRequest) -> str:
-    """An interpreter of a version."""
+    """Return an interpreter of a version."""
     found = interpreters.find(request.param)
     if found is None:
         pytest.skip(f"unavailable: python{request.param}")
@@ -65,7 +65,7 @@ def run(python: str, pyz: Path, *arguments: str, given: bytes = b"", cwd: Path) 
 
 @pytest.fixture(scope="module")
 def answers() -> dict[str, tuple[int, dict[str, object]]]:
-    """What the host says of each log, with what comes with it alone."""
+    """Return the host's exit code and answer for each log, using only the data that is shipped with it."""
     known, here = verb.known(), explaining.Here(measured=result_index.shipped())
     made = {name: explaining.explained(text, known, here) for name, text in LOGS.items()}
     return {name: (0 if one.cause else explain.UNKNOWN, one.plain()) for name, one in made.items()}
@@ -125,7 +125,7 @@ def test_people_are_told_too(pyz: Path, tmp_path: Path) -> None:
 
 
 def test_bad_input_is_told(pyz: Path, tmp_path: Path) -> None:
-    """In one line, with 2."""
+    """Bad input gives one line on stderr and exit code 2."""
     done = run(sys.executable, pyz, "explain", "no.log", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (
         2,
@@ -159,5 +159,5 @@ def test_a_python_that_is_too_old_is_told_so(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_texts_are_decoded_alike() -> None:
-    """What comes in as bytes is the text that the host explains here."""
+    """Bytes decode to the text that the host explains here."""
     assert {name: keeping.decoded(text.encode()) for name, text in LOGS.items()} == LOGS

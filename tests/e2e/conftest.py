@@ -1,4 +1,4 @@
-"""What end-to-end tests share: an empty cache and state, no settings of this machine's user, a wheelhouse of fakes."""
+"""Share fixtures: an empty cache and state, no settings of this machine's user, a wheelhouse of fakes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["marker", "python", "sandbox"]
 
 @pytest.fixture(autouse=True, scope="session")
 def terminal_signals() -> None:
-    """Commands start with the signals that a terminal gives, though the suite itself runs under `nohup`."""
+    """Let commands start with the signals that a terminal gives, though the suite itself runs under `nohup`."""
     for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
@@ -29,7 +29,7 @@ def terminal_signals() -> None:
 
 @pytest.fixture
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache, an empty state, and no index settings but those of the test."""
+    """Set an empty cache, an empty state, and no index settings but those of the test; return the test's folder."""
     for name in os.environ:
         if name.startswith(("UV_", "PIP_")):
             monkeypatch.delenv(name)
@@ -43,14 +43,14 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="session")
 def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All fakes but those named torch, as wheels and sdists."""
+    """Return a folder with all fakes but those named torch, as wheels and sdists."""
     names = [path.parent.name for path in fakes.FAKES.glob("*/fake.toml") if not path.parent.name.startswith("torch")]
     return fakes.make(tmp_path_factory.mktemp("wheelhouse"), *names)
 
 
 @pytest.fixture
 def host() -> Interpreter:
-    """The Python that runs the tests."""
+    """Return the Python that runs the tests."""
     found = interpreters.find("host")
     assert found
     return found
@@ -58,7 +58,7 @@ def host() -> Interpreter:
 
 @pytest.fixture
 def other() -> Interpreter:
-    """Another Python than the host's."""
+    """Return Python 3.9, or skip the test where it is missing."""
     found = interpreters.find("3.9")
     if found is None:
         pytest.skip("unavailable: python3.9")
@@ -67,13 +67,13 @@ def other() -> Interpreter:
 
 @pytest.fixture
 def offline_index(wheelhouse: Path) -> IndexSettings:
-    """The fakes and nothing else."""
+    """Return index settings that offer the fakes and nothing else."""
     return IndexSettings(no_index=True, find_links=(str(wheelhouse),))
 
 
 @pytest.fixture
 def serve() -> Iterator[Callable[[Callable[[BaseHTTPRequestHandler], None]], str]]:
-    """Start an index on the loopback whose answers a function writes; gives its address."""
+    """Yield a function that starts an index on the loopback and returns its address; `answer` writes each response."""
     servers = []
 
     def start(answer: Callable[[BaseHTTPRequestHandler], None]) -> str:

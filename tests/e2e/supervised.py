@@ -1,4 +1,4 @@
-"""Commands under the supervisor as tests start them, and their processes."""
+"""Start commands under the supervisor as tests do, and find their processes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def missing(sandbox: str) -> bool:
 
 @pytest.fixture(params=KINDS)
 def sandbox(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Every test that asks for it runs with namespaces and without."""
+    """Return the name of a sandbox: each test that uses it runs with namespaces and without."""
     name: str = request.param
     if missing(name):
         pytest.skip(f"unavailable: {name}")
@@ -40,7 +40,7 @@ def sandbox(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.fixture
 def marker() -> Iterator[str]:
-    """A word to put into an argv, by which processes are found; all are gone at the end of the test."""
+    """Yield a word for an argv, by which processes are found; all of them must be gone after the test."""
     word = f"marker-{uuid.uuid4().hex}"
     yield word
     assert gone(word)
@@ -48,7 +48,7 @@ def marker() -> Iterator[str]:
 
 @pytest.fixture
 def python(tmp_path: Path) -> Build:
-    """A command that runs Python code in a cell's sandbox."""
+    """Return a function that makes a command which runs Python code in a cell's sandbox."""
 
     def build(code: str, *words: str, **settings: Any) -> Command:
         home = tmp_path / "home"
@@ -69,7 +69,7 @@ def python(tmp_path: Path) -> Build:
 
 
 def found(word: str) -> list[int]:
-    """The living processes with a word in their argv."""
+    """Return the ids of living processes with a word in their argv."""
     pids = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -111,7 +111,7 @@ os.wait()
 
 
 def readable_python(folder: Path) -> str:
-    """An interpreter that everybody may run, with the package beside the script."""
+    """Return an interpreter that every user may run, with the package beside the script."""
     folder.chmod(0o755)
     shutil.copytree(CHECKOUT / "harness", folder / "harness", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "work").mkdir()

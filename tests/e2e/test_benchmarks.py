@@ -1,4 +1,4 @@
-"""Every benchmark can still be started: what it imports is there, and its arguments are read."""
+"""Every benchmark can still be started: its imports exist, and its arguments are read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STARTED = sorted(
 
 @pytest.mark.parametrize("script", STARTED, ids=str)
 def test_a_benchmark_starts(script: Path) -> None:
-    """Its help comes with code 0, so that all of its module was run."""
+    """A benchmark prints its help with code 0, after all of its module was run."""
     package = script.name == "__main__.py"
     command = ("-m", ".".join(script.parent.parts)) if package else (str(script),)
     ran = subprocess.run(
@@ -29,7 +29,7 @@ def test_a_benchmark_starts(script: Path) -> None:
 
 
 def test_peers_are_asked_what_a_cell_is_asked() -> None:
-    """The other tools run the checks of a case of ours, no more and no fewer."""
+    """The other tools run exactly the checks of one of our cases."""
     code = "import peers; print(*peers.REQUESTS['checks'])"
     ran = subprocess.run(
         (sys.executable, "-c", code), cwd=ROOT / "benchmarks", capture_output=True, text=True, timeout=60, check=True

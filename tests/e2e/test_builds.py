@@ -25,7 +25,7 @@ Make = Callable[..., Environment | Step]
 
 @pytest.fixture
 def make(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Make:
-    """Lock and install with the host's Python over the fakes."""
+    """Return a function that locks and installs fakes with the host's Python."""
 
     def ensure(*requirements: str, python: Interpreter = host, **more: object) -> Environment | Step:
         asked = question(*requirements, **{"index": offline_index, **more})
@@ -35,7 +35,7 @@ def make(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Mak
 
 
 def made(answer: Environment | Step) -> Environment:
-    """Expect an environment."""
+    """Return the answer, which must be an environment."""
     assert isinstance(answer, Environment), answer
     return answer
 
@@ -94,7 +94,7 @@ def test_host_variables_stay_outside(make: Make, tmp_path: Path, monkeypatch: py
 
 
 def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> None:
-    """A second request takes the wheel from the store: no build environment is asked for."""
+    """A second request takes the wheel from the store, without a build environment."""
     made(make("fake-build-dependent"))
     asked = question("fake-build-dependent", "fake-needs-plain", index=offline_index)
     lock = locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))
@@ -107,7 +107,7 @@ def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings,
 
 
 def test_backend_asks_for_more(make: Make, tmp_path: Path) -> None:
-    """What only `get_requires_for_build_wheel` names is in the build environment, within its limits."""
+    """A package that only `get_requires_for_build_wheel` names is in the build environment, within its bounds."""
     environment = made(make("fake-build-asks-more"))
 
     assert values(environment, "fake_build_asks_more", tmp_path) == {"BUILT_WITH": "1.0"}
@@ -115,7 +115,7 @@ def test_backend_asks_for_more(make: Make, tmp_path: Path) -> None:
 
 
 def test_said_to_be_built(make: Make) -> None:
-    """What was built here is told as a note."""
+    """A wheel that was built here has a note that says so."""
     assert [finding.text for finding in made(make("fake-build-asks-more")).findings] == [
         "fake-build-asks-more 1.0 has no wheel for this Python and was built from its sdist"
     ]

@@ -1,4 +1,4 @@
-"""Byte code of an environment: what a run leaves is thrown away, what is kept was compiled apart from it."""
+"""Bytecode of an environment: a run's own is discarded, and the kept one is compiled apart from the run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MODULE = "import os\nSEEN = os.path.basename(__cached__ or '')\n"
 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
-    """An environment of one module, and this Python."""
+    """Return an environment of one module, and this Python."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "environment"
     (folder / "package").mkdir(parents=True)
@@ -26,7 +26,7 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
 
 
 def imported(lent: Lent, folder: Path, more: str = "") -> str:
-    """Import the module as a probe does; what it printed."""
+    """Import the module as a probe does, and return its output."""
     code = f"import sys; sys.path.insert(0, {str(folder)!r}); import package; print(package.SEEN); {more}"
     done = subprocess.run(
         [sys.executable, "-I", "-S", "-X", f"pycache_prefix={lent.prefix}", "-c", code],
@@ -44,7 +44,7 @@ def pyc(lent: Lent, folder: Path) -> Path:
 
 
 def warmed(source: Source) -> None:
-    """Run twice: the second has what the first needed, compiled apart."""
+    """Run twice: the second run has the bytecode that the first needed, compiled apart."""
     (folder,) = source.folders
     for _ in range(2):
         with bytecode.lent(source, folder, "t") as lent:
@@ -74,7 +74,7 @@ def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_pa
 
 
 def test_what_a_run_leaves_reaches_nobody(source: Source) -> None:
-    """Poisoned byte code goes with the run that left it, also where it stands for a name that is new."""
+    """Poisoned bytecode is deleted with the run that left it, also if it is for a new name."""
     (folder,) = source.folders
     warmed(source)
     with bytecode.lent(source, folder, "t") as lent:
@@ -91,7 +91,7 @@ def test_what_a_run_leaves_reaches_nobody(source: Source) -> None:
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "fifo", "folder", "deep"])
 def test_damage_is_not_used(source: Source, damage: str) -> None:
-    """Whatever became of the file, a run compiles anew, and the next finds it whole."""
+    """However the file is damaged, a run compiles again, and the next run finds it whole."""
     (folder,) = source.folders
     warmed(source)
     code = source.kept / bytecode.CODE
@@ -111,7 +111,7 @@ def test_damage_is_not_used(source: Source, damage: str) -> None:
 
 
 def test_forgotten_code_is_compiled_anew(source: Source) -> None:
-    """`--fresh` and `--verify` take nothing of earlier runs."""
+    """`--fresh` and `--verify` use no bytecode of earlier runs."""
     warmed(source)
     bytecode.forget(source.kept)
     assert not (source.kept / bytecode.CODE).exists()
@@ -120,7 +120,7 @@ def test_forgotten_code_is_compiled_anew(source: Source) -> None:
 
 
 def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> None:
-    """A module with an error of syntax, or one that is gone, is no trouble."""
+    """A module that has a syntax error or was deleted is skipped without harm."""
     (folder,) = source.folders
     (folder / "package/broken.py").write_text("def (\n")
     with bytecode.lent(source, folder, "t") as lent:

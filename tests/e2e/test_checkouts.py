@@ -1,4 +1,4 @@
-"""Source trees of a package under test: what state they are in, and what a copy of them holds."""
+"""Source trees of a package under test: their state, and the content of their copies."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def tree(tmp_path: Path) -> Path:
 
 
 def held(folder: Path) -> list[str]:
-    """The files of a copy, its history apart."""
+    """Return the files of a copy, without its history."""
     paths = [path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()]
     return sorted(path.as_posix() for path in paths if ".git" not in path.parts)
 
 
 def test_folder_without_version_control(tree: Path, tmp_path: Path) -> None:
-    """Its state is that of its files; what tools leave behind has no part in it, nor in a copy."""
+    """The state of a folder is that of its files; leftovers of tools are neither in it nor in a copy."""
     before = checkouts.of_folder(tree)
     (tree / "build" / "lib" / "own" / "old.py").write_text("another")
     same = checkouts.of_folder(tree)
@@ -79,7 +79,10 @@ def test_folder_without_version_control(tree: Path, tmp_path: Path) -> None:
 
 
 def test_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
-    """A commit, whether files differ from it, and a copy of what is not ignored, with the history, as it lies there."""
+    """A checkout's state is its commit and whether files differ from it.
+
+    A copy has all files that are not ignored, and the history, as they are there.
+    """
     whole = tree.parent
     (whole / ".gitignore").write_text("/part/build\n*.egg-info\nenv\n__pycache__\n")
     git(whole, "init")
@@ -114,7 +117,7 @@ def test_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
 
 
 def test_leftovers_that_git_does_not_ignore(tree: Path, tmp_path: Path, git: Git) -> None:
-    """They have no part in the state nor in a copy, where a build would find what is no longer in the source."""
+    """Leftovers of builds are neither in the state nor in a copy, where a build would find deleted source files."""
     whole = tree.parent
     git(whole, "init")
     git(whole, "add", "part/own/__init__.py", "part/setup.py", "part/env/lib/more.py")
@@ -129,7 +132,7 @@ def test_leftovers_that_git_does_not_ignore(tree: Path, tmp_path: Path, git: Git
 
 
 def test_checkout_within_a_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
-    """What changes inside a submodule changes the state; a copy has no more of it than of the rest."""
+    """A change inside a submodule changes the state; a copy has the submodule's files without ignored ones."""
     whole, other = tree.parent, tmp_path / "other"
     other.mkdir()
     (other / ".gitignore").write_text("*.o\n")
@@ -157,7 +160,7 @@ def test_checkout_within_a_checkout(tree: Path, tmp_path: Path, git: Git) -> Non
 
 
 def test_files_that_git_was_told_not_to_look_at(tree: Path, git: Git) -> None:
-    """They are copied as they lie there, so their content is part of the state."""
+    """Files that git does not check for changes are copied as they are, so their content is part of the state."""
     whole = tree.parent
     git(whole, "init")
     git(whole, "add", "-A")
@@ -173,7 +176,7 @@ def test_files_that_git_was_told_not_to_look_at(tree: Path, git: Git) -> None:
 
 
 def test_source_that_changes_while_it_is_used(tree: Path, tmp_path: Path) -> None:
-    """Nothing is made of a state other than the one that the run began with."""
+    """A source that has changed since the run began cannot be copied: a run uses one state only."""
     settled = package_under_test.settled(Subject(source=str(tree)))
     package_under_test.copied(settled, tmp_path / "same")
     (tree / "setup.py").write_text("another")
@@ -188,7 +191,7 @@ def test_source_that_changes_while_it_is_used(tree: Path, tmp_path: Path) -> Non
 
 
 def test_repository(tree: Path, tmp_path: Path, git: Git) -> None:
-    """A reference is what it stands for now; a commit that was fetched needs no network, another one does."""
+    """A reference means its present commit; a fetched commit needs no network, another one does."""
     whole = tree.parent
     git(whole, "init")
     git(whole, "add", "-A")

@@ -47,13 +47,13 @@ def repository(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def made(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What `ci` prints for the matrix."""
+    """Return the text that `ci` prints for the matrix."""
     assert main(["ci", "matrices/mine.toml", *arguments]) == 0
     return capsys.readouterr().out
 
 
 def linted(*command: str | Path) -> subprocess.CompletedProcess[str]:
-    """What a linter says."""
+    """Run a linter and return the ended process; skip the test if it is missing."""
     program = shutil.which(command[0], path=f"{SCRIPTS}{os.pathsep}{os.environ['PATH']}")
     if program is None:
         pytest.skip(f"missing library: {command[0]}")
@@ -61,7 +61,7 @@ def linted(*command: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def report(file: Path, seconds: float, cells: slice = slice(None)) -> None:
-    """A report in which these cells took so long."""
+    """Write a report in which these cells took so many seconds."""
     plan = open_matrix.load("matrices/mine.toml", print, offline=True)
     records = [CellRecord(cell=cell, machine="here", seconds=seconds) for cell in plan.cells[cells]]
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -92,7 +92,7 @@ class TestLinters:
         command: tuple[str, ...],
         wrong: tuple[str, str],
     ) -> None:
-        """The platform's linter, at its strictest, finds nothing; in the same file spoilt it finds something."""
+        """The platform's strictest linter accepts the file, and rejects a spoilt version of it."""
         text = made(capsys, "--provider", provider, "--fail-on", "unexpected")
         file = repository / f"made.{'sh' if provider == 'slurm' else 'yml'}"
         file.write_text(text)
@@ -116,7 +116,7 @@ class TestCheck:
             assert capsys.readouterr() == ("", "made: is up to date\n")
 
     def test_out_of_date(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """Other options, or an edit by hand: exit code 1, the difference, and what to do."""
+        """A file made with other options or edited by hand gives exit code 1, the difference, and what to do."""
         main(["ci", "matrices/mine.toml", "--out", "made.yml", "--limit", "60"])
         capsys.readouterr()
 
@@ -133,7 +133,7 @@ class TestCheck:
         )
 
     def test_a_long_difference_is_cut(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """Of another file altogether only the beginning is shown."""
+        """The difference to a completely different file is cut after its beginning."""
         Path("made.yml").write_text("other\n")
 
         assert main(["ci", "matrices/mine.toml", "--check", "made.yml"]) == 1
@@ -145,7 +145,7 @@ class TestCheck:
     def test_our_own(
         self, workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        """The workflow of this repository is what `ci` makes now."""
+        """The workflow of this repository is up to date."""
         monkeypatch.chdir(ROOT)
 
         code = main(["ci", "quickstart", "--install", ".", "--check", str(WORKFLOW.relative_to(ROOT))])
@@ -155,7 +155,7 @@ class TestCheck:
 
 class TestPlanning:
     def test_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """What the plan job of a workflow asks for: its outputs and its summary."""
+        """`--emit` prints the plan job's outputs and its summary."""
         assert made(capsys, "--emit", "shards") == "count=1\nshards=[1]\n"
         assert made(capsys, "--emit", "summary").startswith("## mine: 1 cell in 1 shard\n")
 
@@ -168,7 +168,10 @@ class TestPlanning:
         assert "--provider github --shards 7 --emit shards" in made(capsys, "--shards", "7")
 
     def test_recorded_seconds_make_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """Those of the committed report, and of reports that are named, which `run` is given as well."""
+        """Shards are balanced by the seconds of the committed report and of reports given with `--durations`.
+
+        `run` gets the same `--durations`.
+        """
         expansion = Path("matrices/mine.expanded.json")
         expansion.write_text(EXPANDED.replace('"2.4.0"', ", ".join(f'"2.{minor}.0"' for minor in range(6))))
         assert "count=1\n" in made(capsys, "--emit", "shards")
@@ -184,13 +187,13 @@ class TestPlanning:
         assert "simmatrix run matrices/mine.toml -j auto --durations longer.json --shard" in text
 
     def test_installs_the_version_that_made_it(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """Unless something else is asked for."""
+        """A workflow installs the simmatrix version that wrote it, unless another one is requested."""
         assert f"pip install --quiet simmatrix=={version('simmatrix')}\n" in made(capsys)
 
 
 class TestBadInput:
     def refused(self, capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
-        """The message, and nothing on stdout."""
+        """Return the message of a refused command, which prints nothing on stdout."""
         assert main(["ci", *arguments]) == code
         out, err = capsys.readouterr()
         assert out == ""
@@ -223,7 +226,7 @@ class TestBadInput:
         assert capsys.readouterr().out == expected
 
     def test_never_expanded(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """A plan that could only be made with an index is no plan that every job would make."""
+        """A matrix without a stored expansion is refused: other jobs could get another plan from the index."""
         Path("matrices/mine.expanded.json").unlink()
 
         assert self.refused(capsys, "matrices/mine.toml", code=3) == (
@@ -232,25 +235,25 @@ class TestBadInput:
         )
 
     def test_too_many_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """The platform's limit is told."""
+        """A plan with more shards than the platform allows is refused."""
         assert self.refused(capsys, "matrices/mine.toml", "--shards", "257") == (
             "simmatrix: --shards 257: github runs at most 256 jobs of one kind\n"
         )
 
     def test_option_of_another_platform(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """What would be passed over is refused."""
+        """An option that the platform would ignore is refused."""
         assert self.refused(capsys, "matrices/mine.toml", "--provider", "slurm", "--install", ".") == (
             "simmatrix: --install: means nothing to slurm; leave it out\n"
         )
 
     def test_nothing_to_compare_with(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """A missing file is no file out of date."""
+        """`--check` on a missing file is bad input, not an outdated file."""
         assert self.refused(capsys, "matrices/mine.toml", "--check", "made.yml") == (
             "simmatrix: --check made.yml: cannot be read: No such file or directory; --out made.yml makes it\n"
         )
 
     def test_comparing_and_writing(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """One or the other."""
+        """`--check` and `--out` exclude each other."""
         assert self.refused(capsys, "matrices/mine.toml", "--check", "a", "--out", "a") == (
             "simmatrix: --check compares and --out writes: name one of them\n"
         )

@@ -1,4 +1,4 @@
-"""Tests what a command under the supervisor can do to the user or leave behind, whoever runs the harness."""
+"""Limit what a command under the supervisor can do to the user or leave behind, whoever runs the harness."""
 
 from __future__ import annotations
 
@@ -64,28 +64,28 @@ time.sleep(600)
 
 
 def lines(path: Path) -> list[str]:
-    """The lines of a file."""
+    """Return the lines of a file."""
     return path.read_text().splitlines()
 
 
 def objects() -> set[str]:
-    """The System V objects of this machine, by kind and line."""
+    """Return the System V objects of this machine, by kind and line."""
     return {kind + row.split()[1] for kind in ("shm", "msg", "sem") for row in lines(Path("/proc/sysvipc", kind))}
 
 
 @pytest.fixture
 def subreaper(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sandbox without namespaces."""
+    """Use the sandbox without namespaces."""
     monkeypatch.setenv(process.FORCED, process.UNSEALED)
 
 
 def children_of(pid: int) -> list[int]:
-    """The children of a process."""
+    """Return the ids of the children of a process."""
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def keeper_of(running: process.Running) -> int:
-    """The child of the guard."""
+    """Return the id of the keeper, the child of the guard."""
     return children_of(running.pid)[0]
 
 
@@ -111,7 +111,7 @@ class TestSecrets:
 
     @pytest.mark.parametrize("mode", ["pid+overlay", "subreaper"])
     def test_of_a_user_without_privileges(self, mode: str) -> None:
-        """The same holds for what an ordinary user runs."""
+        """An ordinary user's commands are confined in the same way."""
         if os.geteuid() != 0 or not shutil.which("setpriv"):
             pytest.skip("unavailable: root")
         folder = Path(tempfile.mkdtemp())
@@ -159,7 +159,7 @@ class TestRights:
         assert done.log.read_text() == "-1 Operation not permitted\n" * 3
 
     def test_no_signal_reaches_the_supervisor(self, sandbox: str, python: Build) -> None:
-        """A command that stops and kills its parent has done nothing to it."""
+        """A command that stops or kills its parent does not reach the supervisor."""
         if sandbox == process.UNSEALED and os.uname().release.split(".")[:2] < ["6", "12"]:
             pytest.skip("unavailable: Landlock with rules for signals")
         code = """
@@ -220,7 +220,7 @@ class TestLeftovers:
         assert len(new) == unclaimed, new
 
     def test_system_v_objects_of_a_command_that_draws(self, python: Build) -> None:
-        """With a display it shares such memory with the X server; what it leaves is removed."""
+        """A command that draws shares System V memory with the X server; its leftovers are removed."""
         if missing("pid+overlay"):
             pytest.skip("unavailable: pid+overlay")
         before = objects()
@@ -286,7 +286,7 @@ class TestStopped:
         assert time.monotonic() - begun < 10
 
     def test_guard(self, sandbox: str, python: Build, marker: str) -> None:
-        """So is a guard, and the reason to end the command is obeyed."""
+        """A guard that is stopped is woken too, and the reason to end the command is kept."""
         with process.start(python("import time; time.sleep(600)", marker)) as running:
             assert eventually(lambda: found(marker))
             os.kill(running.pid, signal.SIGSTOP)
@@ -343,7 +343,7 @@ class TestKilled:
         assert gone(marker)
 
     def test_command(self, sandbox: str, python: Build, marker: str) -> None:
-        """A command that somebody else kills was shot: nobody here sent the signal, and no limit was met."""
+        """A command killed from outside is marked as shot: we sent no signal, and no limit was reached."""
         with process.start(python("import time; time.sleep(600)", marker)) as running:
             assert eventually(lambda: found(marker))
             os.kill(found(marker)[0], signal.SIGKILL)
@@ -352,7 +352,7 @@ class TestKilled:
         assert (*ending(done), done.shot) == (None, signal.SIGKILL, False, False, None, True)
 
     def test_forged_report(self, tmp_path: Path) -> None:
-        """A report that no supervisor writes is none."""
+        """Only a report in the supervisor's own form is accepted."""
         for text in (b"", b"garbage", b"\xe9\x01", b"i\x01\0\0\0", b"{0"):
             assert process._report(text) is None
         assert process._report(marshal.dumps({"killed": None, "exit_code": "0"})) is None

@@ -1,4 +1,4 @@
-"""What draws in a cell, asked of libraries that it has loaded already."""
+"""Identify the OpenGL context of a cell by the libraries that the cell has already loaded."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ os._exit(0)
 
 @pytest.fixture(autouse=True)
 def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """This machine is asked anew."""
+    """Use an empty cache, so that the machine is examined again."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
 
 
 def asked(folder: Path, way: str) -> list[dict[str, str]]:
-    """What is told before a context was made in this way, what its maker says of it, and what is told then."""
+    """Return the context seen before a context is made in this way, its maker's facts, and the context seen after."""
     files = (str(launch.INCELL / "cell_context.py"), str(Path(gl_probe.__file__)))
     command = Command(
         argv=(sys.executable, "-I", "-c", ASKING, *files, way, str(folder / "told.json")),
@@ -65,7 +65,7 @@ def asked(folder: Path, way: str) -> list[dict[str, str]]:
     [("egl", "egl", "libegl1"), ("osmesa", "osmesa", "libosmesa6"), ("display", "glx", "xvfb")],
 )
 def test_what_is_current(tmp_path: Path, way: str, api: str, package: str) -> None:
-    """Vendor, renderer and version are those of the context that was made, the library is named, nothing is loaded."""
+    """Vendor, renderer and version are those of the new context; the library is named, and none is loaded."""
     if way not in this_machine.facts().capabilities:
         pytest.skip(f"missing library: {package}")
 
@@ -78,5 +78,5 @@ def test_what_is_current(tmp_path: Path, way: str, api: str, package: str) -> No
 
 
 def test_no_library(tmp_path: Path) -> None:
-    """Where nothing draws, nothing is told, and no library comes to be loaded."""
+    """If nothing draws, no context is reported and no library is loaded."""
     assert asked(tmp_path, "") == [{}, {}, {}]

@@ -1,4 +1,4 @@
-"""Several devices of EGL, shown by a stand-in: what is asked of each, and what `doctor --rendering` makes of them."""
+"""Several EGL devices, played by a stand-in: the facts of each, and the findings of `doctor --rendering`."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Doctor = Callable[..., tuple[int, dict[str, Any]]]
 
 @pytest.fixture(scope="module")
 def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder for the stand-in's libraries."""
+    """Return a folder for the stand-in's libraries."""
     return tmp_path_factory.mktemp("devices")
 
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An environment with nothing in it, of which nothing is to be said."""
+    """Return an empty environment, about which there is nothing to report."""
     folder = tmp_path_factory.mktemp("environment")
     subprocess.run((sys.executable, "-m", "venv", "--without-pip", folder), check=True)
     return folder
@@ -35,7 +35,10 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def doctor(libraries: Path, environment: Path) -> Doctor:
-    """Run `doctor --rendering --json` where these devices are, with these variables: exit code and document."""
+    """Return a function that runs `doctor --rendering --json` with these devices and variables.
+
+    It returns exit code and document.
+    """
 
     def run(devices: str, **variables: str) -> tuple[int, dict[str, Any]]:
         known = ("PATH", "HOME", "HARNESS_CACHE", "LANG")
@@ -50,12 +53,12 @@ def doctor(libraries: Path, environment: Path) -> Doctor:
 
 
 def said(document: dict[str, Any]) -> list[str]:
-    """What was found of rendering."""
+    """Return the texts of the findings about rendering."""
     return [one["text"] for one in document["findings"] if one["check"] == "rendering"]
 
 
 def test_each_device_is_asked(doctor: Doctor) -> None:
-    """In EGL's order, with CUDA's number; one that cannot be initialised is told and does not hide the others."""
+    """Devices are listed in EGL's order, with CUDA's number; a broken one is listed and does not hide the others."""
     code, document = doctor("1,0!,-")
 
     devices = document["rendering"]["devices"]
@@ -70,7 +73,7 @@ def test_each_device_is_asked(doctor: Doctor) -> None:
 
 
 def test_what_a_setting_selects(doctor: Doctor) -> None:
-    """CUDA_VISIBLE_DEVICES=3 is a trouble of robosuite's alone, and known; the finding says whose number it is."""
+    """CUDA_VISIBLE_DEVICES=3 breaks only robosuite, as a known failure; the finding names the variable."""
     code, document = doctor("0,1", CUDA_VISIBLE_DEVICES="3")
 
     wrong = "RuntimeError: The MUJOCO_EGL_DEVICE_ID environment variable must be an integer between 0 and 1 (inclusive)"
@@ -84,7 +87,7 @@ def test_what_a_setting_selects(doctor: Doctor) -> None:
 
 
 def test_the_recommended_setting_is_well(doctor: Doctor) -> None:
-    """Applied, nothing is found any more, and every library draws on the device that was meant."""
+    """With the recommended setting nothing is found, and every library draws on the intended device."""
     _, before = doctor("0,1,-!", CUDA_VISIBLE_DEVICES="1")
     advice = before["rendering"]["recommended"]
     kept = {} if "CUDA_VISIBLE_DEVICES" in advice["unset"] else {"CUDA_VISIBLE_DEVICES": "1"}
@@ -97,7 +100,7 @@ def test_the_recommended_setting_is_well(doctor: Doctor) -> None:
 
 @pytest.mark.parametrize("typed", SPACES, ids=lambda one: one.text)
 def test_spaces_around_the_sign(typed: Typed) -> None:
-    """What bash makes of what is typed, and what it answers."""
+    """Spaces around the sign have the predicted effect in bash: the variable's value, and bash's error message."""
     bash = shutil.which("bash")
     if bash is None:
         pytest.skip("unavailable: bash")

@@ -1,4 +1,4 @@
-"""Where Pythons lie, found anew exactly when something came or went."""
+"""Find the Pythons of a machine, searching again only if a folder or link has changed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BASE = Path(sys.base_prefix, "bin", "python{}.{}".format(*sys.version_info)).res
 
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A machine with one folder on PATH, in which two names lead to one Python."""
+    """Return the only folder on PATH, in which two names lead to one Python."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     for name in set(python_discovery.VARIABLES) - {"PATH", "HOME"}:
@@ -29,12 +29,12 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def found(tmp_path: Path) -> set[Path]:
-    """What is found besides the Python that runs this."""
+    """Return the Pythons found besides the one that runs this test."""
     return set(python_discovery.candidates(tmp_path / "managed")[1:])
 
 
 def executable(path: Path) -> Path:
-    """Something that looks like a Python."""
+    """Write a file that looks like a Python, and return it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("#!/bin/sh\n")
     path.chmod(0o755)
@@ -42,21 +42,21 @@ def executable(path: Path) -> Path:
 
 
 def test_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where nothing changed nobody looks."""
+    """Without a change the remembered Pythons are used, and nothing is searched."""
     monkeypatch.setitem(sys.modules, "findpython", None)
 
     assert found(tmp_path) == {BASE}
 
 
 def test_broken_memory(tmp_path: Path) -> None:
-    """A memory that cannot be read is as good as none."""
+    """A damaged memory is ignored."""
     (tmp_path / "cache/candidates.json").write_text("{")
 
     assert found(tmp_path) == {BASE}
 
 
 def test_link_that_leads_elsewhere(place: Path, tmp_path: Path) -> None:
-    """The folder on PATH is as it was, what a link there leads to is not."""
+    """A changed target of a link is noticed, though the folder on PATH is unchanged."""
     middle = tmp_path / "current"
     first, second = (executable(tmp_path / name / "python3.78") for name in ("a", "b"))
     middle.symlink_to(first.parent)
@@ -81,7 +81,7 @@ def test_link_that_leads_elsewhere(place: Path, tmp_path: Path) -> None:
     ],
 )
 def test_new_one(tmp_path: Path, name: str) -> None:
-    """A Python that comes into a folder is found, also one whose folder was there before it, as in a long build."""
+    """A new Python in a folder is found, also if the folder was there first, as in a long build."""
     path = tmp_path / name
     path.parent.mkdir(parents=True, exist_ok=True)
     assert found(tmp_path) == {BASE}

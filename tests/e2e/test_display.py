@@ -1,4 +1,4 @@
-"""A display of our own: reached from within a cell's sandbox, and gone with whoever started it."""
+"""Our own display is reachable from a cell's sandbox, and ends with the process that started it."""
 
 from __future__ import annotations
 
@@ -33,13 +33,16 @@ with shown(Command(argv=(), cwd=folder, env=env, limits=limits, log=folder / "lo
 
 @pytest.fixture
 def xvfb() -> None:
-    """The test needs an X server without a screen."""
+    """Skip the test if Xvfb, an X server without a screen, is missing."""
     if display.program() is None:
         pytest.skip("missing library: xvfb")
 
 
 def asking(folder: Path) -> Command:
-    """A command that asks OpenGL on its display, in a sandbox like a cell's; it answers in `answer.json`."""
+    """Return a command that examines OpenGL on its display, in a sandbox like a cell's.
+
+    It writes to `answer.json`.
+    """
     (folder / "home").mkdir()
     return Command(
         argv=(sys.executable, "-I", "-S", PROBE, "display", str(folder / "answer.json")),
@@ -53,7 +56,7 @@ def asking(folder: Path) -> Command:
 
 
 def server(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put a program called Xvfb before all others."""
+    """Put a program called Xvfb first on PATH."""
     program = folder / "Xvfb"
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
@@ -75,7 +78,7 @@ class TestReach:
         assert (there, socket.exists()) == (True, False)
 
     def test_not_by_others(self, tmp_path: Path) -> None:
-        """Who does not know the cookie is turned away."""
+        """A client without the cookie is rejected."""
         with display.shown(asking(tmp_path), tmp_path / "display") as seen:
             run(replace(seen.command, env={**seen.command.env, "XAUTHORITY": "/nowhere"}))
             name = seen.command.env["DISPLAY"]
@@ -83,7 +86,7 @@ class TestReach:
         assert (tmp_path / "answer.json").read_text() == f'{{"missing": "nothing answers at DISPLAY={name}"}}'
 
     def test_two_at_once(self, tmp_path: Path) -> None:
-        """Each probe has one of its own, with a number of its own, which evidence does not tell."""
+        """Each probe has its own display with its own number, which is not part of the evidence."""
         told = asking(tmp_path)
         with display.shown(told, tmp_path / "a") as one, display.shown(told, tmp_path / "b") as other:
             name = one.command.env["DISPLAY"]
@@ -91,7 +94,7 @@ class TestReach:
             assert normalise(f'Cannot connect to "{name}"', one.places) == 'Cannot connect to ":0"'
 
     def test_another_namespace_of_the_network(self, tmp_path: Path) -> None:
-        """A server takes no socket from one that it cannot see: each is still there while both are, and after."""
+        """A server takes no socket from a server in another network namespace: ours stays during and after it."""
         prefix = closed_network()
         if not prefix:
             pytest.skip("unavailable: namespaces")
@@ -112,7 +115,7 @@ class TestReach:
 
 @pytest.mark.usefixtures("xvfb")
 def test_ends_with_the_harness(tmp_path: Path) -> None:
-    """Nothing is left of it when the harness is killed."""
+    """No process of the display is left after the harness is killed."""
     mark = f"MESA_MARK={tmp_path}"
     argv = (sys.executable, "-c", KEEPING, str(tmp_path))
     with subprocess.Popen(
@@ -138,7 +141,7 @@ def test_ends_with_the_harness(tmp_path: Path) -> None:
     ],
 )
 def test_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, reason: str) -> None:
-    """Why there is none is told in the server's own words."""
+    """A display that does not start is reported in the server's own words."""
     server(tmp_path, script, monkeypatch)
 
     with pytest.raises(display.NoDisplayError) as caught, display.shown(asking(tmp_path), tmp_path / "display"):
@@ -148,7 +151,7 @@ def test_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sc
 
 
 def test_that_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that ends before its time is lost, and says how."""
+    """A display that ends too early is lost, and its exit code is reported."""
     server(tmp_path, "echo 77 >&3; exit 3", monkeypatch)
 
     with display.shown(asking(tmp_path), tmp_path / "display") as seen:
@@ -159,7 +162,7 @@ def test_that_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_one_that_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A display that a matrix names is opened with the user's authority, of the usual place where no other is named."""
+    """A display named by a matrix is opened with the user's authority file, by default the usual one."""
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XAUTHORITY", raising=False)
     (tmp_path / ".Xauthority").touch()

@@ -27,7 +27,7 @@ BASE = {name: os.environ[name] for name in ("PATH", "HOME", "LANG") if name in o
 
 
 class Place:
-    """An environment without pip, and the folder of whoever asks."""
+    """An environment without pip, and the working folder of the user."""
 
     def __init__(self, folder: Path, python: str, *options: str) -> None:
         self.folder, self.here = folder / "env", folder / "here"
@@ -44,24 +44,24 @@ class Place:
             archive.extractall(at or self.site)
 
     def look(self, **variables: str) -> dict[str, Any]:
-        """The document."""
+        """Return the document of `doctor` for this environment, with these variables."""
         asked = doctor.Asked(str(self.folder), None, {**BASE, **variables}, str(self.here))
         return doctor.document(asked, running.run, NOTHING)
 
 
 @pytest.fixture
 def place(tmp_path: Path, host: Interpreter) -> Place:
-    """An empty one of the host's Python."""
+    """Return an empty environment of the host's Python."""
     return Place(tmp_path, host.path)
 
 
 def told(made: dict[str, Any], level: str = "warning") -> list[tuple[str, str]]:
-    """Check and text of each finding."""
+    """Return check and text of each finding of a level."""
     return [(one["check"], one["text"]) for one in made["findings"] if one["level"] == level]
 
 
 def tree(folder: Path) -> dict[str, Any]:
-    """All that lies below a folder, with its content and times."""
+    """Return modification time (ns) and digest of everything below a folder."""
     return {
         str(path.relative_to(folder)): (
             path.lstat().st_mtime_ns,
@@ -72,7 +72,7 @@ def tree(folder: Path) -> dict[str, Any]:
 
 
 def test_nothing_is_wrong(place: Place) -> None:
-    """Packages that fit and can be imported; nothing is to be installed."""
+    """Packages that fit together and can be imported give no finding."""
     place.put("numpy", "2.2.6")
     place.put("gym", "0.26.2", "import numpy", requires=["numpy>=1.18"])
 
@@ -96,7 +96,7 @@ def test_nothing_is_changed(place: Place) -> None:
 
 
 def test_conflict(place: Place) -> None:
-    """A declared bound that does not hold, and the import that fails of it, which decides."""
+    """A violated bound is found with the import that fails because of it, and the import decides."""
     place.put("numpy", "2.2.6")
     place.put("gym", "0.21.0", "import numpy\nnumpy.bool8", requires=["numpy<2"])
 
@@ -111,7 +111,10 @@ def test_conflict(place: Place) -> None:
 
 
 def test_a_file_of_ones_own(place: Place) -> None:
-    """It hides a package and one of Python's modules; a folder without `__init__.py` hides nothing."""
+    """A file of the user that hides a package or one of Python's modules is found.
+
+    A folder without `__init__.py` hides nothing.
+    """
     place.put("mujoco", "3.1.6")
     place.put("gym", "0.26.2")
     (place.here / "mujoco.py").write_text("raise RuntimeError('mine')\n")
@@ -128,7 +131,7 @@ def test_a_file_of_ones_own(place: Place) -> None:
 
 
 def test_broken_metadata(place: Place) -> None:
-    """METADATA that is gone, cannot be read or has no version; a project that is there twice; files that are gone."""
+    """Broken metadata are found: METADATA missing, unreadable or without version, a project twice, missing files."""
     for name in ("numpy", "scipy", "glfw", "h5py", "imageio"):
         place.put(name, "1.0")
     (place.site / "numpy-1.0.dist-info" / "METADATA").unlink()
@@ -155,7 +158,7 @@ def test_broken_metadata(place: Place) -> None:
 
 
 def test_two_packages_with_the_same_files(place: Place) -> None:
-    """Told where they differ; the very same file in both harms nobody."""
+    """Two packages with one file are reported if its content differs; identical files do no harm."""
     about = {"opencv-python": "A = 1", "opencv-python-headless": "A = 2", "box2d": "", "box2d-py": ""}
     for name, code in about.items():
         module = "cv2" if "cv" in name else "Box2D"
@@ -170,7 +173,7 @@ def test_two_packages_with_the_same_files(place: Place) -> None:
 
 
 def test_what_dies_or_hangs(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A crash, an exit and an import without end are told by name, and those after them are tried all the same."""
+    """A crash, an exit and an endless import are each reported by name, and later modules are still tried."""
     monkeypatch.setattr(probing, "SECONDS", 2)
     place.put("numpy", "1.0", "import os; os.abort()")
     place.put("gym", "1.0", "import sys; sys.exit('no')")
@@ -190,7 +193,7 @@ def test_what_dies_or_hangs(place: Place, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_what_fails_only_beside_another(place: Place) -> None:
-    """It is tried alone, too, and that is said."""
+    """An import that fails only after others is tried alone, too, and the finding says so."""
     place.put("numpy", "1.0")
     place.put("gym", "1.0", "import sys\nassert 'numpy' not in sys.modules")
 
@@ -203,7 +206,7 @@ def test_what_fails_only_beside_another(place: Place) -> None:
 
 
 def test_python_path(place: Place) -> None:
-    """Another version from PYTHONPATH is told with the folder that it comes from."""
+    """Another version from PYTHONPATH is reported with its folder."""
     place.put("numpy", "2.2.6")
     more = place.shelf / "more"
     place.put("numpy", "1.26.4", at=more)
@@ -220,7 +223,7 @@ def test_python_path(place: Place) -> None:
 
 @pytest.mark.parametrize(("name", "said"), [("MUJOCO_GL", "MUJOCO_GL=bad"), ("STRANGE_SETTING", "STRANGE_SETTING")])
 def test_a_variable_that_breaks_an_import(place: Place, name: str, said: str) -> None:
-    """It is found whether it is one that often does so or one that nobody thinks of, whose value may be a secret."""
+    """A variable that breaks an import is found, whether usual or not; its value may be a secret."""
     place.put("mujoco", "3.1.6", f"import os\nif os.environ.get({name!r}) == 'bad': raise RuntimeError('no')")
     others = {f"OTHER_{number}": "x" for number in range(9)}
 
@@ -232,7 +235,7 @@ def test_a_variable_that_breaks_an_import(place: Place, name: str, said: str) ->
 
 
 def test_variables_that_break_an_import_together(place: Place) -> None:
-    """Neither does alone: the fewest that do are named, of all that are set."""
+    """If variables break an import only together, the smallest such set is named."""
     place.put("mujoco", "3.1.6", "import os\nif {'LEFT', 'RIGHT'} <= {*os.environ}: raise RuntimeError('no')")
     others = {f"OTHER_{number}": "x" for number in range(9)}
 
@@ -242,7 +245,7 @@ def test_variables_that_break_an_import_together(place: Place) -> None:
 
 
 def test_the_user_site(tmp_path: Path, other: Interpreter) -> None:
-    """What lies in ~/.local counts where Python looks there, and is no part of the environment."""
+    """Packages in ~/.local count if Python looks there, but are no part of the environment."""
     place = Place(tmp_path, other.path, "--system-site-packages")
     place.put("gym", "0.21.0")
     user = tmp_path / "home" / ".local" / "lib" / f"python{other.minor}" / "site-packages"
@@ -259,7 +262,7 @@ def test_the_user_site(tmp_path: Path, other: Interpreter) -> None:
 
 
 def test_a_python_that_does_not_start(place: Place) -> None:
-    """PYTHONHOME that leads nowhere: it starts without, which is told, and so is what lies there."""
+    """A Python that PYTHONHOME keeps from starting is started without it, and both are reported."""
     place.put("numpy", "2.2.6")
 
     made = place.look(PYTHONHOME="/nowhere", PYTHONUTF8="1", LD_BIND_NOW="1")
@@ -271,7 +274,7 @@ def test_a_python_that_does_not_start(place: Place) -> None:
 
 @pytest.mark.parametrize(("prints", "code"), [("3.6", 3), ("", 1)], ids=["old", "dead"])
 def test_no_python_at_all(tmp_path: Path, prints: str, code: int) -> None:
-    """One that is too old cannot be looked at; one that does nothing is a finding."""
+    """A Python that is too old cannot be examined; one that does not start is a finding."""
     python = tmp_path / "python"
     python.write_text(f"#!/bin/sh\nprintf '%s' '{prints}'\nexit 1\n")
     python.chmod(0o755)
@@ -286,7 +289,7 @@ def test_no_python_at_all(tmp_path: Path, prints: str, code: int) -> None:
 
 
 def test_conda(place: Place) -> None:
-    """A recorded `conda-meta` around a real interpreter: what pip put over a package of conda's is told."""
+    """In a conda environment, packages that pip wrote over conda's are found (a recorded `conda-meta`)."""
     place.put("numpy", "2.2.6")
     (place.site / "numpy-2.2.6.dist-info" / "INSTALLER").write_text("pip\n")
     place.put("six", "1.16")
@@ -314,7 +317,7 @@ def test_conda(place: Place) -> None:
 
 @pytest.fixture
 def typed(place: Place, workplace: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Type `simmatrix doctor` in the caller's folder."""
+    """Run `simmatrix doctor` in the caller's folder."""
 
     def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
         kept = {name: os.environ[name] for name in ("PATH", "HOME", "HARNESS_CACHE", "HARNESS_STATE")}
@@ -327,7 +330,10 @@ def typed(place: Place, workplace: Path) -> Callable[..., subprocess.CompletedPr
 
 
 def test_the_verb(place: Place, typed: Callable[..., Any]) -> None:
-    """The choice stands in the first line; the document is of its schema; known failures and measured results count."""
+    """The verb names the chosen environment first, and its document fits the schema.
+
+    Known failures and measured results are used.
+    """
     place.put("numpy", "2.2.6", "bool_ = bool")
     place.put("gym", "0.26.2", "import numpy\nnumpy.bool8", requires=["numpy>=1.18"])
 
@@ -345,7 +351,7 @@ def test_the_verb(place: Place, typed: Callable[..., Any]) -> None:
 
 
 def test_the_verb_refuses(typed: Callable[..., Any], tmp_path: Path) -> None:
-    """No environment where one is named: a sentence, and 2."""
+    """A path without an environment is refused with a sentence and code 2."""
     done = typed("--python", "nowhere")
 
     hint = "name an interpreter or the folder of an environment with --python PATH"
@@ -354,7 +360,7 @@ def test_the_verb_refuses(typed: Callable[..., Any], tmp_path: Path) -> None:
 
 
 def test_under_the_supervisor(place: Place) -> None:
-    """The host's way to start a process shows the caller's variables and folder, and tells deaths alike."""
+    """The host's supervisor starts Pythons with the caller's variables and folder, and reports deaths alike."""
     argv = (sys.executable, "-c", "import os; print(os.environ.get('MINE'), os.getcwd(), flush=True); os.abort()")
 
     done = in_place.run(argv, {"MINE": "yes"}, str(place.here), 30.0)
@@ -365,7 +371,7 @@ def test_under_the_supervisor(place: Place) -> None:
 
 
 def test_known_failures_are_named(place: Place) -> None:
-    """A silent failure of a version, and one that is seen, with its remedy in the lines for people."""
+    """A known silent failure of a version, and a visible one, are named with their remedies."""
     place.put("mujoco", "4.0.0", "raise OSError('no libGL')")
     silent = {"id": "quiet", "cause": "it computes wrongly", "silent": True, "packages": ["mujoco==4.0.0"]}
     loud = {"id": "loud", "cause": "there is no libGL", "pattern": "no libGL", "phases": ["import"]}
@@ -407,7 +413,7 @@ MEASURED = {"cells": [CELL], "locks": {"l": [["gym", "0.26.2"], ["numpy", "1.26.
     ids=["other-versions", "these-versions", "another-environment"],
 )  # fmt: skip
 def test_what_was_measured_is_said(place: Place, env: str | None, numpy: str, said: str) -> None:
-    """Where nothing is wrong nothing is to be typed; what was asked for and never measured is said so."""
+    """Measured combinations are reported without a command to type; an environment never measured is named as such."""
     place.put("gym", "0.26.2")
     place.put("numpy", numpy)
     asked = doctor.Asked(str(place.folder), env, BASE, str(place.here))
@@ -421,7 +427,7 @@ def test_what_was_measured_is_said(place: Place, env: str | None, numpy: str, sa
 
 
 def test_the_one_file(place: Place, other: Interpreter) -> None:
-    """Made by `--standalone`, it looks at an environment with another Python, and names what only the harness does."""
+    """The file of `--standalone` examines an environment with another Python, and names what only the harness does."""
     place.put("gym", "0.26.2")
     place.put("numpy", "2.2.6")
     file = place.here / "simmatrix-doctor.pyz"

@@ -29,7 +29,7 @@ Make = Callable[..., Environment]
 
 @pytest.fixture
 def lock(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Callable[..., Lock]:
-    """Lock with the host's Python over the fakes."""
+    """Return a function that locks fakes with the host's Python."""
 
     def resolve(*requirements: str, python: Interpreter = host) -> Lock:
         return locked(resolver.resolve(question(*requirements, index=offline_index), python, tmp_path / "state" / "x"))
@@ -39,7 +39,7 @@ def lock(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Cal
 
 @pytest.fixture
 def ensure(host: Interpreter, offline_index: IndexSettings) -> Callable[..., Environment | Step]:
-    """Make the environment of a lock."""
+    """Return a function that makes the environment of a lock."""
 
     def make(lock: Lock, *, python: Interpreter = host, index: IndexSettings = offline_index) -> Environment | Step:
         return environments.ensure(lock, python, question("anything", index=index))
@@ -48,19 +48,19 @@ def ensure(host: Interpreter, offline_index: IndexSettings) -> Callable[..., Env
 
 
 def made(answer: Environment | Step) -> Environment:
-    """Expect an environment."""
+    """Return the answer, which must be an environment."""
     assert isinstance(answer, Environment), answer
     return answer
 
 
 def site(environment: Environment) -> Path:
-    """Where its packages lie."""
+    """Return the folder of an environment's packages."""
     return next(environment.path.glob("lib/python*/site-packages"))
 
 
 @contextmanager
 def using(environment: Environment) -> Iterator[None]:
-    """Another process that uses an environment."""
+    """Let another process use the environment during the block."""
     code = "import sys, pathlib; from harness.machine.files import file_locks\n"
     code += "file_locks.use(pathlib.Path(sys.argv[1])); print('used', flush=True); sys.stdin.read()"
     argv = [sys.executable, "-c", code, str(environment.path)]
@@ -108,7 +108,7 @@ class TestContent:
     def test_bound_on_python_is_told(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step], host: Interpreter
     ) -> None:
-        """An upper bound on the Python version, which uv takes no notice of, is a finding."""
+        """An upper bound on the Python version, which uv ignores, is a finding."""
         assert [finding.text for finding in made(ensure(lock("fake-old-python"))).findings] == [
             f"fake-old-python 1.0 requires Python <3.7: uv installs it on {host.version}, pip refuses"
         ]
@@ -191,7 +191,7 @@ class TestReuse:
         ensure: Callable[..., Environment | Step],
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        """Where nothing can be sealed, files are copies: an environment of hard links is made anew."""
+        """If environments cannot be sealed, their files are copies: one with hard links is made again."""
         pinned = lock("fake-plain")
         linked = made(ensure(pinned))
         shared = (site(linked) / "fake_plain.py").stat().st_nlink
@@ -208,7 +208,7 @@ class TestReuse:
         ensure: Callable[..., Environment | Step],
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        """One that another process runs in is never taken from below it: what does not do there is made beside it."""
+        """An environment that another process uses is never deleted: its replacement is made beside it."""
         pinned = lock("fake-plain")
         linked = made(ensure(pinned))
         with using(linked):
@@ -274,7 +274,7 @@ class TestReinstall:
 
 
 def link(path: Path) -> str:
-    """A file as an index names it."""
+    """Return a file's link as an index writes it."""
     digest = sha256(path.read_bytes()).hexdigest()
     return f'<a href="/files/{path.name}#sha256={digest}" data-upload-time="2024-01-01T00:00:00Z">{path.name}</a>'
 
@@ -365,7 +365,7 @@ class TestDamage:
     def test_what_is_no_code_is_looked_at_thoroughly(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
-        """A quick look takes the sizes of other files, a thorough one their hashes."""
+        """A quick check compares sizes of files that are no code; a thorough one compares their hashes."""
         environment = made(ensure(lock("fake-plain")))
         metadata = next(site(environment).glob("*.dist-info/WHEEL"))
         content = metadata.read_bytes()
@@ -379,7 +379,7 @@ class TestDamage:
     def test_an_environment_without_its_configuration_is_made_anew(
         self, how: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
-        """Without its own pyvenv.cfg a Python finds nothing of its environment, which is no package's fault."""
+        """An environment without its pyvenv.cfg is made again: its Python finds nothing, and no package is at fault."""
         first = made(ensure(lock("fake-plain")))
         config = first.path / "pyvenv.cfg"
         config.unlink()
@@ -396,7 +396,7 @@ class TestDamage:
         assert (again.reused, config.is_file(), environments.stands(again)) == (False, True, True)
 
     def test_uv_s_cache_is_doubted(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
-        """A wheel that a disk damaged in uv's cache is unpacked anew, and looked at again."""
+        """A wheel damaged in uv's cache is unpacked again and checked again."""
         first = made(ensure(lock("fake-plain")))
         good = (site(first) / "fake_plain.py").read_bytes()
         for kept in (uv_command.shared_cache() / "archive-v0").glob("*/fake_plain.py"):
@@ -423,7 +423,7 @@ class TestDamage:
     def test_one_that_is_used_is_left_where_it_is(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
-        """Whoever uses a damaged environment keeps it: the next one lies beside it."""
+        """A damaged environment in use is kept for its user: the next one is made beside it."""
         first = made(ensure(lock("fake-plain")))
         environments.discard(first, used=True)
 
@@ -433,7 +433,7 @@ class TestDamage:
     def test_a_wheel_whose_record_is_wrong_is_no_damage(
         self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
     ) -> None:
-        """A file that differs from RECORD in a fresh download, too, is a note; the environment stands."""
+        """A file that differs from RECORD in a fresh download, too, is a note, and the environment is used."""
         wheel = fakes.wheel(tmp_path, "1.0", {"odd.py": "A = 1\n"}, {"name": "odd"})
         content = wheel.read_bytes()
         other = tmp_path / "other.whl"
@@ -451,7 +451,7 @@ class TestDamage:
     def test_a_wheel_that_replaces_python_is_uninstallable(
         self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
     ) -> None:
-        """A wheel cannot undo that a cell holds what its lock holds."""
+        """A wheel that replaces Python is uninstallable: a cell must hold exactly its lock."""
         text = "include-system-site-packages = true\n"
         wheel = fakes.wheel(tmp_path, "1.0", {"odd-1.0.data/data/pyvenv.cfg": text}, {"name": "odd"})
         asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
@@ -512,7 +512,7 @@ class TestTrouble:
     def test_wheel_that_brings_another_package(
         self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
     ) -> None:
-        """What lies in an environment has to be what its lock says, and a wheel that adds to it is at fault."""
+        """A wheel that adds another package is at fault: an environment holds exactly the packages of its lock."""
         folder = tmp_path / "wheels"
         folder.mkdir()
         stowaway = "fake_sneaky-1.0.data/purelib/fake_plain-9.9.dist-info/METADATA"
@@ -533,7 +533,7 @@ class TestTrouble:
         ensure: Callable[..., Environment | Step],
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        """A package of the lock that is not there after a good install says nothing about packages."""
+        """A package of the lock that is missing after a successful install says nothing about packages."""
         only_one = environments.locks.to_install
         monkeypatch.setattr(environments.locks, "to_install", lambda wheels: only_one(list(wheels)[:1]))
 
@@ -546,7 +546,7 @@ class TestTrouble:
 
 class TestAnnouncement:
     def test_large_download(self, caplog: pytest.LogCaptureFixture) -> None:
-        """More than 500 MB are told before they are fetched; what is here already does not count."""
+        """Downloads above 500 MB are announced first; files in the cache do not count."""
 
         def artifact(name: str, size: int) -> Artifact:
             return Artifact(filename=f"{name}.whl", sha256=name, source=f"http://127.0.0.1:9/{name}.whl", size=size)
@@ -564,7 +564,7 @@ class TestLocksBetweenProcesses:
     def test_without_flock(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
     ) -> None:
-        """Where the file system refuses flock, a lock file does, and that is said once."""
+        """If the file system refuses flock, a lock file is used, with one warning."""
         import errno
         import fcntl
 

@@ -1,4 +1,4 @@
-"""`explain` around a command: it runs as it would without, all it writes is kept, and its failure is explained."""
+"""`explain` runs a command unchanged, keeps all its output, and explains its failure."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ if __name__ == "__main__":
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with two known failures, a state of its own, and nothing measured."""
+    """Return a folder with two known failures, a state of its own, and nothing measured."""
     folder = tmp_path / "signatures"
     folder.mkdir()
     (folder / "flyer.toml").write_text(SIGNATURES)
@@ -63,7 +63,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def explain(*arguments: str, given: str | bytes = b"") -> subprocess.CompletedProcess[bytes]:
-    """Run the verb to its end."""
+    """Run `explain` to its end."""
     sent = given.encode() if isinstance(given, str) else given
     return subprocess.run(
         [sys.executable, "-m", "harness", "explain", *arguments],
@@ -75,12 +75,12 @@ def explain(*arguments: str, given: str | bytes = b"") -> subprocess.CompletedPr
 
 
 def python(code: str) -> tuple[str, ...]:
-    """A command that runs some code."""
+    """Return a command that runs some code."""
     return ("--", sys.executable, "-c", code)
 
 
 def environment(place: Path, version: str) -> str:
-    """An environment that has flyer."""
+    """Return the Python of an environment that has this version of flyer."""
     site = place / "env" / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
     (site / "flyer-1.dist-info").mkdir(parents=True)
     (site / "flyer-1.dist-info" / "METADATA").write_text(f"Name: flyer\nVersion: {version}\n")
@@ -92,7 +92,10 @@ def environment(place: Path, version: str) -> str:
 
 
 def test_what_a_worker_said_is_the_cause(place: Path) -> None:
-    """Long gone from the screen, and in the process's own file; the packages are those of its interpreter."""
+    """A worker's own error is the cause, though its parent's error comes last.
+
+    The known failure is matched with the packages of the command's interpreter.
+    """
     (place / "train.py").write_text(WORKER)
     done = explain("--", environment(place, "1.5"), "train.py")
     told = done.stderr.decode()
@@ -110,7 +113,7 @@ def test_what_a_worker_said_is_the_cause(place: Path) -> None:
 
 
 def test_other_versions_speak_against_a_cause(place: Path) -> None:
-    """What is installed goes before what the text looks like: then the answer is unknown, with how to go on."""
+    """Installed versions that contradict a known failure make the cause unknown; the answer says how to go on."""
     done = explain("--", environment(place, "2.1"), "-c", "raise ValueError('no wings')")
     assert done.returncode == 1
     assert b"failed:    ValueError: no wings" in done.stderr
@@ -119,7 +122,7 @@ def test_other_versions_speak_against_a_cause(place: Path) -> None:
 
 
 def test_a_command_that_works_is_not_spoken_of(place: Path) -> None:
-    """Both streams stay apart, stdin reaches it, and nothing is left behind."""
+    """A command that works leaves nothing behind: its streams stay apart, and it reads stdin."""
     done = explain(*python("import sys; print(sys.stdin.read()); print('err', file=sys.stderr)"), given="given\n")
     assert (done.returncode, done.stdout, done.stderr) == (0, b"given\n\n", b"err\n")
     assert list((place / "state").rglob("*.log")) == []
@@ -139,13 +142,13 @@ def test_a_command_that_works_is_not_spoken_of(place: Path) -> None:
     ids=["exit", "segfault", "abort", "missing", "folder", "shell"],
 )
 def test_the_exit_code_is_the_command_s(command: tuple[str, ...], code: int) -> None:
-    """As a shell has it."""
+    """The exit code is the command's, in the form of a shell."""
     assert explain(*command).returncode == code
 
 
 @pytest.mark.usefixtures("place")
 def test_json_has_stdout_for_itself() -> None:
-    """What the command writes goes to stderr then."""
+    """With `--json` the command's stdout goes to stderr."""
     done = explain("--json", *python("print('out', flush=True); raise ValueError('no wings')"))
     made = json.loads(done.stdout)
     assert done.returncode == 1
@@ -155,14 +158,14 @@ def test_json_has_stdout_for_itself() -> None:
 
 
 def test_options_of_the_command_are_the_command_s(place: Path) -> None:
-    """Also those that look like ours, and a second `--`."""
+    """Options after the command belong to it, also those that look like ours and a second `--`."""
     (place / "show.py").write_text("import sys; print(sys.argv[1:])")
     done = explain("--", sys.executable, "show.py", "--json", "--python", "x", "--", "-h")
     assert done.stdout == b"['--json', '--python', 'x', '--', '-h']\n"
 
 
 def test_where_no_state_can_be_the_command_runs_all_the_same(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its output is kept in a temporary file then."""
+    """If no state folder can be written, the command runs, and its output is kept in a temporary file."""
     monkeypatch.setenv("HARNESS_STATE", os.devnull + "/state")
     monkeypatch.setenv("TMPDIR", str(place))
     done = explain(*python("print('out'); raise SystemExit(5)"))
@@ -173,7 +176,7 @@ def test_where_no_state_can_be_the_command_runs_all_the_same(place: Path, monkey
 
 @pytest.mark.usefixtures("place")
 def test_big_output_passes_whole() -> None:
-    """Every byte is shown and kept; nothing of it has to be text."""
+    """A big output is shown and kept whole, and need not be text."""
     code = "import os; os.write(1, bytes(range(256)) * 40_000); raise ValueError('no wings')"
     done = explain(*python(code))
     assert done.stdout == bytes(range(256)) * 40_000
@@ -182,7 +185,7 @@ def test_big_output_passes_whole() -> None:
 
 
 def test_the_order_of_both_streams_stays(place: Path) -> None:
-    """Where they go to one place."""
+    """If both streams go to one place, their order is kept."""
     code = "import os\nfor n in range(500): os.write(1 + n % 2, b'%d\\n' % n)\nraise SystemExit(1)"
     with (place / "out").open("wb") as out:
         subprocess.run(
@@ -194,7 +197,7 @@ def test_the_order_of_both_streams_stays(place: Path) -> None:
 
 @pytest.mark.usefixtures("place")
 def test_children_that_outlive_the_command_write_on() -> None:
-    """They are neither waited for nor cut off; what they write comes through and is kept."""
+    """Children that outlive the command go on writing; their output comes through and is kept."""
     late = "import time; time.sleep(2); print('late')"
     code = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {late!r}]); sys.exit(1)"
     process = subprocess.Popen(
@@ -207,7 +210,7 @@ def test_children_that_outlive_the_command_write_on() -> None:
 
 @pytest.mark.usefixtures("place")
 def test_nobody_looks_any_more() -> None:
-    """As in a pipe into `head`: the command is told so, as it would be without us."""
+    """If the reader of the output closes it (`| head`), the command gets a broken pipe, as it would without us."""
     code = "import os\nwhile True: os.write(1, b'y\\n' * 1000)"
     process = subprocess.Popen(
         [sys.executable, "-m", "harness", "explain", *python(code)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -224,7 +227,7 @@ def test_nobody_looks_any_more() -> None:
 
 @pytest.mark.usefixtures("place")
 def test_a_terminal_stays_a_terminal() -> None:
-    """For progress bars and colours, of the caller's size; what is typed reaches the command."""
+    """In a terminal the command has a terminal of the same size, and gets the typed input."""
     code = (
         "import os, sys; print(sys.stdout.isatty(), sys.stderr.isatty(), sys.stdin.isatty(),"
         " os.get_terminal_size().columns); print(input()[::-1]); sys.exit(3)"
@@ -238,7 +241,7 @@ def test_a_terminal_stays_a_terminal() -> None:
 
 @pytest.mark.usefixtures("place")
 def test_ctrl_c_goes_to_the_command() -> None:
-    """It decides what to do with it; its own code is returned."""
+    """Ctrl-C goes to the command, which handles it; its own exit code is returned."""
     code = (
         "import os, signal, sys, time; signal.signal(2, lambda *_: (os.write(1, b'cleaned up\\n'), sys.exit(9)));"
         " os.write(1, b'ready'); time.sleep(50)"
@@ -249,14 +252,14 @@ def test_ctrl_c_goes_to_the_command() -> None:
 
 @pytest.mark.usefixtures("place")
 def test_an_interruption_is_not_explained() -> None:
-    """Whoever typed it knows."""
+    """A command ended by Ctrl-C is not explained."""
     done = explain(*python("import os, signal; signal.signal(2, signal.SIG_DFL); os.kill(os.getpid(), 2)"))
     assert (done.returncode, b"cause" in done.stderr) == (130, False)
 
 
 @pytest.mark.usefixtures("place")
 def test_what_ends_us_ends_the_command() -> None:
-    """SIGTERM is passed on, and the command's end is ours."""
+    """SIGTERM is passed on to the command, and the exit code says so."""
     code = "import os, time; print(os.getpid(), flush=True); time.sleep(50)"
     process = subprocess.Popen(
         [sys.executable, "-m", "harness", "explain", *python(code)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -271,7 +274,10 @@ def test_what_ends_us_ends_the_command() -> None:
 
 
 def in_terminal(argv: list[str], typed: bytes, after: bytes = b"") -> tuple[int, bytes]:
-    """Run a command in a terminal of 91 columns, type something once it has written `after`; its code and output."""
+    """Run a command in a terminal of 91 columns, and type something once it has written `after`.
+
+    Return its code and output.
+    """
     pid, terminal = pty.fork()
     if pid == 0:
         os.execv(argv[0], argv)
@@ -299,7 +305,7 @@ def in_terminal(argv: list[str], typed: bytes, after: bytes = b"") -> tuple[int,
 
 @pytest.mark.parametrize("how", ["file", "dash", "stdin"])
 def test_a_text_is_explained(place: Path, how: str) -> None:
-    """A file, or stdin; on stdout, with 0 where the cause is known."""
+    """A text from a file or stdin is explained on stdout, with code 0 if the cause is known."""
     (place / "a.log").write_text("flyer==1.0\nValueError: no wings\n")
     text = (place / "a.log").read_bytes()
     done = explain(*{"file": ["a.log"], "dash": ["-"], "stdin": []}[how], given=b"" if how == "file" else text)
@@ -309,7 +315,7 @@ def test_a_text_is_explained(place: Path, how: str) -> None:
 
 @pytest.mark.usefixtures("place")
 def test_unknown_is_an_answer() -> None:
-    """With the decisive line, and how to go on."""
+    """A failure without a known cause is answered with the decisive line, "unknown" and code 1."""
     done = explain(given="Traceback (most recent call last):\n  File \"a.py\", line 1, in f\nKeyError: 'x'\n")
     assert done.returncode == 1
     assert done.stdout.decode().splitlines()[:2] == [
@@ -330,7 +336,7 @@ def test_unknown_is_an_answer() -> None:
     ],
 )  # fmt: skip
 def test_bad_input_is_told(place: Path, arguments: tuple[str, ...], message: str) -> None:
-    """In one line, with 2."""
+    """Bad input is reported in one line, with code 2."""
     (place / "a.log").write_text("ValueError: no wings\n")
     done = explain(*arguments)
     assert (done.returncode, done.stderr.decode()) == (2, message)

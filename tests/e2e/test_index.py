@@ -1,4 +1,4 @@
-"""Releases and files, asked of real little indexes: a loopback server, a folder index, a find-links folder."""
+"""Releases and files from real small indexes: a loopback server, a folder index, a find-links folder."""
 
 import hashlib
 import json
@@ -95,7 +95,7 @@ class Server:
                 outer.pages.get(self.path, answer(404))(self)
 
             def log_message(self, *_: Any) -> None:
-                """Quiet."""
+                """Print nothing."""
 
         self._http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
         self.host = f"127.0.0.1:{self._http.server_port}"
@@ -112,7 +112,7 @@ class Server:
 def answer(
     status: int, body: bytes = b"", kind: str = "text/html", login: str | None = None
 ) -> Callable[[BaseHTTPRequestHandler], None]:
-    """A fixed answer, to the right login only where one is given."""
+    """Return a fixed answer, which needs the right login if one is given."""
 
     def send(handler: BaseHTTPRequestHandler) -> None:
         refused = login is not None and handler.headers["Authorization"] != login
@@ -126,7 +126,7 @@ def answer(
 
 
 def cut_off(handler: BaseHTTPRequestHandler) -> None:
-    """Promise more than is sent, then close the connection."""
+    """Announce more bytes than are sent, then close the connection."""
     handler.send_response(200)
     handler.send_header("Content-Type", "text/html")
     handler.send_header("Content-Length", "1000000")
@@ -146,7 +146,7 @@ def drip(handler: BaseHTTPRequestHandler) -> None:
 
 
 def in_turn(*answers: Callable[[BaseHTTPRequestHandler], None]) -> Callable[[BaseHTTPRequestHandler], None]:
-    """Another answer each time, the last one from then on."""
+    """Return the next answer each time, and the last one from then on."""
     left = list(answers)
 
     def send(handler: BaseHTTPRequestHandler) -> None:
@@ -157,7 +157,7 @@ def in_turn(*answers: Callable[[BaseHTTPRequestHandler], None]) -> Callable[[Bas
 
 @pytest.fixture
 def server() -> Iterator[Server]:
-    """A server that knows no page yet."""
+    """Yield a server without any page."""
     running = Server()
     yield running
     running.close()
@@ -165,7 +165,7 @@ def server() -> Iterator[Server]:
 
 @pytest.fixture(autouse=True)
 def bare_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """The home of a user without any setting of uv or pip; no waiting between attempts."""
+    """Use a home without any setting of uv or pip, and no waiting between attempts."""
     for variable in os.environ:
         if variable.upper().startswith(("UV_", "PIP_", "SSL_CERT", "REQUESTS_", "CURL_", "HTTP", "ALL_PROXY", "NETRC")):
             monkeypatch.delenv(variable)
@@ -179,7 +179,7 @@ def bare_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def at(server: Server) -> IndexSettings:
-    """The server as the only index."""
+    """Return settings with the server as the only index."""
     return IndexSettings(default=f"{server.url}/simple")
 
 
@@ -240,7 +240,7 @@ class TestReleases:
         assert [one.version for one in releases("pole", page(server, JSON))] == ["0.1", "1.0", "1.1", "2.0rc1"]
 
     def test_a_package_that_no_place_has_is_bad_input(self, server: Server) -> None:
-        """A 404 of every index is an answer: the name is wrong."""
+        """A package that no index has (404) is bad input: its name is wrong."""
         with pytest.raises(UnknownPackage) as raised:
             releases("pole", at(server))
 
@@ -254,7 +254,7 @@ class TestReleases:
 class TestTrouble:
     @pytest.mark.parametrize("first", [answer(503), answer(429), cut_off], ids=["503", "429", "cut off"])
     def test_a_passing_trouble_is_tried_again(self, server: Server, first: Any) -> None:
-        """Two bad answers and a good one are a good one."""
+        """A passing trouble is tried again: the third answer is used."""
         assert releases("pole", page(server, first, first, JSON)) == POLE
 
     @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ class TestTrouble:
     def test_a_lasting_trouble_is_told_in_a_sentence(
         self, server: Server, reply: Any, attempts: int, reason: str
     ) -> None:
-        """An index that does not answer well is never an absent package."""
+        """A lasting trouble of an index is reported in a sentence, and never means an absent package."""
         with pytest.raises(IndexUnreachable) as raised:
             releases("pole", page(server, reply))
 
@@ -283,7 +283,7 @@ class TestTrouble:
         assert len(server.asked) == attempts
 
     def test_an_answer_that_does_not_end_is_given_up(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A page that comes in drips is waited for no longer than a page may take, and asked for once."""
+        """A page that arrives too slowly is given up at the time limit, after one request."""
         monkeypatch.setattr(index, "TIMEOUT", (1, 0.5))
         began = time.monotonic()
 
@@ -295,7 +295,7 @@ class TestTrouble:
     def test_a_file_that_drips_is_given_up(
         self, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """A file that comes by a few bytes in a second is given up too, and nothing of it is kept."""
+        """A file that arrives a few bytes a second is given up too, and nothing of it is kept."""
         monkeypatch.setattr(index, "TIMEOUT", (1, 0.5))
         server.pages["/pole.whl"] = drip
 
@@ -305,21 +305,21 @@ class TestTrouble:
         assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
     def test_a_page_that_is_too_long_is_none(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-        """No more of a page is read than the longest of them have."""
+        """A page that is longer than any real one is not read to its end."""
         monkeypatch.setattr(index, "MOST_PAGE", 1000)
 
         with pytest.raises(IndexUnreachable, match="the answer is no index page"):
             releases("pole", page(server, answer(200, b" " * 1001)))
 
     def test_who_is_ended_waits_for_no_answer(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Once the command is ended, no thread waits for an index."""
+        """After the command has been ended, no thread waits for an index."""
         monkeypatch.setattr(process, "stopped", lambda: True)
 
         with pytest.raises(IndexUnreachable, match="interrupted"):
             releases("pole", page(server, drip))
 
     def test_a_closed_port_is_told_without_the_login(self) -> None:
-        """No connection; the message names the address without its password."""
+        """A closed port is reported with the address, but without its password."""
         server = Server()
         server.close()
         with pytest.raises(IndexUnreachable) as raised:
@@ -331,7 +331,7 @@ class TestTrouble:
         )
 
     def test_an_absent_folder_is_told(self, tmp_path: Path) -> None:
-        """A find-links folder that is not there is a trouble of this machine."""
+        """An absent find-links folder is a trouble of this machine."""
         with pytest.raises(IndexUnreachable) as raised:
             releases("pole", IndexSettings(find_links=(str(tmp_path / "gone"),)))
 
@@ -385,11 +385,11 @@ MARK = hashlib.sha256(SDIST).hexdigest()
 
 
 class TestFind:
-    """Where the file with a hash lies."""
+    """Find the address of the file with a given hash."""
 
     @pytest.mark.parametrize("form", ["json", "html"])
     def test_an_index_tells_the_address(self, server: Server, form: str, tmp_path: Path) -> None:
-        """By the hash that it gives of each file, whatever form the page has; what lies there can be fetched."""
+        """An index's page gives the address of the file with the hash, in either form, and the file can be fetched."""
         entry = {"filename": "pole-1.0.tar.gz", "url": "../../files/pole-1.0.tar.gz", "hashes": {"sha256": MARK}}
         link = f'<html><body><a href="../../files/pole-1.0.tar.gz#sha256={MARK}">pole-1.0.tar.gz</a></body></html>'
         told = answer(200, json.dumps({**JSON_PAGE, "files": [entry]}).encode(), "application/vnd.pypi.simple.v1+json")
@@ -402,7 +402,7 @@ class TestFind:
         assert fetch(found, tmp_path, settings).read_bytes() == SDIST
 
     def test_a_file_of_a_folder_tells_its_own(self, server: Server, tmp_path: Path) -> None:
-        """It is hashed where it lies; another file of the same name is not it."""
+        """A file in a folder is found by its hash; another file of the same name is not taken."""
         (tmp_path / "pole-1.0.tar.gz").write_bytes(SDIST)
         links = IndexSettings(no_index=True, find_links=(str(tmp_path),))
 
@@ -415,7 +415,7 @@ class TestFind:
 
 
 def wheel(source: str, content: bytes = WHEEL) -> Artifact:
-    """The file as a lock names it."""
+    """Return the file in the form that a lock names it."""
     return Artifact(filename="pole-1.0-py3-none-any.whl", sha256=hashlib.sha256(content).hexdigest(), source=source)
 
 
@@ -431,7 +431,7 @@ class TestFetch:
 
     @pytest.mark.parametrize("as_address", [True, False], ids=["file:", "path"])
     def test_a_local_file_is_copied(self, tmp_path: Path, as_address: bool) -> None:
-        """A find-links file is copied, so that a later change of it changes nothing here."""
+        """A find-links file is copied, so that it may change later."""
         source = tmp_path / "a wheel"
         source.write_bytes(WHEEL)
 
@@ -441,7 +441,7 @@ class TestFetch:
         assert path.read_bytes() == WHEEL
 
     def test_other_content_is_refused_and_nothing_kept(self, server: Server, tmp_path: Path) -> None:
-        """A file with another hash than the lock's never comes into place."""
+        """A file whose hash is not the lock's is refused and not stored."""
         server.pages["/pole.whl"] = answer(200, b"other")
         artifact = wheel(f"{server.url}/pole.whl")
 
@@ -455,7 +455,7 @@ class TestFetch:
         assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
     def test_a_file_that_is_gone_could_not_be_had(self, server: Server, tmp_path: Path) -> None:
-        """A 404 of a locked file says nothing about packages."""
+        """A locked file that is gone (404) says nothing about packages."""
         with pytest.raises(IndexUnreachable) as raised:
             fetch(wheel(f"{server.url}/pole.whl"), tmp_path)
 

@@ -1,4 +1,4 @@
-"""Finding Pythons on a machine as it is, and on little ones made of links, scripts and virtual environments."""
+"""Find Pythons on a real machine, and on small ones made of links, scripts and virtual environments."""
 
 import sys
 import venv
@@ -15,20 +15,20 @@ BASE = Path(sys.base_prefix, "bin", "python{}.{}".format(*sys.version_info)).res
 
 
 def forget() -> None:
-    """As if a new process had started."""
+    """Clear all caches, as if a new process had started."""
     for cached in (interpreters.available, interpreters._candidates, interpreters._known, interpreters._install):
         cached.cache_clear()
 
 
 @pytest.fixture(scope="module")
 def answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The cache folder of these tests, so that the machine's interpreters are asked once."""
+    """Return the cache folder of these tests, so that the machine's interpreters are examined once."""
     return tmp_path_factory.mktemp("cache")
 
 
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: Path) -> Path:
-    """An empty working folder, and no active environment."""
+    """Use an empty working folder and no active environment."""
     monkeypatch.setenv("HARNESS_CACHE", str(answers))
     for name in ("VIRTUAL_ENV", "CONDA_PREFIX", "UV_PYTHON_DOWNLOADS", "UV_OFFLINE"):
         monkeypatch.delenv(name, raising=False)
@@ -38,7 +38,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: Path) -> Pat
 
 
 def alone(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    """A machine on which PATH is one folder and no version manager stands in the home."""
+    """Simulate a machine with one folder on PATH and no version manager in the home."""
     folder.mkdir(parents=True, exist_ok=True)
     monkeypatch.setenv("PATH", f"{folder}:/nowhere")
     monkeypatch.setenv("HOME", str(folder.parent / "home"))
@@ -48,7 +48,7 @@ def alone(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
 
 
 def another() -> Interpreter:
-    """An interpreter of another minor version than the one that runs the tests."""
+    """Return an interpreter of another minor version than the one that runs the tests."""
     minor = "{}.{}".format(*sys.version_info)
     others = [one for one in available() if one.minor != minor and one.implementation == "cpython"]
     if not others:
@@ -57,7 +57,7 @@ def another() -> Interpreter:
 
 
 def script(path: Path, *lines: str) -> Path:
-    """An executable shell script."""
+    """Write an executable shell script."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(["#!/bin/sh", *lines, ""]))
     path.chmod(0o755)
@@ -80,7 +80,7 @@ class TestFind:
         assert Path(found.path).resolve() == Path(found.path)
 
     def test_host_is_the_base_of_the_running_python(self) -> None:
-        """The harness's own environment stands on it."""
+        """`host` means the Python below the harness's own environment."""
         assert find("host") == find(str(BASE))
 
     @pytest.mark.parametrize("symlinks", [True, False], ids=["links", "copies"])
@@ -112,7 +112,7 @@ class TestFind:
 
 class TestDiscovery:
     def test_a_name_that_tells_another_minor_is_not_started(self, monkeypatch: pytest.MonkeyPatch, fresh: Path) -> None:
-        """Starting each of a dozen Pythons to find one would be the longest part of a short run."""
+        """A Python whose name gives another minor version is not started: that would be most of a short run."""
         alone(monkeypatch, fresh / "bin")
         script(fresh / "bin" / "python3.99", f": > {fresh}/started", "exit 1")
 
@@ -172,7 +172,7 @@ class TestDiscovery:
 
 class TestActiveVersion:
     def test_none_without_an_environment(self) -> None:
-        """No variable and no `.venv`: there is no active version."""
+        """Without a variable or a `.venv` there is no active version."""
         assert active_version() is None
 
     @pytest.mark.parametrize("variable", ["VIRTUAL_ENV", "CONDA_PREFIX", None])
@@ -189,12 +189,12 @@ class TestActiveVersion:
 
 class TestObtain:
     def test_what_is_here_is_not_downloaded(self) -> None:
-        """`obtain` is `find` where that finds something."""
+        """`obtain` downloads nothing if `find` finds an interpreter."""
         assert obtain("host") == find("host")
 
     @pytest.mark.parametrize("forbidden", ["offline", "UV_PYTHON_DOWNLOADS", "UV_OFFLINE"])
     def test_a_forbidden_download_is_not_tried(self, monkeypatch: pytest.MonkeyPatch, forbidden: str) -> None:
-        """Neither `--offline` nor the user's setting of uv is overridden."""
+        """A download forbidden by `--offline` or by the user's uv settings is not tried."""
         if forbidden != "offline":
             monkeypatch.setenv(forbidden, "never" if forbidden == "UV_PYTHON_DOWNLOADS" else "1")
 
@@ -202,7 +202,7 @@ class TestObtain:
         assert interpreters._install.cache_info().misses == 0
 
     def test_a_failed_download_is_tried_once(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """uv's refusal is nothing found, and is remembered for the process."""
+        """A failed download is remembered for the process and not tried again."""
         monkeypatch.setenv("UV_PYTHON_INSTALL_MIRROR", "http://127.0.0.1:9/")
         monkeypatch.setenv("UV_HTTP_RETRIES", "0")
 
@@ -229,7 +229,7 @@ def test_hints_say_what_to_do(request_: str, sentence: str) -> None:
 
 
 def test_hints_know_what_uv_may_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the user forbids downloads the sentence says so."""
+    """If the user forbids downloads, the sentence says so."""
     monkeypatch.setenv("UV_PYTHON_DOWNLOADS", "never")
 
     assert hint("3.14") == (

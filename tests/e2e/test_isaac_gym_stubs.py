@@ -33,7 +33,7 @@ MISTAKES = {
 
 
 def mistaken(source: str) -> str:
-    """The source with every mistake."""
+    """Return the source with every mistake in it."""
     for right, wrong in MISTAKES.items():
         assert source.count(right) == 1
         source = source.replace(right, wrong)
@@ -42,7 +42,7 @@ def mistaken(source: str) -> str:
 
 @pytest.fixture(scope="module")
 def reported(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
-    """Lines in which the type checker finds an error, of the adapter as it is and of one with the mistakes."""
+    """Return the lines with type errors, for the adapter as it is and for one with mistakes."""
     folder = tmp_path_factory.mktemp("stubs")
     package = folder / "checked"
     package.mkdir()
@@ -68,12 +68,12 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
 
 
 def test_every_call_is_in_the_stubs(reported: dict[str, list[str]]) -> None:
-    """The type checker has nothing to say of the adapter."""
+    """The type checker finds no error in the adapter."""
     assert reported["right"] == []
 
 
 def test_a_mistake_is_reported(reported: dict[str, list[str]]) -> None:
-    """A constant, a method, a missing argument, an attribute and a type that the stubs do not have: each is told."""
+    """A constant, method, missing argument, attribute or type that the stubs lack is reported each."""
     found = reported["wrong"]
 
     assert [wrong for wrong in MISTAKES.values() if not any(wrong in line for line in found)] == []

@@ -27,7 +27,7 @@ BROKEN = {
 
 @pytest.fixture
 def ask(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Callable[..., Lock | Step]:
-    """Resolve with the host's Python over the fakes."""
+    """Return a function that resolves with the host's Python over the fakes."""
 
     def resolve(*requirements: str, python: Interpreter = host, **more: object) -> Lock | Step:
         return resolver.resolve(
@@ -38,7 +38,7 @@ def ask(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Call
 
 
 def breaking(how: str) -> Callable[[BaseHTTPRequestHandler], None]:
-    """Break in one way."""
+    """Return a handler that fails in one way."""
     answers: dict[str, Callable[[BaseHTTPRequestHandler], None]] = {
         "error": lambda handler: send(handler, 500),
         "login": lambda handler: send(handler, 401),
@@ -196,7 +196,7 @@ class TestNoSolution:
         assert "has no wheels with a matching Python implementation tag" in decisive
 
     def test_only_binary(self, ask: Callable[..., Lock | Step]) -> None:
-        """Where only wheels may be used, a release with an sdist alone cannot be resolved."""
+        """If only wheels are allowed, a release with nothing but an sdist cannot be resolved."""
         assert failed(ask("fake-build-dependent==1.0", only_binary=("fake-build-dependent",))) == (
             Phase.RESOLVE,
             Outcome.FAILED,
@@ -204,7 +204,7 @@ class TestNoSolution:
         )
 
     def test_absent(self, ask: Callable[..., Lock | Step]) -> None:
-        """A package that is to be absent names who requires it."""
+        """If a package must be absent, the packages that require it are named."""
         by_another = ask("fake-needs-plain", absent=("fake_plain",))
         by_us = ask("fake-needs-plain", "fake-plain>=2", absent=("fake-plain",))
 
@@ -224,7 +224,7 @@ class TestIndexTrouble:
         assert BROKEN[how] in decisive
 
     def test_file_cut_short(self, ask: Callable[..., Lock | Step], serve: Callable[..., str], wheelhouse: Path) -> None:
-        """A wheel that comes broken is infra, and no reason to take an older version without a word."""
+        """A truncated wheel is infra, and no reason to take an older version silently."""
 
         def answer(handler: BaseHTTPRequestHandler) -> None:
             name = handler.path.rpartition("/")[2]
@@ -263,7 +263,7 @@ class TestIndexTrouble:
         assert failed(ask("fake-build-dependent", index=index))[:2] == (Phase.RESOLVE, Outcome.INFRA)
 
     def test_offline(self, host: Interpreter, tmp_path: Path) -> None:
-        """What is not in the cache cannot be told of without the network."""
+        """A package that is not in the cache cannot be resolved without the network: infra, no verdict."""
         asked = question("fake-plain", index=IndexSettings(default="http://127.0.0.1:9/simple"))
 
         assert failed(resolver.resolve(asked, host, tmp_path / "state" / "x", offline=True)) == (
@@ -274,7 +274,7 @@ class TestIndexTrouble:
         )
 
     def test_offline_before_a_cutoff(self, host: Interpreter, tmp_path: Path) -> None:
-        """With a cutoff uv calls what is not in the cache filtered; that is no verdict either."""
+        """With a cutoff uv reports packages missing from the cache as filtered; that is no verdict either."""
         places = IndexSettings(default="http://127.0.0.1:9/simple")
         asked = question("fake-plain", index=places, snapshot="2026-11-20T23:59:59Z")
 
@@ -283,7 +283,7 @@ class TestIndexTrouble:
         assert decisive
 
     def test_bad_requirement(self, ask: Callable[..., Lock | Step]) -> None:
-        """A requirement that is none is the user's to correct."""
+        """A malformed requirement is bad input of the user."""
         with pytest.raises(BadInput) as raised:
             ask("fake-plain===")
 
@@ -295,7 +295,7 @@ class TestIndexTrouble:
 
 class TestCutoff:
     def index(self, serve: Callable[..., str], wheelhouse: Path) -> IndexSettings:
-        """Two releases of a package with upload times, one without."""
+        """Return an index with two releases of a package with upload times, and one without."""
         times = {"1.0": "2024-01-01T00:00:00Z", "2.0": "2025-01-01T00:00:00Z", "3.0": None}
 
         def answer(handler: BaseHTTPRequestHandler) -> None:
@@ -342,13 +342,13 @@ class TestCutoff:
 class TestTorch:
     @pytest.fixture
     def gpu(self, tmp_path: Path) -> Path:
-        """Where the GPU builds lie."""
+        """Return a folder with the GPU builds."""
         return fakes.make(tmp_path / "gpu", "torch")
 
     def torch(
         self, ask: Callable[..., Lock | Step], *links: Path, requirement: str = "torch", **more: object
     ) -> object:
-        """Return the version of torch, or what is said instead."""
+        """Return the version of torch, or phase, outcome and decisive line of the failed step."""
         index = IndexSettings(no_index=True, find_links=tuple(map(str, links)))
         answer = ask(requirement, index=index, **more)
         return answer.versions["torch"] if isinstance(answer, Lock) else failed(answer)
@@ -369,7 +369,7 @@ class TestTorch:
         assert self.torch(ask, gpu) == "2.5+cpu"
 
     def test_no_cpu_build(self, ask: Callable[..., Lock | Step], gpu: Path, host: Interpreter) -> None:
-        """Where no CPU build can be reached, this machine lacks it; the line says what to set."""
+        """If no CPU build can be reached, the cell is unavailable on this machine; the line says what to set."""
         assert self.torch(ask, gpu) == (
             Phase.RESOLVE,
             Outcome.UNAVAILABLE,

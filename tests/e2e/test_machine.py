@@ -1,4 +1,4 @@
-"""What this machine has, asked of the machine itself."""
+"""Detect the capabilities of this machine by examining the machine itself."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NO_DISPLAY = "no X display here: install Debian's xvfb and libgl1-mesa-dri, or r
 
 @pytest.fixture(autouse=True)
 def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Each test asks anew, with a cache of its own."""
+    """Examine the machine again in each test, with a cache of its own."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("DISPLAY", raising=False)
     this_machine.facts.cache_clear()
@@ -29,14 +29,14 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def egl() -> None:
-    """The test needs Mesa's EGL."""
+    """Skip the test if Mesa's EGL is missing."""
     if "egl" not in this_machine.facts().capabilities:
         pytest.skip("missing library: libegl1")
 
 
 @pytest.fixture
 def xvfb() -> None:
-    """The test needs an X server without a screen."""
+    """Skip the test if Xvfb, an X server without a screen, is missing."""
     if display.program() is None:
         pytest.skip("missing library: xvfb")
 
@@ -70,7 +70,7 @@ class TestFacts:
 
     @pytest.mark.usefixtures("xvfb")
     def test_display_of_our_own_comes_first(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """What a display draws with is asked of a virtual one, whatever the user sits at."""
+        """The renderer of a display is found on a virtual display, even if the user has one."""
         monkeypatch.setenv("DISPLAY", ":4077")
 
         said = this_machine.facts().facts["display"]
@@ -80,7 +80,7 @@ class TestFacts:
 
     @pytest.mark.usefixtures("xvfb")
     def test_the_user_s_own_display(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Without Xvfb the user's display is taken, which opens itself to those who know its cookie."""
+        """Without Xvfb the user's own display is used, with the user's cookie."""
         with display.shown(_command(tmp_path, DISPLAY="virtual"), tmp_path / "display") as seen:
             for name in ("DISPLAY", "XAUTHORITY"):
                 monkeypatch.setenv(name, seen.command.env[name])
@@ -99,7 +99,7 @@ class TestFacts:
         assert this_machine.facts().facts["display"] == {"missing": "no Xvfb, and nothing answers at DISPLAY=:4077"}
 
     def test_remembered_until_something_changes(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A second call starts no process (it would be refused here); with another driver setting it asks again."""
+        """A second call starts no process (it would be refused here); another driver setting makes it examine again."""
         code = "from harness import machine; print(machine.facts().id)"
         first = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
@@ -148,7 +148,7 @@ class TestGpu:
     def test_from_the_tool(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, expected: dict[str, str]
     ) -> None:
-        """Where the driver has no files, its tool is asked; a tool that fails names none."""
+        """If the driver has no files, `nvidia-smi` is used; if that fails, no model is named."""
         tool = tmp_path / "nvidia-smi"
         tool.write_text(f"#!/bin/sh\n{script}\n")
         tool.chmod(0o755)
@@ -170,7 +170,7 @@ class TestGpu:
     ],
 )
 def test_gl_label(version: str, renderer: str, label: str) -> None:
-    """Driver and minor version, and the hardware that renders."""
+    """The GL label has the driver, its minor version and the rendering hardware."""
     said = {"vendor": "someone", "renderer": renderer, "version": version}
 
     assert this_machine._gl_label({"egl": said, "osmesa": {"missing": "no libOSMesa.so.8"}}) == label
@@ -188,7 +188,7 @@ class TestSupplied:
         ],
     )
     def test_with_egl(self, given: dict[str, str], expected: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
-        """What rendering needs is supplied, never over a value that was given, be it empty."""
+        """Variables for rendering are supplied, but never over a given value, not even an empty one."""
         _here(monkeypatch, egl={}, display={"server": "virtual"})
 
         assert this_machine.supplied(given) == expected
@@ -214,19 +214,19 @@ class TestSupplied:
         shown: bool,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        """A display is supplied where something draws on one, and called by a word that is the same everywhere."""
+        """A display is supplied if something draws on one, under a name that is the same on every machine."""
         _here(monkeypatch, egl={}, display={"server": "virtual"})
 
         assert this_machine.supplied(given, needs, packages).get("DISPLAY") == ("virtual" if shown else None)
 
     def test_without_any(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Where nothing renders, no way of rendering is claimed."""
+        """If nothing can render, no way of rendering is supplied."""
         _here(monkeypatch)
 
         assert this_machine.supplied({"MUJOCO_GL": "glfw"}) == {"SDL_VIDEODRIVER": "dummy"}
 
     def test_with_a_display_alone(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Where neither EGL nor OSMesa is, MuJoCo is to draw on the display."""
+        """Without EGL and OSMesa, MuJoCo draws on the display."""
         _here(monkeypatch, display={"server": "virtual"})
 
         expected = {"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "dummy", "DISPLAY": "virtual"}
@@ -235,7 +235,7 @@ class TestSupplied:
 
 class TestEnvironment:
     def test_is_an_allow_list(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Of the user's variables a cell sees those of its needs and where GL drivers lie, and no other."""
+        """A cell sees only those of the user's variables that it needs, and those that locate GL drivers."""
         monkeypatch.setattr(os, "environ", os.environ.copy())
         os.environ.clear()
         os.environ.update(
@@ -299,7 +299,7 @@ def test_what_cannot_be_drawn(
 
 
 def _here(monkeypatch: pytest.MonkeyPatch, **parts: dict[str, str]) -> None:
-    """Take this machine for one that has these parts and no other."""
+    """Pretend that this machine has these parts and no other."""
     here = this_machine.Machine(id="here", facts=parts, capabilities=frozenset(parts))
     monkeypatch.setattr(this_machine, "facts", cache(lambda: here))
 

@@ -1,4 +1,4 @@
-"""Repaired releases: made from the index's own sdist or wheel, resolved, locked by hash, restored elsewhere."""
+"""Repaired releases: built from the index's sdist or wheel, resolved, locked by hash, restored elsewhere."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ INVALID, NARROW, NEW = recipes.WHEELS
 
 @pytest.fixture
 def asked(workplace: Path, wheelhouse: Path, offline_index: IndexSettings) -> Question:
-    """The fakes that have a recipe, repaired."""
+    """Return a question that repairs the fakes with a recipe."""
     overlay = [overlay_recipes.read(recipes.recipe(name, wheelhouse), "x.toml")[0] for name in recipes.WHEELS]
     return Question(requirements=tuple(recipes.WHEELS), index=offline_index, overlay=tuple(overlay))
 
 
 def resolved(question: Question, python: Interpreter, folder: Path) -> Lock:
-    """The lock of a question."""
+    """Return the lock of a question."""
     lock = overlays.resolve(question, python, folder)
     assert isinstance(lock, Lock), lock.decisive
     return lock
@@ -85,7 +85,7 @@ def test_a_lock_is_restored_where_the_wheel_was_never_made(
 
 
 def test_a_wheel_that_is_gone_is_made_anew(asked: Question, host: Interpreter, tmp_path: Path) -> None:
-    """A lock of before outlives the cache; a wheel that is there is not made again."""
+    """A deleted wheel of an earlier lock is built again; an existing wheel is not."""
     lock = resolved(asked, host, tmp_path / "state" / "x")
     sources = {pin.name: Path(pin.artifact.source) for pin in lock.pins}
     before = sources[NARROW].stat().st_mtime_ns
@@ -100,7 +100,7 @@ def test_a_wheel_that_is_gone_is_made_anew(asked: Question, host: Interpreter, t
 
 
 def test_nothing_is_repaired_before_it_was_released(asked: Question, host: Interpreter, tmp_path: Path) -> None:
-    """A repaired wheel is as old as its sdist: the cutoff keeps it out, or it did not escape the cutoff."""
+    """A repaired wheel has the upload time of its sdist: a cutoff excludes it before, and allows it afterwards."""
     early = replace(asked, requirements=(NARROW, NEW), snapshot="2021-10-06T22:04:24Z")
     step = overlays.resolve(early, host, tmp_path / "state" / "x")
     assert isinstance(step, Step)
@@ -116,7 +116,7 @@ def test_nothing_is_repaired_before_it_was_released(asked: Question, host: Inter
 def test_a_wheel_that_is_not_the_promised_one_is_refused(
     asked: Question, host: Interpreter, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It is nobody's fault but ours, and both hashes are told."""
+    """A built wheel with another hash than promised is infra; both hashes and the building Python are shown."""
     monkeypatch.setattr(interpreters, "available", lambda minor=None: (host,))
     wrong = replace(asked, overlay=(replace(asked.overlay[1], wheel="f" * 64),), requirements=(NARROW,))
 
@@ -133,7 +133,7 @@ def test_a_wheel_that_is_not_the_promised_one_is_refused(
 def test_the_indexs_own_wheel_is_no_choice_beside_the_repaired_one(
     asked: Question, host: Interpreter, wheelhouse: Path, tmp_path: Path
 ) -> None:
-    """Both have one name, and uv lists both: the lock holds the hash of the repaired one, of which nothing is built."""
+    """The lock has the hash of the repaired wheel, not of the index's wheel of the same name; nothing is built."""
     lock = resolved(replace(asked, requirements=(NEW,), overlay=asked.overlay[2:]), host, tmp_path / "state" / "x")
 
     (pin,) = lock.pins
@@ -146,7 +146,7 @@ def test_the_indexs_own_wheel_is_no_choice_beside_the_repaired_one(
 
 
 def test_a_wheel_that_is_mended_otherwise_is_refused(asked: Question, host: Interpreter, tmp_path: Path) -> None:
-    """Both hashes are told, and nobody who built it."""
+    """A patched wheel with another hash than promised is infra; both hashes are shown, without a building Python."""
     wrong = replace(asked, overlay=(replace(asked.overlay[2], wheel="f" * 64),), requirements=(NEW,))
 
     step = overlays.resolve(wrong, host, tmp_path / "state" / "x")
@@ -172,7 +172,7 @@ def test_a_wheel_that_is_mended_otherwise_is_refused(asked: Question, host: Inte
 def test_what_it_cannot_be_made_of_is_named(
     more: dict[str, Any], ended: tuple[Outcome, str], asked: Question, host: Interpreter, tmp_path: Path
 ) -> None:
-    """Another sdist than the recipe's, or no Python to build it, says nothing about packages."""
+    """If the recipe's sdist or a Python to build it is missing, that says nothing about packages."""
     wrong = replace(asked, overlay=(replace(asked.overlay[1], **more),), requirements=(NARROW,))
 
     step = overlays.resolve(wrong, host, tmp_path / "state" / "x")

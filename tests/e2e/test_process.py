@@ -1,4 +1,4 @@
-"""Real processes under the real supervisor; each test leaves none behind."""
+"""Real processes run under the real supervisor; each test leaves none behind."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class TestEnds:
         assert (done.sandbox, done.stray) == (sandbox, 0)
 
     def test_missing_program(self, sandbox: str, python: Build) -> None:
-        """A program that is not there never ran: no exit code, and the reason."""
+        """A missing program never ran: it has no exit code, and the reason is given."""
         done = process.run(python("", argv=("no-such-program", "--help")))
 
         assert ending(done) == (
@@ -55,7 +55,7 @@ class TestEnds:
         )
 
     def test_missing_folder(self, python: Build, tmp_path: Path) -> None:
-        """A working folder that is not there is told from a missing program."""
+        """A missing working folder is distinguished from a missing program."""
         done = process.run(python("", cwd=tmp_path / "absent"))
 
         assert done.killed == f"supervisor: cannot enter {tmp_path / 'absent'}: No such file or directory"
@@ -69,7 +69,7 @@ class TestEnds:
         assert ending(done) == (None, signal.SIGKILL, True, False, None)
 
     def test_deadline_is_polite_first(self, sandbox: str, python: Build) -> None:
-        """At its deadline a command may still say its last words."""
+        """At its deadline a command may still write its last output."""
         code = "import signal, sys, time; signal.signal(signal.SIGTERM, lambda *_: sys.exit('last')); time.sleep(600)"
 
         done = process.run(python(code, seconds=0.5))
@@ -290,7 +290,7 @@ class TestPrivacy:
         assert (done.log.read_text(), done.sandbox) == ("HOME=/mine\n", "subreaper")
 
     def test_signals_are_restored(self, sandbox: str, python: Build) -> None:
-        """What the harness ignores or blocks, the command does not."""
+        """Signals that the harness ignores or blocks are neither ignored nor blocked in the command."""
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGUSR1})
         try:
             done = process.run(python("print([x for x in open('/proc/self/status') if x[:6] in ('SigBlk', 'SigIgn')])"))
@@ -335,7 +335,7 @@ print(sorted(os.listdir(".")), open("changed.txt").read())
 
 @pytest.fixture
 def sealed(tmp_path: Path) -> Path:
-    """A folder like an environment, one of whose files has a hard-linked twin elsewhere; its name needs quoting."""
+    """Return a folder like an environment, with a hard link to one of its files elsewhere; its name needs quoting."""
     folder = tmp_path / "odd, name: with\\all"
     (folder / "kept").mkdir(parents=True)
     (folder / "kept/a.py").write_text("")
@@ -346,7 +346,7 @@ def sealed(tmp_path: Path) -> Path:
 
 
 def contents(folder: Path) -> dict[str, str | None]:
-    """Every path below a folder, with the text of files."""
+    """Return every path below a folder, with the text of files."""
     return {str(p.relative_to(folder)): p.read_text() if p.is_file() else None for p in folder.rglob("*")}
 
 
@@ -373,7 +373,7 @@ class TestSealed:
 
     @pytest.mark.usefixtures("overlay")
     def test_each_run_starts_clean(self, python: Build, sealed: Path) -> None:
-        """Nothing of one run's writes is there for the next, though both have one home."""
+        """A run starts without the writes of an earlier one, though both have the same home."""
         first = process.run(python(WRITES, cwd=sealed, sealed=(sealed,)))
         second = process.run(python("open('changed.txt').read()", cwd=sealed, sealed=(sealed,)))
 
@@ -392,7 +392,7 @@ class TestSealed:
 
     @pytest.mark.usefixtures("overlay")
     def test_seen_after_a_crash(self, python: Build, sealed: Path) -> None:
-        """What was written is told even when the writer died."""
+        """Written files are reported even if the writer died."""
         done = process.run(python("open('x', 'w'); import os; os.abort()", cwd=sealed, sealed=(sealed,)))
 
         assert (done.signal, done.written) == (signal.SIGABRT, ("x",))
@@ -439,7 +439,7 @@ for path in ("../stored", "../environment/changed.txt", "../work/own", "own"):
 
     @pytest.mark.parametrize("name", ["pid+readonly", "subreaper+readonly"])
     def test_read_only(self, python: Build, sealed: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-        """Where there is no overlay, a sealed folder refuses writes."""
+        """Without an overlay, a sealed folder refuses writes."""
         if missing(name):
             pytest.skip(f"unavailable: {name}")
         monkeypatch.setenv(process.FORCED, name)
@@ -480,7 +480,7 @@ except Exception as error:
 
 
 def harness_script(folder: Path, ending: str) -> Path:
-    """A program that uses the supervisor as the harness does."""
+    """Write a program that uses the supervisor as the harness does."""
     (folder / "home").mkdir()
     script = folder / "harness.py"
     script.write_text(HARNESS.format(checkout=str(CHECKOUT), folder=str(folder), daemon=DAEMON) + ending)
@@ -490,7 +490,7 @@ def harness_script(folder: Path, ending: str) -> Path:
 class TestDeaths:
     @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
     def test_harness(self, sandbox: str, python: Build, tmp_path: Path, marker: str, number: int) -> None:
-        """When the harness dies, by whatever signal, everything below it does."""
+        """If the harness dies by any signal, everything below it ends."""
         script = harness_script(tmp_path, "run(command)")
         harness = subprocess.Popen((sys.executable, str(script), marker), stderr=subprocess.DEVNULL)
         assert eventually(lambda: len(found(marker)) == 3)
@@ -501,7 +501,7 @@ class TestDeaths:
         assert gone(marker)
 
     def test_guard(self, sandbox: str, python: Build, marker: str) -> None:
-        """When the supervisor is killed, everything below it ends, and nobody blames the command."""
+        """If the supervisor is killed, everything below it ends, and the command is not blamed."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
             assert eventually(lambda: len(found(marker)) == 2)
             os.kill(running._supervisor.pid, signal.SIGKILL)
@@ -511,7 +511,7 @@ class TestDeaths:
         assert gone(marker)
 
     def test_keeper(self, sandbox: str, python: Build, marker: str) -> None:
-        """When the keeper is killed, everything below it ends, and nobody blames the command."""
+        """If the keeper is killed, everything below it ends, and the command is not blamed."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
             assert eventually(lambda: len(found(marker)) == 2)
             guard = running._supervisor.pid
@@ -522,7 +522,7 @@ class TestDeaths:
         assert found(marker) == []
 
     def test_stop(self, tmp_path: Path, marker: str) -> None:
-        """`stop` ends what other threads wait for, and nothing starts afterwards."""
+        """`stop` ends the commands that other threads wait for, and nothing starts afterwards."""
         script = harness_script(tmp_path, STOPPER)
 
         harness = subprocess.run((sys.executable, str(script), marker), capture_output=True, text=True, check=True)
@@ -532,7 +532,7 @@ class TestDeaths:
 
 class TestMode:
     def test_is_one_of_the_known(self) -> None:
-        """The mode found by trying is one of the published names."""
+        """The detected sandbox mode is one of the published names."""
         assert process.sandbox_mode() in process.SANDBOXES
 
     def test_unknown_name(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -548,7 +548,7 @@ class TestMode:
         )
 
     def test_nested(self, python: Build, sealed: Path) -> None:
-        """Below an overlay, which cannot hold another's upper layer, memory holds it."""
+        """A sandbox inside an overlay, which cannot hold another upper layer, keeps its upper layer in memory."""
         if missing("pid+overlay"):
             pytest.skip("unavailable: pid+overlay")
         (sealed / "work").mkdir()

@@ -1,4 +1,4 @@
-"""What compiles at its first import is compiled by the install; what the system lacks for it is told."""
+"""Packages that compile at their first import are compiled during the install, and missing system packages named."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ Ensure = Callable[..., Environment | Step]
 
 @pytest.fixture(autouse=True)
 def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The fake is known to compile."""
+    """Use a recipe by which the fake compiles at its first import."""
     file = tmp_path / "warming.toml"
     file.write_text(RECIPES)
     monkeypatch.setattr(first_import, "FILE", file)
@@ -41,7 +41,7 @@ def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def ensure(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Ensure:
-    """Make the environment of a requirement."""
+    """Return a function that makes the environment of a requirement."""
 
     def make(requirement: str, **variables: str) -> Environment | Step:
         asked = question(requirement, index=offline_index, build_variables=variables)
@@ -52,7 +52,7 @@ def ensure(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> E
 
 
 def test_compiled_once_in_files_of_its_own(ensure: Ensure) -> None:
-    """The install imports it once; what that wrote stays, and no file there is one of uv's cache."""
+    """The install imports the package once; its compiled files stay, and none is a link into uv's cache."""
     made, again = ensure("fake-compiles==1.0"), ensure("fake-compiles==1.0")
     assert isinstance(made, Environment)
     assert isinstance(again, Environment)
@@ -67,7 +67,7 @@ def test_compiled_once_in_files_of_its_own(ensure: Ensure) -> None:
 
 
 def test_variables_of_builds_make_another(ensure: Ensure) -> None:
-    """The variables of builds are those of the compiler, and part of the environment's key."""
+    """Build variables apply to this compiler too, and are part of the environment's key."""
     plain, other = ensure("fake-compiles==1.0"), ensure("fake-compiles==1.0", FAKE_FLAGS="-O3")
     assert isinstance(plain, Environment)
     assert isinstance(other, Environment)
@@ -78,7 +78,10 @@ def test_variables_of_builds_make_another(ensure: Ensure) -> None:
 
 @pytest.mark.parametrize("here", [True, False])
 def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The compiler's own line is told, beside what the system lacks; nothing is left that could be used."""
+    """A failed compilation is a failed install with the compiler's own line and missing system packages.
+
+    No usable environment is left.
+    """
     monkeypatch.setattr(debian_packages, "installed", lambda names: frozenset(names) if here else frozenset())
     step = ensure("fake-compiles==2.0")
 
@@ -96,7 +99,7 @@ def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, m
 
 @pytest.mark.skipif(not shutil.which("dpkg-query"), reason="unavailable: dpkg")
 def test_packages_of_the_system() -> None:
-    """dpkg says which are there; the command for the others is told."""
+    """Packages that dpkg does not have are named with the command to install them."""
     assert debian_packages.missing(("dpkg",)) is None
     told = debian_packages.missing(("dpkg", "no-such-dev", "nor-this-one"))
     assert told == "no no-such-dev, nor-this-one here: run `apt install no-such-dev nor-this-one`"
@@ -104,7 +107,7 @@ def test_packages_of_the_system() -> None:
 
 
 def test_a_system_without_dpkg(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where nobody can be asked, that is told and the cell goes on."""
+    """Without dpkg the check is reported as not done, and the cell goes on."""
     monkeypatch.setattr(debian_packages, "DPKG", "no-such-dpkg")
     assert debian_packages.missing(("libosmesa6-dev",)) is None
     (finding,) = debian_packages.unchecked(("libosmesa6-dev", "patchelf"))
@@ -115,7 +118,7 @@ def test_a_system_without_dpkg(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_recipes_that_are_shipped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """free-mujoco-py is known to compile."""
+    """The shipped recipe compiles free-mujoco-py."""
     monkeypatch.setattr(first_import, "FILE", Path(first_import.__file__).with_suffix(".toml"))
     (recipe,) = first_import.recipes({"free-mujoco-py", "numpy"})
 

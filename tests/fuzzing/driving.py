@@ -77,7 +77,7 @@ def fuzz(target: Target, count: int, folder: Path, seed: int = 0) -> Fuzzed:
 
 @contextmanager
 def _workplace(folder: Path) -> Iterator[None]:
-    """An empty working folder, with states and caches of its own in it."""
+    """Run a block in an empty working folder, with its own state and caches."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     before, variables = Path.cwd(), dict(os.environ)

@@ -1,4 +1,4 @@
-"""The harness against combinations whose outcome was measured by hand: `python tests/real/agreement.py [GLOB]`.
+"""Compare the harness with combinations measured by hand: `python tests/real/agreement.py [GLOB]`.
 
 `measured.toml` says, for each case, in which phase it fails first (plain uv and Python, no harness). Every entry is run
 through the harness; the table of agreement is written to `agreement.md`. Exit 1 below 97 of 100, or for a single
@@ -50,7 +50,7 @@ class Compared:
 
     @property
     def wrong_works(self) -> bool:
-        """The worst error there is: green here, red by hand."""
+        """Return whether the harness says `works` about a case that failed by hand: the worst error."""
         return self.by_harness == NONE and not self.agrees
 
     @property
@@ -60,12 +60,12 @@ class Compared:
 
 
 def entries() -> list[dict]:
-    """What was measured by hand."""
+    """Return the combinations that were measured by hand."""
     return tomllib.loads((HERE / "measured.toml").read_text())["combination"]
 
 
 def cell_of(number: int, entry: dict) -> Cell:
-    """The cell that an entry stands for."""
+    """Return the cell of an entry."""
     asked = plan.Asked(
         requirements=tuple(entry["requirements"]),
         only_binary=tuple(entry.get("only_binary", ())),
@@ -90,14 +90,14 @@ def cell_of(number: int, entry: dict) -> Cell:
 
 
 def run(cells: Sequence[Cell], opened: store.Store) -> tuple[CellRecord, ...]:
-    """Run the cells; what was measured before under the same keys is not run again."""
+    """Run the cells, except those measured before under the same keys."""
     settings = scheduler.Settings(jobs=scheduler.default_jobs())
     with Progress(len(cells), settings.jobs, headline) as board:
         return scheduler.run(cells, opened, settings, board)
 
 
 def compare(entry: dict, record: CellRecord) -> list[Compared]:
-    """Each case of an entry beside what the harness says of it."""
+    """Compare each case of an entry with the harness's record."""
     judged = assess(record)
     found = []
     for case in entry["cases"]:
@@ -118,7 +118,7 @@ def compare(entry: dict, record: CellRecord) -> list[Compared]:
 
 
 def first_failure(record: CellRecord, env: str) -> tuple[str, str | None]:
-    """The first phase of a case that did not pass, and why."""
+    """Return the first phase of a case that did not pass, and its decisive line."""
     for step in (record.resolve, record.install):
         if step and step.outcome is not Outcome.PASSED:
             return step.phase.value, step.decisive
@@ -130,7 +130,7 @@ def first_failure(record: CellRecord, env: str) -> tuple[str, str | None]:
 
 
 def render(compared: Sequence[Compared], command: str) -> str:
-    """The table of agreement."""
+    """Return the table of agreement as Markdown."""
     agreeing = sum(one.agrees for one in compared)
     red = [one for one in compared if one.by_hand != NONE]
     lines = [

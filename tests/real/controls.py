@@ -1,4 +1,4 @@
-"""The controls of `matrices/controls/`: `--lock ID...` makes their locks, else all, or those named, are run.
+"""Lock or run the controls of `matrices/controls/`: `--lock ID...` makes locks, else the named or all ones run.
 
     python tests/real/controls.py [--lock] [ID...]
 
@@ -27,7 +27,7 @@ from harness.running.controls import ControlTable
 
 
 def lock(table: ControlTable, snapshot: str) -> str:
-    """The lock of a control's requirements, as its file has it."""
+    """Return the lock of a control's requirements, in the form of its file."""
     with TemporaryDirectory() as folder:
         made, bounds, asked = (Path(folder) / name for name in ("pylock.toml", "bounds.txt", "asked.txt"))
         bounds.write_text("\n".join(table.build_constraints), encoding="utf-8")
@@ -40,7 +40,7 @@ def lock(table: ControlTable, snapshot: str) -> str:
 
 
 def files(package: dict[str, Any], python: str) -> list[str]:
-    """The hashes of the wheels that this Python takes on some Linux; of the sdist where there is none."""
+    """Return the hashes of the wheels that this Python accepts on any Linux, or of the sdist if there is none."""
     wheels = [one for one in package.get("wheels", ()) if fits(one["url"].rpartition("/")[2], python)]
     return sorted(one["hashes"]["sha256"] for one in wheels or [package["sdist"]])
 
@@ -57,25 +57,25 @@ def fits(filename: str, python: str) -> bool:
 
 
 class Told:
-    """Says on stderr what goes on."""
+    """Progress messages on stderr."""
 
     def started(self, cell: Cell) -> None:
-        """Said at its end."""
+        """Print nothing; the result is printed at the end."""
 
     def step(self, cell: Cell, text: str) -> None:
-        """Said at its end."""
+        """Print nothing; the result is printed at the end."""
 
     def done(self, record: CellRecord) -> None:
-        """How a control ended."""
+        """Print the result of a control."""
         self.say(f"{record.cell.label}: {describe(record)}")
 
     def say(self, text: str) -> None:
-        """One line."""
+        """Print one line."""
         print(text, file=sys.stderr, flush=True)
 
 
 def describe(record: CellRecord) -> str:
-    """Verdict, versions, and what was not verified or why it failed."""
+    """Return the verdict and the Python, and what was not verified or why it failed."""
     judged = assess(record)
     more = f"; not verified: {', '.join(judged.unverified)}" if judged.unverified else ""
     why = f" in {judged.phase}: {judged.decisive}" if judged.decisive else ""
@@ -85,7 +85,7 @@ def describe(record: CellRecord) -> str:
 
 
 def main() -> int:
-    """Lock or run; 1 where a control that could be run does not work."""
+    """Lock or run the controls; return 1 if a control that could run does not work."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("ids", metavar="ID", nargs="*", help="controls [all]")
     parser.add_argument("--lock", action="store_true", help="make the locks anew instead of running")

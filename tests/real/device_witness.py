@@ -1,4 +1,4 @@
-"""Opens a display as a library does, in the library's own environment, and tells the device: `LIBRARY ARGUMENT`."""
+"""Open a display as a library does, in the library's own environment, and print its device: `LIBRARY ARGUMENT`."""
 
 import ctypes
 import json

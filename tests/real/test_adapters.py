@@ -1,4 +1,4 @@
-"""Adapters on real releases: every check passes, and what an adapter gives is what a user's own loop gives.
+"""Adapters on real releases: every check passes, and an adapter returns the same values as a user's own loop.
 
 The releases are those of `adapters.toml`, which says how to add one. With ENDURANCE in the environment the heavy ones
 are run, too.
@@ -32,13 +32,13 @@ SEED, STEPS = 7, 20
 
 
 def name(release: dict[str, Any]) -> str:
-    """What a release is called in a test's id."""
+    """Return the name of a release in a test's id."""
     return f"{release['api']}-{release['requirements'][0]}-py{release['python']}-{release['env']}"
 
 
 @pytest.fixture(scope="module")
 def runner(tmp_path_factory: pytest.TempPathFactory) -> Controlled:
-    """Takes cells through their phases, in a state and a cache of these tests alone."""
+    """Return a runner with a state and a cache of these tests alone."""
     folder = tmp_path_factory.mktemp("adapters")
     patch = pytest.MonkeyPatch()
     patch.setenv("HARNESS_STATE", str(folder / "state"))
@@ -49,7 +49,7 @@ def runner(tmp_path_factory: pytest.TempPathFactory) -> Controlled:
 
 @pytest.mark.parametrize("api", APIS)
 def test_every_adapter_is_held_to_two_releases(api: str) -> None:
-    """An adapter without two releases in `adapters.toml` is held to little; one that cannot have them says why."""
+    """Every adapter has two releases in `adapters.toml`, or says why it cannot."""
     versions = {one["requirements"][0] for one in DATA["release"] if one["api"] == api}
     assert (len(versions) >= 2) is not (api in DATA["fewer"])
 
@@ -59,7 +59,7 @@ OWN = ("python", "skipped", "observation", "by_hand", "findings", "endurance")
 
 
 def cell(release: dict[str, Any], folder: Path) -> Cell:
-    """A release as a matrix of one cell would have it."""
+    """Return the cell of a release, as a matrix of one cell has it."""
     if interpreters.find(release["python"]) is None:
         pytest.skip(f"unavailable: python{release['python']}")
     case = {key: release[key] for key in CASE if key in release}
@@ -77,7 +77,7 @@ def cell(release: dict[str, Any], folder: Path) -> Cell:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML writes it."""
+    """Return a value in TOML."""
     match value:
         case dict():
             return "{" + ", ".join(f"{json.dumps(key)} = {toml(one)}" for key, one in value.items()) + "}"
@@ -89,7 +89,7 @@ def toml(value: Any) -> str:
 
 @pytest.mark.parametrize("release", RELEASES, ids=name)
 def test_a_release_is_driven_as_a_user_drives_it(release: dict[str, Any], runner: Controlled, tmp_path: Path) -> None:
-    """Every check passes without a finding but those that are known, and each value is that of a loop by hand."""
+    """Every check passes with known findings only, and each value equals that of a loop by hand."""
     asked = cell(release, tmp_path)
     record = runner.measure(asked)
     ended = seen(record)
@@ -106,12 +106,12 @@ def test_a_release_is_driven_as_a_user_drives_it(release: dict[str, Any], runner
 
 
 def wanted(check: str, release: dict[str, Any]) -> tuple[str, str | None]:
-    """How a check has to end."""
+    """Return the expected outcome of a check."""
     return ("skipped" if check in release.get("skipped", ()) else "passed"), None
 
 
 def seen(record: CellRecord) -> dict[str, tuple[str, str | None]]:
-    """How each check ended; why, where it went wrong."""
+    """Return the outcome of each check, with its decisive line if it went wrong."""
     steps = [step for step in (record.resolve, record.install) if step and step.outcome is not Outcome.PASSED]
     if steps and steps[0].outcome is Outcome.UNAVAILABLE and "build of torch" in (steps[0].decisive or ""):
         pytest.skip("unavailable: torch")
@@ -123,13 +123,13 @@ def seen(record: CellRecord) -> dict[str, tuple[str, str | None]]:
 
 
 def surprising(record: CellRecord, release: dict[str, Any]) -> list[str]:
-    """Warnings that the data file does not know."""
+    """Return the warnings that the data file does not list."""
     found = [finding for case in record.cases for phase in case.phases for finding in phase.findings]
     return unknown([f"{one.check}: {one.text}" for one in found if one.level is Level.WARNING], release)
 
 
 def unknown(texts: list[str], release: dict[str, Any]) -> list[str]:
-    """Those that no pattern of the data file fits."""
+    """Return the texts that match no pattern of the data file."""
     return [text for text in texts if not any(re.search(one, text) for one in release.get("findings", ()))]
 
 
@@ -141,7 +141,7 @@ def told_of(code: str, data: dict[str, Any]) -> str:
 
 
 def witnessed(runner: Controlled, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
-    """What the adapter and the loop by hand give, told from inside the cell."""
+    """Return the results of the adapter and of a loop by hand, both run inside the cell."""
     installing = replace(runner.runner, settings=Settings(until=Phase.INSTALL))
     ready = installing.prepare(replace(asked, cases=()))
     assert ready.site
@@ -162,7 +162,7 @@ def witnessed(runner: Controlled, asked: Cell, release: dict[str, Any]) -> dict[
 
 
 def described(observation: Any) -> str:
-    """Shape and dtype, of each part of a dict."""
+    """Return shape and dtype, of each part for a dict."""
     if isinstance(observation, dict):
         return ", ".join(f"{key}: {described(part)}" for key, part in observation.items())
     return str(observation[0])

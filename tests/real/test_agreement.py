@@ -17,7 +17,7 @@ SAMPLE = [(number, entry) for number, entry in enumerate(agreement.entries(), 1)
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory: pytest.TempPathFactory) -> store.Store:
-    """A store and a cache of this run alone."""
+    """Use a store and a cache of this run alone."""
     folder = tmp_path_factory.mktemp("agreement")
     patch = pytest.MonkeyPatch()
     patch.setenv("HARNESS_STATE", str(folder / "state"))

@@ -1,4 +1,4 @@
-"""Boundaries that everybody knows, found with the packages from the real index."""
+"""Well-known boundaries, found with the packages from the real index."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ASKED = ["try", "gym==0.26.2", "--python", "3.10", "--as-of", "2026-11-20", "--e
 
 @pytest.fixture(autouse=True)
 def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty state in an empty folder; the user's own index settings and cache stay."""
+    """Use an empty state in an empty folder; the user's own index settings and cache stay."""
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)
 

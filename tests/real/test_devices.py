@@ -1,4 +1,7 @@
-"""The device that draws, with real libraries and a stand-in for several devices: asked and got, memory, precedence."""
+"""The device that draws, with real libraries and a stand-in for several devices.
+
+Requested and actual device, memory, precedence of settings.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ WITNESS = (Path(__file__).parent / "device_witness.py").read_text(encoding="utf-
 
 @pytest.fixture(scope="module")
 def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder for the stand-in's libraries."""
+    """Return a folder for the stand-in's libraries."""
     if find_library("EGL") is None:
         pytest.skip("missing library: libEGL")
     return tmp_path_factory.mktemp("devices")
@@ -45,7 +48,7 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
-    """Make an environment of these requirements when it is first asked for, and return its interpreter."""
+    """Return a function that makes an environment of requirements once, and returns its interpreter."""
     made: dict[tuple[str, ...], str] = {}
 
     def make(*requirements: str) -> str:
@@ -65,13 +68,13 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
 
 @pytest.fixture
 def newest(python: Callable[..., str]) -> str:
-    """MuJoCo, and a gymnasium that draws by it."""
+    """Return the Python of an environment with MuJoCo and a gymnasium that draws with it."""
     return python(f"mujoco=={MUJOCO}", "gymnasium==1.4.0", "imageio", "packaging", "numpy==2.4.6")
 
 
 @pytest.fixture
 def drawn(probe, newest: str, libraries: Path):
-    """Draw with an environment where these devices are."""
+    """Return a function that draws with an environment on these devices."""
 
     def run(devices: str, api: str, env: str, **variables: str):
         case = Case(id="c", env=env, api=api, checks=(CHECK,), steps=1)
@@ -82,7 +85,7 @@ def drawn(probe, newest: str, libraries: Path):
 
 
 def test_one_real_device(probe, newest: str) -> None:
-    """Without a stand-in it is what this machine has: told without a guess, and no GPU's memory where none is."""
+    """Without a stand-in the real device is found; GPU memory is unavailable without an NVIDIA driver."""
     if find_library("EGL") is None:
         pytest.skip("missing library: libEGL")
     case = Case(id="c", env="mujoco:markers", api="mujoco", checks=(CHECK,), steps=1)
@@ -97,7 +100,10 @@ def test_one_real_device(probe, newest: str) -> None:
 
 
 def test_another_device_than_was_asked_for(drawn) -> None:
-    """It fails, names the setting, and tells whose memory grew, with the workers of a vector environment."""
+    """A drawing on another device than requested fails, and names the setting.
+
+    It also shows whose memory grew, for the workers of a vector environment too.
+    """
     done = drawn("1,0,-", "gymnasium", "InvertedPendulum-v5", CUDA_VISIBLE_DEVICES="3")
 
     check = done[CHECK]
@@ -116,7 +122,7 @@ def test_another_device_than_was_asked_for(drawn) -> None:
 
 
 def test_a_place_of_egl_s_that_is_another_gpu(drawn) -> None:
-    """CUDA_VISIBLE_DEVICES=0 is not heeded by drawing at EGL's place 0, where EGL counts otherwise than CUDA."""
+    """MUJOCO_EGL_DEVICE_ID=1 overrides CUDA_VISIBLE_DEVICES=0; the numbers of EGL and CUDA differ here."""
     done = drawn("1,0,-", "mujoco", "mujoco:markers", CUDA_VISIBLE_DEVICES="0", MUJOCO_EGL_DEVICE_ID="1")
 
     where = "on EGL device 0 (CUDA device 1), which MUJOCO_EGL_DEVICE_ID=1 named"
@@ -124,7 +130,7 @@ def test_a_place_of_egl_s_that_is_another_gpu(drawn) -> None:
 
 
 def test_the_device_that_was_asked_for(drawn) -> None:
-    """It passes; that EGL and CUDA count it otherwise is a finding."""
+    """A drawing on the requested device passes; different numbers in EGL and CUDA are a finding."""
     done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0")
 
     assert done[CHECK].outcome is Outcome.PASSED
@@ -141,7 +147,7 @@ def test_a_place_among_the_visible_devices(drawn) -> None:
 
 
 def test_a_device_without_a_number_of_cuda(drawn) -> None:
-    """CUDA_VISIBLE_DEVICES asks nothing of it."""
+    """CUDA_VISIBLE_DEVICES does not apply to a device without a CUDA number."""
     done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="2", CUDA_VISIBLE_DEVICES="5")
 
     assert done[CHECK].outcome is Outcome.PASSED
@@ -150,7 +156,10 @@ def test_a_device_without_a_number_of_cuda(drawn) -> None:
 
 @pytest.mark.parametrize("devices", LISTS)
 def test_mujoco_does_as_foretold(devices: str, newest: str, libraries: Path) -> None:
-    """Several devices, in CUDA's order or not, one that fails, more than are looked at: the device, or the message."""
+    """MuJoCo draws on the predicted device, or fails with the predicted message.
+
+    Several devices, in CUDA's order or not, a broken one, and more than are examined.
+    """
     got = witnessed(newest, "mujoco", devices, SETTINGS, libraries)
 
     assert got == [foretold("mujoco", MUJOCO, devices, one, None) for one in SETTINGS]
@@ -160,7 +169,7 @@ if os.environ.get("ENDURANCE"):  # robosuite is large
 
     @pytest.mark.parametrize("devices", LISTS)
     def test_robosuite_does_as_foretold(devices: str, python: Callable[..., str], libraries: Path) -> None:
-        """The same of robosuite's own function, with MuJoCo before it knew of CUDA."""
+        """robosuite's own function does as predicted, with a MuJoCo release that does not know CUDA numbers."""
         site = python(f"robosuite=={ROBOSUITE}", f"mujoco=={OLDER}", "numpy==1.26.4", "gymnasium==1.0.0")
 
         got = witnessed(site, "robosuite", devices, ROBOSUITES, libraries)
@@ -169,7 +178,7 @@ if os.environ.get("ENDURANCE"):  # robosuite is large
 
 
 def foretold(library: str, release: str, devices: str, settings: Settings, mujoco: str | None) -> list[Any]:
-    """Device, error and stage."""
+    """Return the predicted device, error and stage."""
     known = [
         Device(cuda=None if word[0] == "-" else int(word.rstrip("!")), works=not word.endswith("!"))
         for word in devices.split(",")
@@ -179,7 +188,7 @@ def foretold(library: str, release: str, devices: str, settings: Settings, mujoc
 
 
 def witnessed(python: str, library: str, devices: str, asked: list[Settings], libraries: Path) -> list[list[Any]]:
-    """What a library does where these devices are, each of the settings in a process of its own."""
+    """Return a library's device, error and stage on these devices, for each of the settings in its own process."""
     base = {"PATH": os.defpath, "MUJOCO_GL": "egl", **standin.variables(libraries, devices)}
     found = []
     for one in asked:

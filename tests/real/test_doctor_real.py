@@ -22,7 +22,7 @@ AS_OF = "2026-11-20"
 
 @pytest.fixture
 def make(tmp_path: Path) -> Make:
-    """Make an environment of these requirements, without the harness."""
+    """Return a function that makes an environment of these requirements without the harness."""
 
     def make(python: str, *requirements: str) -> Path:
         found = interpreters.find(python)
@@ -39,7 +39,7 @@ def make(tmp_path: Path) -> Make:
 
 
 def looked(folder: Path, *arguments: str, **variables: str) -> dict[str, Any]:
-    """The document, and that nothing was changed."""
+    """Return the document of `doctor`, which must have changed nothing."""
     before = {path: path.lstat().st_mtime_ns for path in folder.rglob("*")}
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("MUJOCO", "PYOPENGL"))}
     argv = (sys.executable, "-m", "harness", "doctor", "--python", folder, "--json", *arguments)
@@ -51,7 +51,7 @@ def looked(folder: Path, *arguments: str, **variables: str) -> dict[str, Any]:
 
 
 def test_gym_beside_numpy_2(make: Make) -> None:
-    """The first step fails in place; cause, remedy and a measured numpy 1 are named."""
+    """The first step fails in place; cause, remedy and a measured environment with numpy 1 are named."""
     made = looked(make("3.11", "gym==0.26.2", "numpy==2.2.6"), "--env", "CartPole-v1")
 
     assert made["decisive"] == "CartPole-v1: single failed: AttributeError: module 'numpy' has no attribute 'bool8'"
@@ -61,7 +61,7 @@ def test_gym_beside_numpy_2(make: Make) -> None:
 
 
 def test_another_libmujoco(make: Make) -> None:
-    """LD_LIBRARY_PATH with another copy is named; so is what these versions fail of in a window."""
+    """Another libmujoco on LD_LIBRARY_PATH is named, and so is the known failure of these versions in a window."""
     folder = make("3.10", "gymnasium[mujoco]==0.29.1", "mujoco==3.1.6", "numpy<2")
     (library,) = folder.glob("lib/python3.10/site-packages/mujoco/libmujoco.so.*")
     other = folder.parent / "lib"

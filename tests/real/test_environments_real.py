@@ -16,7 +16,7 @@ SNAPSHOT = "2026-11-15T00:00:00Z"
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A cache and a state of the module's own."""
+    """Use a cache and a state of the module's own."""
     folder = tmp_path_factory.mktemp("real")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HARNESS_CACHE", str(folder / "cache"))
@@ -25,7 +25,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def find(version: str) -> Interpreter:
-    """An interpreter, or a skip."""
+    """Return an interpreter, or skip the test."""
     found = interpreters.find(version)
     if found is None:
         pytest.skip(f"unavailable: python{version}")
@@ -34,7 +34,7 @@ def find(version: str) -> Interpreter:
 
 @pytest.fixture
 def ask(places: Path) -> Callable[..., tuple[Question, Lock | Step]]:
-    """Resolve under the cutoff."""
+    """Return a function that resolves requirements under the cutoff, and returns question and answer."""
 
     def resolve(python: Interpreter, *requirements: str, **more: object) -> tuple[Question, Lock | Step]:
         question = Question(requirements=requirements, **{"snapshot": SNAPSHOT, **more})  # type: ignore[arg-type]
@@ -45,7 +45,7 @@ def ask(places: Path) -> Callable[..., tuple[Question, Lock | Step]]:
 
 @pytest.fixture
 def make(ask: Callable[..., tuple[Question, Lock | Step]]) -> Callable[..., Environment]:
-    """Lock and install."""
+    """Return a function that locks and installs requirements."""
 
     def ensure(python: Interpreter, *requirements: str, **more: object) -> Environment:
         question, lock = ask(python, *requirements, **more)
@@ -59,7 +59,7 @@ def make(ask: Callable[..., tuple[Question, Lock | Step]]) -> Callable[..., Envi
 
 
 def said(environment: Environment, code: str, folder: Path) -> str:
-    """What a line of Python prints there."""
+    """Return the output of a line of Python in an environment."""
     command = process.Command(
         argv=(str(environment.python), "-c", code),
         cwd=folder,
@@ -75,7 +75,7 @@ def said(environment: Environment, code: str, folder: Path) -> str:
 
 
 def marks(site: Path) -> dict[str, str]:
-    """What tells one wheel of a release from another."""
+    """Return the WHEEL file of each package, which distinguishes the wheels of a release."""
     return {path.parent.name: path.read_text() for path in site.glob("lib/python*/site-packages/*.dist-info/WHEEL")}
 
 
@@ -154,7 +154,7 @@ def test_reinstall_from_a_committed_lock(
 
 
 def test_old_sdist_is_built(make: Callable[..., Environment], tmp_path: Path) -> None:
-    """gym 0.26 has no wheel: it is built, and imports."""
+    """An old sdist is built: gym 0.26 has no wheel, and imports afterwards."""
     environment = make(find("3.9"), "gym==0.26.2", "numpy<2")
 
     assert said(environment, "import gym; print(gym.__version__)", tmp_path).splitlines()[-1] == "0.26.2"
@@ -191,7 +191,7 @@ def test_known_failing_builds(
     constraints: tuple[str, ...],
     decisive: str,
 ) -> None:
-    """Builds that fail for everyone are failed installs, whenever it is met, and say why."""
+    """Builds that fail for everyone are failed installs with a reason, during resolution or installation."""
     python = find("3.9")
     question, answer = ask(python, *requirements, build_constraints=constraints)
     step = environments.ensure(answer, python, question) if isinstance(answer, Lock) else answer

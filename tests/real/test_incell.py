@@ -1,4 +1,4 @@
-"""The in-cell checks on real gym and gymnasium: good environments pass, each trouble is told for what it is."""
+"""The in-cell checks on real gym and gymnasium: good environments pass, and each trouble has its own result."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CLASSIC = "gym 0.17.3"
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
-    """Make the environment of a site when it is first asked for, and return its interpreter."""
+    """Return a function that makes the environment of a site once, and returns its interpreter."""
     made: dict[str, str] = {}
 
     def make(site: str) -> str:
@@ -54,7 +54,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
 
 @pytest.fixture
 def tried(probe, python):
-    """Run checks of an environment in a site."""
+    """Return a function that runs checks of an environment in a site."""
 
     def run(
         site: str,
@@ -82,7 +82,7 @@ def loaded(api: str, checks: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def outcomes(done) -> dict[str, Outcome | None]:
-    """Outcome by check, of those that were asked for."""
+    """Return the outcome of each requested check."""
     return {reply.check: reply.outcome for reply in done.reply.checks if reply.check in ALL}
 
 
@@ -119,7 +119,7 @@ def test_good_environments_pass(site: str, env: str, tried) -> None:
 
 
 def test_old_environments_pass(tried) -> None:
-    """What gym's own environments did before 0.18 stops no loop: float64 where float32 was promised."""
+    """Environments of gym before 0.18 pass: float64 instead of the promised float32 stops no loop."""
     done = tried(CLASSIC, "Pendulum-v0", checks=ALL[:-1])
     assert outcomes(done) == dict.fromkeys(ALL[:-1], Outcome.PASSED)
     assert set(done.findings) == {"single.type"}
@@ -180,7 +180,7 @@ def test_environments_that_share_something_differ_in_workers(tried) -> None:
     ],
 )
 def test_the_new_api_in_an_old_gym_fails(mode: str, message: str, tried) -> None:
-    """What a loop of four values cannot use."""
+    """Results of the new API in an old gym fail: a loop of four values cannot use them."""
     raised = tried(CLASSIC, "troubled:Troubled-v0", mode, checks=("single.loop",))["single.loop"].raised
     assert (raised.blame, raised.message) == ("library", message)
 
@@ -307,7 +307,7 @@ def test_an_old_signature_is_the_librarys(tried) -> None:
     ],
 )
 def test_lesser_things_are_findings(mode: str, check: str, text: str, tried) -> None:
-    """What does not stop a loop passes, with a finding."""
+    """Problems that do not stop a loop pass, with a finding."""
     done = tried(NEWEST, "troubled:Troubled-v0", mode, checks=("single.loop",))
     assert done["single.loop"].outcome is Outcome.PASSED
     assert done.findings[check][0].startswith(text)
@@ -373,7 +373,7 @@ def test_an_alpha_channel_is_a_finding(tried) -> None:
 
 
 def test_a_package_that_lets_numpy_raise_is_no_fault_of_ours(tried) -> None:
-    """Large numbers are compared all the same."""
+    """Large numbers are compared even if a package makes numpy raise."""
     reply = tried(NEWEST, "troubled:Troubled-v0", "raising", checks=("render.rgb_array",))["render.rgb_array"]
     assert (reply.outcome, reply.raised) == (Outcome.PASSED, None)
 

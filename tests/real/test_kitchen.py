@@ -1,4 +1,4 @@
-"""The kitchen of our own that MuJoCo refuses since 3.2: the line that says why is the workers', not their parent's."""
+"""Our own kitchen, which MuJoCo refuses since 3.2: the decisive line is the workers', not their parent's."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ MASKS = {"ConnectionResetError: [Errno 104] Connection reset by peer", "BrokenPi
 
 @pytest.fixture(scope="module")
 def cells() -> dict[str, Cell]:
-    """The cells of the matrix by their labels."""
+    """Return the cells of the matrix by their labels."""
     return {cell.label: cell for cell in open_matrix.load(str(MATRIX), print).cells}
 
 
 def checks(record: CellRecord) -> dict[tuple[str, str], tuple[Outcome, str | None, str | None]]:
-    """How each check of each case ended, why, and what hid that."""
+    """Return the outcome, the decisive line and the mask of each check of each case."""
     return {
         (case.case, check.check): (check.outcome, check.decisive, check.masked_by)
         for case in record.cases
@@ -42,7 +42,10 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
     runner: Controlled,  # noqa: F811
     tmp_path: Path,
 ) -> None:
-    """Where only workers load the model their parent's error is a mask; a nested class works, and MuJoCo before 3.2."""
+    """If only workers load the model, their error decides and their parent's is a mask.
+
+    A nested class works, and so does MuJoCo before 3.2.
+    """
     record = runner.measure(cells[REFUSED])
     found = checks(record)
     _, why, mask = found["workers", "vector.async.fork"]
@@ -64,7 +67,7 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
 
 
 def test_what_spares_the_parent_hides_the_error(cells: dict[str, Cell], runner: Controlled) -> None:  # noqa: F811
-    """With Diffusion Policy's `dummy_env_fn` the parent sees a mask, without it the error itself."""
+    """With Diffusion Policy's `dummy_env_fn` the parent sees a mask; without it, the error itself."""
     record = runner.measure(cells[WHOLE])
     if record.unavailable:
         pytest.skip(f"unavailable: {record.unavailable}")

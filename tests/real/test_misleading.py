@@ -1,4 +1,4 @@
-"""Measures the promises of a case on real releases: each check on a right one and on a wrong one.
+"""Measure the promises of a case on real releases: each check on a right one and on a wrong one.
 
 The wrong ones raise nothing: their loops run, and a picture, a pose or a contact is another than was promised.
 """
@@ -38,7 +38,7 @@ PASSED, FAILED, SKIPPED = Outcome.PASSED, Outcome.FAILED, Outcome.SKIPPED
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
-    """Make the environment of a site when it is first asked for, and return its interpreter."""
+    """Return a function that makes the environment of a site once, and returns its interpreter."""
     made: dict[str, str] = {}
 
     def make(site: str) -> str:
@@ -58,7 +58,10 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
 
 @pytest.fixture
 def tried(probe, python):
-    """Run the loop of an environment in a site, and draw it if asked; what follows them is among the checks."""
+    """Return a function that runs the loop of an environment in a site, and draws it if asked.
+
+    Checks that follow from these are included.
+    """
 
     def run(site: str, env: str, *, drawn: bool = False, imports: tuple[str, ...] = (), **kwargs):
         if drawn and find_library("EGL") is None:
@@ -74,7 +77,7 @@ def tried(probe, python):
 
 
 def line(reply) -> str | None:
-    """The line that says why a check did not pass."""
+    """Return the line that says why a check did not pass."""
     return reply.raised.message if reply.raised else reply.reason
 
 

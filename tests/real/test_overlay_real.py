@@ -1,4 +1,4 @@
-"""gym 0.21, which nobody can install any more, from the real index: as everybody gets it, and repaired."""
+"""gym 0.21, which can no longer be installed, from the real index: unchanged, and repaired."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SNAPSHOT = "2026-11-20T23:59:59Z"
 
 @pytest.fixture(autouse=True)
 def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty cache and state; the user's own index settings stay."""
+    """Use an empty cache and state; the user's own index settings stay."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
 

@@ -1,4 +1,4 @@
-"""Remedies of real failures, found by experiment alone and proven: what people meet, from the real index.
+"""Remedies of real failures, found by experiment alone and proven, with packages from the real index.
 
 Those of `LONG` are looked for where `ENDURANCE` is set.
 """
@@ -26,36 +26,36 @@ LONG = pytest.mark.skipif("ENDURANCE" not in os.environ, reason="unavailable: EN
 
 
 class Silent:
-    """Is told of everything, and says nothing."""
+    """A listener that prints nothing."""
 
     def started(self, cell: Cell) -> None:
-        """Not shown."""
+        """Print nothing."""
 
     def step(self, cell: Cell, text: str) -> None:
-        """Not shown."""
+        """Print nothing."""
 
     def done(self, record: object) -> None:
-        """Not shown."""
+        """Print nothing."""
 
     def say(self, text: str) -> None:
-        """Not shown."""
+        """Print nothing."""
 
 
 @pytest.fixture(autouse=True)
 def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty state, and no known failures; the user's own index settings and caches stay."""
+    """Use an empty state, and no known failures; the user's own index settings and caches stay."""
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
     monkeypatch.setenv("HARNESS_SIGNATURES", "")
 
 
 @pytest.fixture(scope="module")
 def cells() -> dict[str, Cell]:
-    """The cells of the matrix by their labels."""
+    """Return the cells of the matrix by their labels."""
     return {cell.label: cell for cell in open_matrix.load(str(MATRIX), print).cells}
 
 
 def repaired(cell: Cell) -> RepairDocument:
-    """What comes of a repair; where nothing can be told of the cell here, it is passed over."""
+    """Repair a cell and return the document; skip the test if this machine cannot measure the cell."""
     if interpreters.find(cell.python) is None:
         pytest.skip(f"unavailable: python{cell.python}")
     bounds = Bounds(runs=RUNS, minutes=MINUTES)
@@ -84,7 +84,7 @@ def repaired(cell: Cell) -> RepairDocument:
     ],
 )
 def test_remedy_is_found_and_proven(cells: dict[str, Cell], label: str, change: dict[str, Any]) -> None:
-    """Without any known failure; each part is needed, and the whole passes every check."""
+    """A remedy is found without known failures; each part is needed, and the whole passes every check."""
     made = repaired(cells[label])
     assert made.remedy is not None, (made.status, made.decisive)
     assert (made.status, made.remedy.change) == (Status.FOUND, change)
@@ -139,7 +139,7 @@ def test_what_people_type(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With all known failures; what an error names is tried first, and few runs are enough."""
+    """A remedy is found within few runs with all known failures; one named by the error is tried first."""
     monkeypatch.delenv("HARNESS_SIGNATURES")
     if interpreters.find(asked[asked.index("--python") + 1]) is None:
         pytest.skip("unavailable: its Python")

@@ -1,4 +1,4 @@
-"""TorchRL's wrappers around environments of torch tensors: what is counted, what is corrupted, what fails."""
+"""TorchRL's wrappers around environments of torch tensors: their conversions, corruptions and failures."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ checks = {[GYM_TENSOR]}
 
 @pytest.fixture(scope="module")
 def record(tmp_path_factory: pytest.TempPathFactory) -> CellRecord:
-    """One cell with three environments."""
+    """Return the record of one cell with three environments."""
     folder = tmp_path_factory.mktemp("torchrl")
     if interpreters.find("3.11") is None:
         pytest.skip("unavailable: python3.11")
@@ -67,24 +67,27 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> CellRecord:
 
 
 def case(record: CellRecord, name: str) -> CaseRecord:
-    """One of its cases."""
+    """Return one case of the cell."""
     return next(one for one in record.cases if one.case == name)
 
 
 def told(record: CellRecord, name: str) -> dict[str, dict[str, Any]]:
-    """What each check of a case told."""
+    """Return the recorded facts of each check of a case."""
     checks = [check for phase in case(record, name).phases for check in phase.checks]
     return {check.check: dict(check.facts["told"]) for check in checks if "told" in check.facts}
 
 
 def findings(record: CellRecord, name: str) -> list[str]:
-    """The findings of a case about TorchRL, notes apart."""
+    """Return the warnings of a case about TorchRL."""
     found = [finding for phase in case(record, name).phases for finding in phase.findings]
     return [f"{one.check}: {one.text}" for one in found if one.check.startswith("interop.") and one.level == "warning"]
 
 
 def test_conversions_and_copies_are_counted(record: CellRecord) -> None:
-    """One way to numpy and back with GymWrapper, none without its conversion, three copies with IsaacLabWrapper."""
+    """Conversions and copies per step are counted.
+
+    GymWrapper converts to numpy and back once, or never without its conversion. IsaacLabWrapper makes three copies.
+    """
     counted = {name: one["per_step"] for name, one in told(record, "fresh").items()}
     assert counted == {
         GYM: {"wrapper": {"cpu()": 1, "to numpy": 1}, "environment": {"from numpy": 1, "clone": 5}},
@@ -94,7 +97,7 @@ def test_conversions_and_copies_are_counted(record: CellRecord) -> None:
 
 
 def test_arrays_and_their_memory_are_told(record: CellRecord) -> None:
-    """What goes in and comes out, and what of it is the same memory."""
+    """The types of inputs and outputs are recorded, and which of them share memory."""
     seen = told(record, "fresh")
     tensor = "torch.Tensor float32 [4, 2] cpu"
     assert [seen[name]["takes"] for name in WRAPPERS] == ["numpy.ndarray float32 [4, 2] cpu", tensor, tensor]
@@ -115,7 +118,7 @@ def test_arrays_and_their_memory_are_told(record: CellRecord) -> None:
 
 
 def test_a_corrupted_rollout_is_told(record: CellRecord) -> None:
-    """Of an environment that reuses its memory a stored rollout holds the last values, except what a wrapper copies."""
+    """A stored rollout of an environment that reuses its memory holds last values, except where a wrapper copies."""
     seen = told(record, "reused")
     assert {name: one["rollout"]["wrong"] for name, one in seen.items()} == {
         GYM: {"policy": 95, "age": 95, "truncated": 95},
@@ -135,7 +138,7 @@ def test_a_corrupted_rollout_is_told(record: CellRecord) -> None:
 
 
 def test_zeros_for_a_last_observation_are_told(record: CellRecord) -> None:
-    """Of a dict TorchRL does not find the last observations, which the environment gives."""
+    """TorchRL does not find the last observations in a dict, and stores zeros for them."""
     assert told(record, "last")[GYM_TENSOR]["rollout"]["wrong"] == {}
     assert findings(record, "last") == [
         "interop.torchrl.last: GymWrapper: where an episode ended, zeros are stored for its last observation"
@@ -143,7 +146,7 @@ def test_zeros_for_a_last_observation_are_told(record: CellRecord) -> None:
 
 
 def test_worlds_that_end_apart_end_the_rollout(record: CellRecord) -> None:
-    """The library's own line is the reason; what was looked at before is told."""
+    """Worlds that end apart end the rollout with the library's own error; earlier facts are kept."""
     (phase,) = [one for one in case(record, "apart").phases if one.outcome is Outcome.FAILED]
     assert (phase.decisive, phase.checks[0].check) == (
         "RuntimeError: Partial resets are not handled at this level.",

@@ -30,7 +30,7 @@ AttributeError: module 'numpy' has no attribute 'bool8'
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel of this checkout."""
+    """Return the wheel of this checkout."""
     folder = tmp_path_factory.mktemp("dist")
     done = subprocess.run([UV, "build", "--wheel", "-o", folder, ROOT], capture_output=True, text=True, check=False)
     if done.returncode and "Failed to fetch" in done.stderr:
@@ -42,7 +42,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run the installed command in an empty folder, with an empty home, cache and state."""
+    """Return a function that runs the installed command in an empty folder, with an empty home, cache and state."""
     folder = tmp_path_factory.mktemp("fresh")
     for command in (
         [UV, "venv", "-q", "--python", sys.executable, folder / "venv"],
@@ -67,7 +67,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable
 
 
 def test_it_carries_what_was_measured(wheel: Path) -> None:
-    """Two files, below 2 MB, with all that the reports of the checkout hold, and equal when they are made again."""
+    """The wheel has the results of all the checkout's reports in two files below 2 MB, which are reproducible."""
     with zipfile.ZipFile(wheel) as archive:
         packed = archive.read("harness/measured.json.gz")
         reports = archive.read("harness/reports.zip")
@@ -82,7 +82,7 @@ def test_it_carries_what_was_measured(wheel: Path) -> None:
 
 
 def test_it_recommends_on_a_fresh_machine(installed: Callable[..., subprocess.CompletedProcess[str]]) -> None:
-    """With an empty store: the same answer as in the checkout, with locks that installers take."""
+    """`recommend` gives the checkout's answer on a fresh machine, with locks that installers accept."""
     done = installed("recommend", "robosuite", "gymnasium", "--python", "3.11", "--needs", "render", "--json")
 
     told = json.loads(done.stdout)
@@ -94,7 +94,7 @@ def test_it_recommends_on_a_fresh_machine(installed: Callable[..., subprocess.Co
 def test_what_it_recommends_opens_on_a_fresh_machine(
     installed: Callable[..., subprocess.CompletedProcess[str]],
 ) -> None:
-    """Cells, reports and known issues that it names are shown, and a lock is written, without any checkout."""
+    """Recommended cells, reports and known issues are shown, and a lock is written, without any checkout."""
     said = installed("recommend", "gymnasium", "mujoco").stdout
     cells, issues = re.findall(r"simmatrix show (\S+)", said), re.findall(r"simmatrix known (\S+)", said)
     assert cells
@@ -111,7 +111,7 @@ def test_what_it_recommends_opens_on_a_fresh_machine(
 
 
 def test_it_explains_on_a_fresh_machine(installed: Callable[..., subprocess.CompletedProcess[str]]) -> None:
-    """A traceback is known by the signatures that came with it."""
+    """A traceback is explained by the signatures in the wheel."""
     done = installed("explain", "-", "--json", said=TRACEBACK)
 
     told = json.loads(done.stdout)

@@ -1,4 +1,4 @@
-"""Runs in a cell: what an adapter gives, and what a loop by hand gives for the same actions, as one line of JSON.
+"""Run in a cell: print results of an adapter and of a loop by hand for the same actions, as one line of JSON.
 
 The harness writes `ASKED` before it.
 """
@@ -10,13 +10,13 @@ import sys
 
 
 def enter(folder):
-    """Come into the cell's side as a probe does."""
+    """Enter the cell's side as a probe does."""
     sys.path.insert(0, folder)
     importlib.import_module("bootstrap").enter()
 
 
 def plain(value):
-    """Shape, dtype and values, by key or position."""
+    """Return shape, dtype and values, by key or position."""
     if hasattr(value, "items"):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):
@@ -27,7 +27,7 @@ def plain(value):
 
 
 def number(value):
-    """A number or a flag as a float, of several each, by key or position."""
+    """Return a number or a flag as a float, and several of them by key or position."""
     if value is None:
         return None
     if hasattr(value, "items"):
@@ -36,12 +36,12 @@ def number(value):
 
 
 def entry(observation, reward=None, terminated=None, truncated=None):
-    """One reset or step."""
+    """Return one reset or step as plain values."""
     return [plain(copy.deepcopy(observation))] + [number(one) for one in (reward, terminated, truncated)]
 
 
 def by_adapter(case, seed, steps):
-    """The entries that the adapter gives, its actions, and what it complains of."""
+    """Return the adapter's entries and actions, and its complaints."""
     adapter = importlib.import_module("_simmatrix_cell.api_" + case["api"]).API
     complaints = []
     for name in case["imports"] + adapter.modules(case):
@@ -60,7 +60,7 @@ def by_adapter(case, seed, steps):
 
 
 def by_hand(source, case, seed, actions):
-    """The entries that a loop without the harness gives."""
+    """Return the entries of a loop without the harness."""
     entries = []
     prefix, colon, rest = case["env"].partition(":")
     names = {"API": case["api"], "ENV": rest if colon and prefix == case["api"] else case["env"], "SEED": seed}
@@ -70,7 +70,7 @@ def by_hand(source, case, seed, actions):
 
 
 def main(asked):
-    """Tell of both."""
+    """Print the results of both."""
     enter(asked["incell"])
     adapted, actions, complaints = by_adapter(asked["case"], asked["seed"], asked["steps"])
     made = by_hand(asked["by_hand"], asked["case"], asked["seed"], actions)

@@ -72,14 +72,14 @@ LETTERS = {
 
 
 def step(phase: Phase, outcome: Outcome = Outcome.PASSED, decisive: str | None = None) -> Step:
-    """A step on the host."""
+    """Return a step on the host."""
     return Step(phase=phase, outcome=outcome, decisive=decisive, log=f"evidence/{phase}/log.txt")
 
 
 def phase(
     name: Phase, outcome: Outcome, decisive: str | None = None, findings: tuple[Finding, ...] = (), **more: Any
 ) -> PhaseRecord:
-    """A phase with one check that ended as the phase did, as a probe leaves it."""
+    """Return a phase with one check that ended as the phase did, as a probe leaves it."""
     check = CheckRecord(check=CHECKS[name], outcome=outcome, decisive=decisive, masked_by=more.pop("masked_by", None))
     ran = outcome is not Outcome.NOT_REACHED
     return PhaseRecord(
@@ -103,14 +103,14 @@ def checked(**ended: Outcome) -> PhaseRecord:
 
 
 def drawn(camera: Outcome | None, line: str = "looks elsewhere", **facts: Any) -> PhaseRecord:
-    """A picture that was drawn, with a check of its camera that ended so, if it ran; `facts` are of the picture."""
+    """Return a render phase with a picture that has these facts, and the outcome of its camera check, if it ran."""
     checks = [CheckRecord(check="render.rgb_array", outcome=Outcome.PASSED, facts=facts)]
     checks += [CheckRecord(check="render.camera", outcome=camera, decisive=line)] if camera else []
     return PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=tuple(checks))
 
 
 def case(outcomes: str, name: str = "ant", required: tuple[str, ...] = (), **replaced: PhaseRecord) -> CaseRecord:
-    """A case from one letter per phase: `ppfn` is import and single passed, vector failed, render not reached."""
+    """Return a case from one letter per phase: in `ppfn` import and single passed, vector failed, render never ran."""
     phases = {
         at.value: phase(at, LETTERS[letter], f"{name} {at}" if letter in "fctyiu" else None)
         for at, letter in zip(CHECKS, outcomes, strict=True)
@@ -121,7 +121,7 @@ def case(outcomes: str, name: str = "ant", required: tuple[str, ...] = (), **rep
 
 
 def cell(label: str = "py3.11_gymnasium-1.2.3", cases: Iterable[str] = ("ant",), **more: Any) -> Cell:
-    """A cell of the matrix `quick`, with a case of every phase for each name."""
+    """Return a cell of the matrix `quick`, with a case of every phase for each name."""
     values: dict[str, Any] = {
         "id": f"quick/{label}",
         "matrix": "quick",
@@ -135,13 +135,13 @@ def cell(label: str = "py3.11_gymnasium-1.2.3", cases: Iterable[str] = ("ant",),
 
 
 def asking(*requirements: str, constraints: Iterable[str] = (), **more: Any) -> Cell:
-    """A cell without cases that asks for this."""
+    """Return a cell without cases that has these requirements and constraints."""
     question = Question(requirements=requirements, constraints=tuple(constraints))
     return cell(**({"cases": (), "axes": {}, "question": question} | more))
 
 
 def record(*cases: CaseRecord, of: Cell | None = None, **more: Any) -> CellRecord:
-    """An installed cell with these cases."""
+    """Return the record of an installed cell with these cases."""
     values: dict[str, Any] = {
         "cell": of or cell(cases=[tried.case for tried in cases]),
         "machine": "linux-x86_64",
@@ -157,7 +157,7 @@ def record(*cases: CaseRecord, of: Cell | None = None, **more: Any) -> CellRecor
 
 
 def warning(check: str, text: str = "the same seed gives another trajectory") -> Finding:
-    """A finding that a matrix can require not to be there."""
+    """Return a finding that a matrix can forbid."""
     return Finding(check=check, level=Level.WARNING, text=text)
 
 
@@ -165,24 +165,24 @@ def warning(check: str, text: str = "the same seed gives another trajectory") ->
 
 
 def signature(name: str, pattern: str | None = "solver_iter", **more: Any) -> Signature:
-    """A known failure with this pattern, in any phase, and whatever else its file says."""
+    """Return a known failure with this pattern, in any phase; `more` holds other keys of its file."""
     plain = {"id": name, "cause": "because", "remedy": {}, "pattern": pattern}
     return schema.load_json(json.dumps(plain | more), Signature, name)
 
 
 def knowing(*signatures: Signature, **logs: Mapping[str, str]) -> Knowledge:
-    """Knowledge of these, with texts kept at paths whose last part is the name."""
+    """Return knowledge of these signatures, with texts at paths whose last part is the name."""
     return Knowledge(signatures=lambda: signatures, logs=lambda path: logs.get(Path(path).name, {}))
 
 
 def known(name: str, pattern: str | None = "no wings", **more: Any) -> matching.Known:
-    """A known failure of `single` as what stands alone reads it."""
+    """Return a known failure of `single` as the standalone code reads it."""
     plain = {"id": name, "cause": f"the cause of {name}", "remedy": {"text": "mend it"}, "phases": ["single"]}
     return matching.read({**plain, **({"pattern": pattern} if pattern else {}), **more})
 
 
 def diagnosis(name: str, **more: Any) -> DiagnosisEntry:
-    """A known failure as documents have it."""
+    """Return a known failure as it stands in documents."""
     usual = {"cause": f"cause of {name}", "remedy": {}, "proven": False, "masks": False, "references": ()}
     return DiagnosisEntry(signature=name, **(usual | more))
 
@@ -191,7 +191,7 @@ def diagnosis(name: str, **more: Any) -> DiagnosisEntry:
 
 
 def document_of(*records: CellRecord, known: Knowledge = NOTHING_KNOWN, **plan: Any) -> Document:
-    """The document of these records, and of a plan with their cells and whatever else is named of it."""
+    """Return a document of these records; `plan` holds more fields of its plan."""
     cells = tuple({one.cell.id: one.cell for one in records}.values())
     planned = Plan(matrix="quick", cells=cells, **plan)
     machines = {one.machine: MACHINES[HERE] for one in records}
@@ -199,17 +199,17 @@ def document_of(*records: CellRecord, known: Knowledge = NOTHING_KNOWN, **plan: 
 
 
 def entry(made: CellRecord, known: Knowledge = NOTHING_KNOWN) -> CellEntry:
-    """The entry of a record in a document of its own."""
+    """Return the entry of a record, in a document that holds only this record."""
     return document_of(made, known=known).cells[0]
 
 
 def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
-    """Phases and outcomes as words."""
+    """Return phases and outcomes as plain strings."""
     return {at.value: outcome.value for at, outcome in judgement.items()}
 
 
 def measured_cell(name: str, verdict: str = "works", python: str = "3.11.7", **more: Any) -> dict[str, Any]:
-    """A cell of the matrix `m` as the measured results that are at hand have it; a red one failed in `single`."""
+    """Return a cell of the matrix `m` as measured results hold it; a red one failed in `single`."""
     phases = {"import": "passed", "single": "passed" if verdict == "works" else "failed"}
     return {
         "id": f"m/{name}", "matrix": "m", "python": python, "machine": HERE, "measured": "2026-11-22T00:00:00Z",
@@ -224,17 +224,17 @@ def measured_cell(name: str, verdict: str = "works", python: str = "3.11.7", **m
 
 
 def interpreter(version: str = "3.11.7", implementation: str = "cpython") -> Interpreter:
-    """An interpreter as `interpreters` describes it."""
+    """Return an interpreter as `interpreters` describes it."""
     return Interpreter(path="/python", version=version, implementation=implementation, identity=version)
 
 
 def pin(name: str, version: str, source: str = "x", filename: str = "x.whl") -> Pin:
-    """A package of a lock."""
+    """Return a package of a lock."""
     artifact = Artifact(filename=filename, sha256=SHA, source=source)
     return Pin(name=name, version=version, artifact=artifact, hashes=(SHA,))
 
 
 def lock(*pins: Pin, **more: Any) -> Lock:
-    """A lock of these."""
+    """Return a lock of these packages."""
     text = "".join(f"{one.name}=={one.version}\n" for one in pins)
     return Lock(**({"pins": pins, "requirements": text, "sha256": SHA, "instant": GENERATED} | more))

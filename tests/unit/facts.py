@@ -1,4 +1,4 @@
-"""Environments as `looking.py` tells them, made of the few facts that a test is about."""
+"""Build environments as `looking.py` describes them, from the few facts that a test needs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SITE = "/env/lib/python3.11/site-packages"
 
 
 def distribution(name: str, version: str | None, *requires: str, **more: Any) -> dict[str, Any]:
-    """One distribution; `more` replaces what is usual."""
+    """Return one distribution; `more` replaces the defaults."""
     return {
         "name": name,
         "version": version,
@@ -30,7 +30,7 @@ def distribution(name: str, version: str | None, *requires: str, **more: Any) ->
 
 
 def facts(*distributions: dict[str, Any], python: str = "3.11.7", **more: Any) -> dict[str, Any]:
-    """An environment with these."""
+    """Return an environment with these distributions."""
     return {
         "schema": 1,
         "python": {
@@ -63,5 +63,5 @@ def facts(*distributions: dict[str, Any], python: str = "3.11.7", **more: Any) -
 
 
 def installed(python: str = "3.11.7", **versions: str) -> dict[str, Any]:
-    """An environment with these versions, `_` standing for `-`."""
+    """Return an environment with these versions; `_` in a name stands for `-`."""
     return facts(*(distribution(name.replace("_", "-"), version) for name, version in versions.items()), python=python)

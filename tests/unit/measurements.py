@@ -47,7 +47,7 @@ class Measurement:
     reason: str = ""
 
     def beside(self, name: str) -> tuple[str, ...]:
-        """Return what two measurements share that differ in this package only."""
+        """Return the key that two measurements share if they differ only in this package."""
         return (*self.group, *(line for line in self.question if required_name(line) != name))
 
 

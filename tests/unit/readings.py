@@ -23,7 +23,7 @@ PROGRAM = "of-today"
 
 
 def observed(code: str, **data: str) -> dict[str, Any]:
-    """Return what a cell observed, as it writes it."""
+    """Return an observation as a cell writes it."""
     return {"code": code, "at": None, "got": None, "promised": None, "data": data}
 
 
@@ -92,7 +92,7 @@ def reading(
     texts: Mapping[str, bytes] | None = None,
     program: Mapping[str, str] | None = None,
 ) -> Reading:
-    """Return what came of a request: a process that came to these checks, and ended so."""
+    """Return the stored run of a request: a process that came to these checks and ended in this way."""
     told = tuple(one for check in checks for one in (check, *followers(check, request.followers)))
     dead = not told or told[-1].outcome is DIED
     written = {REPLY: lines(told, last=not dead)} if told else {}
@@ -114,7 +114,7 @@ CASE = Case(
 
 
 def asked(case: Case = CASE, *, verify: bool = False, program: Mapping[str, str] | None = None) -> Asked:
-    """Return that all of a case is wanted, by the in-cell program of today unless another is named for a check."""
+    """Return a question for all of a case, with today's in-cell program unless `program` names another for a check."""
     names = (*case.checks, *wire.followers_of(case.checks), "single.repeat")
     known = {**dict.fromkeys(names, PROGRAM), **(program or {})}
     return Asked(case=case, wanted=wanted_of(case.checks, CASE_PHASES[-1]), program=known, verify=verify)

@@ -37,7 +37,7 @@ EXPECTED = Expectation(
 
 
 def combination(python: str, gymnasium: str, mujoco: str, expect: Expectation | None = None) -> Cell:
-    """A cell of the matrix `quick`."""
+    """Return a cell of the matrix `quick`."""
     return cell(
         f"py{python}_gymnasium-{gymnasium}_mujoco-{mujoco}",
         ("cartpole", "ant"),
@@ -48,7 +48,7 @@ def combination(python: str, gymnasium: str, mujoco: str, expect: Expectation | 
 
 
 def measured(of: Cell, ant: CaseRecord, **more: Any) -> CellRecord:
-    """A record of a cell of `quick`, with CartPole working and Ant as given."""
+    """Return a record of a cell of `quick`, with CartPole working and Ant as given."""
     cartpole = replace(case("pppp", "cartpole"), env="CartPole-v1")
     installed = {"gymnasium": of.axes["gymnasium"], "mujoco": of.axes["mujoco"], "numpy": "2.2.6"}
     full = {"3.9": "3.9.18", "3.11": "3.11.7"}[of.python]
@@ -70,7 +70,7 @@ REPAIR = Repair(
 
 
 def quick() -> tuple[Plan, tuple[CellRecord, ...]]:
-    """A small matrix: green, red as expected, red in other ways, unavailable, not run, left out."""
+    """Return a small matrix: green, red as expected, red in other ways, unavailable, not run, left out."""
     complaint = warning("single.check_env", "the render mode 'depth_array' does not work")
     complained = phase(Phase.SINGLE, Outcome.PASSED, findings=(complaint,))
     field_gone = case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, SOLVER))
@@ -109,7 +109,7 @@ def quick() -> tuple[Plan, tuple[CellRecord, ...]]:
 
 
 def quick_document() -> Document:
-    """The report document of `quick`."""
+    """Return the report document of `quick`."""
     plan, records = quick()
     return document.build(records, [plan], MACHINES, GENERATED)
 

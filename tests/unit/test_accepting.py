@@ -33,19 +33,19 @@ WISH = expectation_writer.Wish(pattern="*mujoco3*", reason="the model of Ant is 
 
 
 def planned(text: str) -> tuple[Matrix, Plan]:
-    """The matrix that a text is, and its plan."""
+    """Return the matrix in a text, and its plan."""
     matrix = matrix_file.read(text, "walkers.toml")
     return matrix, plan.expand(matrix, host_python="3.11.7")
 
 
 def measured(cell: Cell, line: str | None = None, machine: str = "linux", at: Phase = Phase.SINGLE) -> CellEntry:
-    """A result of a cell: works, or is broken with this line."""
+    """Return the result of a cell: it works, or is broken with this line."""
     failed = case("pfff" if at is Phase.SINGLE else "fnnn", **{at.value: phase(at, Outcome.FAILED, line)})
     return entry(record(failed if line else case("pppp"), of=cell, machine=machine))
 
 
 def results(cells: Sequence[Cell], red: Sequence[str], line: str = LINE) -> dict[str, list[CellEntry]]:
-    """Everything was measured; these are red."""
+    """Return a result for every cell: `red` ones are broken with this line, all others work."""
     return {cell.id: [measured(cell, line if cell.label in red else None)] for cell in cells}
 
 
@@ -71,7 +71,7 @@ def accepted(
 
 
 def labels(**wanted: str) -> list[str]:
-    """Labels of the cells with these values."""
+    """Return the labels of the cells with these values."""
     return [cell.label for cell in planned(HEAD)[1].cells if all(cell.axes[a] == v for a, v in wanted.items())]
 
 
@@ -109,7 +109,7 @@ class TestTables:
         assert [table.splitlines()[1] for table in accepted(HEAD, red).tables] == selectors
 
     def test_the_glob_that_chose_them(self) -> None:
-        """Where no two axes tell the cells apart, what the user typed does, if it matches these alone."""
+        """If no axes tell the cells apart, the user's glob selects them, provided that it matches no others."""
         text = HEAD.replace('"3.3.7"]', '"3.3.7", "4.0.0"]')
         red = [f"py3.11_gymnasium-1.2.3_mujoco-{version}" for version in ("3.3.7", "4.0.0")]
 
@@ -121,7 +121,7 @@ class TestTables:
             assert [table.splitlines()[1] for table in made.tables] == selectors
 
     def test_our_own_sentence_is_told_by_code(self) -> None:
-        """And by its data, so that it is met again whatever its words become."""
+        """Our own sentence is expected by code and data, so that it is recognised when its words change."""
         line = "ContractViolation: render() returned shape (480, 720, 4), not (height, width, 3)"
         (table,) = accepted(HEAD, labels()[:1], line=line).tables
         expect = tomllib.loads(table)["expect"][0]
@@ -154,7 +154,7 @@ class TestTables:
 
 
 def accepted_more(text: str, red: Sequence[str]) -> str:
-    """Accept, with another line, cells of a matrix that expects something already."""
+    """Accept cells red with another line, where the matrix expects something already; return the new text."""
     matrix, before = planned(text)
     entries = results(before.cells, red, "RuntimeError: other")
     found, _ = expectation_writer.reds(before.cells, entries, TODAY)
@@ -184,7 +184,7 @@ class TestFile:
         assert made.replaced == ()
 
     def test_a_table_of_these_cells_alone_is_replaced(self) -> None:
-        """What held for no other cell goes with its comment, and the user is told."""
+        """A table that covers no other cell is removed with its comment, and the user is told."""
         made = accepted(HEAD + self.OLD + self.REST, labels(mujoco="3.3.7"))
 
         second = self.OLD[self.OLD.index("\n# and this") :]
@@ -192,7 +192,7 @@ class TestFile:
         assert made.replaced == ("expect[0] is gone, which spoke of these cells alone: old",)
 
     def test_an_expectation_that_ran_out_is_renewed(self) -> None:
-        """Red as expected, but only until yesterday: accepted anew."""
+        """A cell whose expectation expired yesterday is accepted anew."""
         text = accepted(
             HEAD, labels(mujoco="3.3.7"), expectation_writer.Wish(pattern="*", reason="x", until="2026-11-22")
         ).text
@@ -215,7 +215,7 @@ class TestFile:
         assert made.text.startswith(HEAD.replace("\n", "\r\n"))
 
     def test_text_that_looks_like_a_table(self) -> None:
-        """What stands inside a string is no table."""
+        """A table header inside a string is not a table."""
         text = 'description = """\n[[expect]]\n[x]\n"""\n' + HEAD + self.OLD
 
         made = accepted(text, labels(mujoco="3.3.7", python="3.10"))
@@ -236,7 +236,7 @@ class TestFile:
 
 class TestReds:
     def test_what_is_never_accepted(self) -> None:
-        """What works, what says nothing, and what is red as expected."""
+        """Cells that work, have no result, or are red as expected are never accepted."""
         text = accepted(HEAD, labels(mujoco="3.3.7")).text
         _, known = planned(text)
         entries = results(known.cells, labels(mujoco="3.3.7"))

@@ -1,4 +1,4 @@
-"""What settings make each library draw on, what is wrong with them, and the one setting to take."""
+"""Test the advice on drawing: the device of each library, faults in the settings, and the one setting to use."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NO_WINDOW = "FatalError: an OpenGL platform library has not been loaded into thi
 
 
 def told(variables: dict[str, str], here: Here) -> list[Any]:
-    """Device, way or the beginning of the error, library by library."""
+    """Return the device, the way of drawing or the error of each library, in order."""
     results = egl_advice.outcomes(variables, here)
     return [(one.error or (one.way if one.device is None else one.device)) for one in results]
 
@@ -71,7 +71,7 @@ def test_no_way_of_drawing_chosen_and_no_display() -> None:
     ],
 )  # fmt: skip
 def test_ways_of_drawing(variables: dict[str, str], wanted: list[str]) -> None:
-    """What MUJOCO_GL and PYOPENGL_PLATFORM make of each library."""
+    """MUJOCO_GL and PYOPENGL_PLATFORM decide how each library draws, or how it fails."""
     found = [str(one)[: len(beginning)] for one, beginning in zip(told(variables, ONE), wanted, strict=True)]
 
     assert found == wanted

@@ -24,7 +24,7 @@ after
 
 
 def made(source: Path, pivot: tuple[str, str] | None) -> str:
-    """What a report would give."""
+    """Return a stand-in for the report of a source and its pivot."""
     return f"{source.as_posix()} {pivot}\n"
 
 

@@ -30,7 +30,7 @@ NONE = "ContractViolation: camera image is None: get_camera_image_gpu_tensor() o
 
 
 def case(outcome: Outcome, why: str = "", check: str = camera_pages.CHECK) -> CaseEntry:
-    """A case that came so far and ended so."""
+    """Return a case whose import passed and whose check ended with this outcome."""
     checks = {"import.modules": Outcome.PASSED, check: outcome}
     reasons = {check: why} if why else {}
     return CaseEntry(
@@ -95,7 +95,7 @@ def test_native_code_is_heard_among_other_output() -> None:
 
 @pytest.fixture
 def gymapi(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The stand-in's API, imported from a folder that has the stubs."""
+    """Yield the stand-in's API, imported from a folder that has the stubs."""
     package = Path(shutil.copytree(STANDIN, tmp_path / "python")) / "isaacgym"
     stubs = next(path for path in files("isaacgym-stubs") or () if path.name == "gymapi.pyi")
     shutil.copy(str(stubs.locate()), package / "gymapi.pyi")
@@ -142,7 +142,7 @@ def test_pytorch_comes_after_isaac_gym(gymapi: ModuleType, monkeypatch: pytest.M
 
 
 def test_every_failure_that_is_played_names_its_source() -> None:
-    """What users reported, by which way, and where; every line of native code is one that the harness hears."""
+    """Each failure that the stand-in plays has its source and its report; the harness recognises each native line."""
     played = json.loads((STANDIN / "isaacgym" / "failures.json").read_text(encoding="utf-8"))
     printed = [
         line

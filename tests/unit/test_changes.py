@@ -32,25 +32,25 @@ OLD = CHANGE + 'cells = "py3.11_mujoco-3.3.7_egl"\nrequirements = ["mujoco<3"]\n
 
 
 def planned(text: str, known: tuple[Signature, ...] = ()) -> Plan:
-    """The plan of a matrix called demo."""
+    """Return the plan of a matrix called demo."""
     read = matrix_remedies.filled(matrix_file.read(MATRIX + text, "demo.toml"), known)
     return plan.expand(read, host_python="3.12.1")
 
 
 def changed(text: str, known: tuple[Signature, ...] = ()) -> dict[str, Cell]:
-    """The changed cells of a matrix, by label."""
+    """Return the changed cells of a matrix, by label."""
     return {cell.label: cell for cell in planned(text, known).cells if cell.base}
 
 
 def refused(text: str, known: tuple[Signature, ...] = ()) -> str:
-    """The sentence with which a matrix is refused."""
+    """Return the message with which a matrix is refused."""
     with pytest.raises(BadInput) as told:
         planned(text, known)
     return str(told.value)
 
 
 class TestCells:
-    """What a matrix with changes plans."""
+    """The cells that a matrix with changes plans."""
 
     def test_a_changed_cell_stands_behind_its_base(self) -> None:
         """It has the axes and cases of that, an id of its own, and tells what was tried and why."""
@@ -86,7 +86,7 @@ class TestCells:
         assert made.environment == {"MUJOCO_GL": "", "GL": "osmesa"}
 
     def test_a_change_that_leaves_a_cell_as_it_is_is_left_out(self) -> None:
-        """With the reason, like any other combination."""
+        """A change without effect is listed as left out, with the reason."""
         text = CHANGE + 'cells = "py3.11_mujoco-3.3.7_*"\nenvironment = { GL = "egl" }\n'
         found = planned(text)
         assert [cell.label for cell in found.cells if cell.base] == ["py3.11_mujoco-3.3.7_unset_with-old"]
@@ -130,7 +130,7 @@ class TestCells:
         ],
     )  # fmt: skip
     def test_mistakes(self, text: str, sentence: str) -> None:
-        """Each at its place in the file."""
+        """Each mistake is reported with its place in the file."""
         assert refused(text).startswith(f"demo.toml: {sentence}")
 
     def test_changes_are_tried_on_what_a_strategy_chose(self) -> None:
@@ -153,7 +153,7 @@ class TestCells:
 
 
 def remedied(name: str, **remedy: Any) -> Signature:
-    """A known failure with this remedy."""
+    """Return a known failure with this remedy."""
     return signature(name, remedy=remedy)
 
 
@@ -161,7 +161,7 @@ class TestRemedies:
     """Changes that are the remedy of a known failure."""
 
     def test_it_does_what_the_remedy_says(self) -> None:
-        """All of it, in the words of the signature."""
+        """The change applies every part of the remedy, and has the words of the signature."""
         known = remedied(
             "it",
             requirements=("mujoco<3",),
@@ -195,7 +195,7 @@ QUESTION = Question(
 
 
 def asked(**change: Any) -> Question:
-    """What the question of a cell becomes by a change."""
+    """Return the question of a cell after a change."""
     return changes.applied(cell(question=QUESTION), Change(**change), {}).question
 
 
@@ -213,7 +213,7 @@ def test_a_requirement_replaces_all_that_is_said_of_its_package() -> None:
 
 
 def test_bounds_replace_bounds_of_the_same_package() -> None:
-    """And leave what is asked for."""
+    """A bound replaces the bound of the same package; requirements stay as they are."""
     made = asked(constraints=("numpy<1.24",), overrides=("numpy<1.25",), build_constraints=("setuptools<58", "wheel<1"))
     assert made.requirements == QUESTION.requirements
     assert (made.constraints, made.overrides) == (("scipy<2", "numpy<1.24"), ("numpy<1.25",))
@@ -264,20 +264,20 @@ def test_repairs_are_those_that_fit_what_is_asked_for_now() -> None:
     ],
 )
 def test_a_change_is_a_remedy_if_it_comes_to_the_same(change: Change, is_it: bool) -> None:
-    """In whatever order it asks, and nothing besides."""
+    """A change is the remedy if it asks for the same, in any order, and nothing besides."""
     base = cell(question=QUESTION)
     other = changes.applied(base, Change(requirements=("numpy<2", "mujoco<3")), {})
     assert changes.comes_to(base, change, replace(other, id="quick/x", base=base.id)) is is_it
 
 
 def test_what_does_nothing_is_no_remedy() -> None:
-    """That of a cell which has it already proves nothing."""
+    """A remedy that a cell already has proves nothing."""
     base = cell(python="3.11")
     assert not changes.comes_to(base, Change(python="3.11"), base)
 
 
 def test_a_change_in_words() -> None:
-    """What each part does; a remedy adds what no machine can do."""
+    """Each part of a change has its words; a remedy adds advice that no machine can follow."""
     told = changes.described(
         Change(
             requirements=("a<2", "b"),
@@ -307,7 +307,7 @@ SOLVED = case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, SOLVER))
 
 
 def tried(name: str, change: Change) -> Cell:
-    """The base cell with a change."""
+    """Return the base cell with a change applied."""
     made = changes.applied(BASE, change, {})
     return replace(made, id=f"{BASE.id}_with-{name}", base=BASE.id, tried=Tried(name=name, reason="why", change=change))
 
@@ -317,12 +317,12 @@ OTHER = tried("other", Change(requirements=("mujoco<2",)))
 
 
 def made(*records: CellRecord) -> Document:
-    """A document of these cells, by the failures known above."""
+    """Return a document of these cells, judged with the failures known above."""
     return document_of(*records, known=knowing(*KNOWN), axes=tuple(records[0].cell.axes))
 
 
 def proofs(whole: Document) -> list[tuple[str, bool, str | None]]:
-    """What is said of the first cell: each signature, whether its remedy is proven, and by which cell."""
+    """Return each signature of the first cell, whether its remedy is proven, and by which cell."""
     return [(one.signature, one.proven, one.proof) for one in whole.cells[0].diagnoses]
 
 
@@ -349,7 +349,7 @@ class TestProof:
         ],
     )
     def test_it_is_not(self, other: CellRecord) -> None:
-        """Anything else proves nothing."""
+        """A cell that fails, or is of another change, machine or base, proves nothing."""
         assert [proven for _, proven, _ in proofs(made(RED, other))] == [False, False]
 
     def test_shards_prove_together(self) -> None:
@@ -365,7 +365,7 @@ class TestProof:
 
 
 def entry(what: CellRecord) -> CellEntry:
-    """A record's entry."""
+    """Return the entry of a record."""
     return made(what).cells[0]
 
 
@@ -392,7 +392,7 @@ UNRESOLVED = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no numpy"), ins
     ],
 )
 def test_what_a_change_did(before: CellRecord, after: CellRecord, effect: Effect) -> None:
-    """By verdict, then by which checks fail, then by cause or line, then by phase."""
+    """The effect follows from the verdict, then the failing checks, then cause or line, then the phase."""
     assert change_effects.effect(entry(before), entry(after)) is effect
 
 
@@ -405,7 +405,7 @@ def test_what_a_change_did(before: CellRecord, after: CellRecord, effect: Effect
     ],
 )
 def test_lines_are_the_same_but_for_versions_and_places(line: str, effect: Effect) -> None:
-    """Where no known failure tells."""
+    """Without a known failure, two lines are the same if only versions and line numbers differ."""
     lines = ("TypeError: in step, gym/core.py line 12, mujoco 3.1.6", line)
     before, after = (record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, each))) for each in lines)
     assert change_effects.effect(entry(before), entry(after)) is effect

@@ -1,4 +1,4 @@
-"""What is committed below `reports/` is whole, explained, and regenerates to the byte."""
+"""Test that everything committed below `reports/` is whole, explained, and regenerates to the byte."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FOREIGN = re.compile(r"https?://[^ \"]*/(?:simple|packages)/|/(?:root|home|tmp|w
 
 
 def read(folder: Path) -> Document:
-    """The document of a report."""
+    """Return the document of a report."""
     return document.read((folder / "report.json").read_bytes(), "report.json")
 
 
@@ -78,7 +78,7 @@ def test_report_is_judged_from_its_evidence(folder: Path, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("folder", PACKED, ids=lambda folder: folder.name)
 def test_evidence_names_no_machine_and_no_index(folder: Path) -> None:
-    """Nor does any text inside a pack."""
+    """No text inside a pack of evidence names a machine or an index."""
     for pack in folder.glob("*.tar.xz"):
         texts = [content.decode("utf-8", "replace") for _, content in packs.members(pack.read_bytes())]
         assert texts

@@ -53,13 +53,13 @@ class Claim:
         return version is not None and all(each.contains(version, prereleases=True) for each in self.bounds[name])
 
     def stated(self, name: str, version: str, *, good: bool) -> bool:
-        """Return whether the text bounds a package so that this version is good, or is not."""
+        """Return whether a bound in the text calls this version of a package good, or not good."""
         named = failure_hints.all_bounds(self.text, name)
         return any(bound.contains(version, prereleases=True) is good for bound in named)
 
 
 def of_signature(one: Signature) -> Claim:
-    """Return what a known failure says of itself; a line that names one release bounds nothing."""
+    """Return the claim of a known failure; a line that names one release bounds nothing."""
     lines = [*one.remedy.requirements, *one.remedy.constraints, *one.remedy.overrides]
     found = {required_name(line): parsed_requirement(line).specifier for line in lines}
     open_ = {name: (it,) for name, it in found.items() if it and not all(each.operator == "==" for each in it)}
@@ -87,7 +87,7 @@ def _fits(wanted: Requirement, seen: Measurement) -> bool:
 
 
 def of_expectations() -> Iterator[tuple[str, Claim]]:
-    """Yield what the reasons of expectations advise, of those that a matrix has still."""
+    """Yield the advice in the reasons of expectations that a matrix still has, with its claim."""
     current = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "matrices").glob("*.toml"))
     reds: dict[str, list[Measurement]] = {}
     for seen in everything():
@@ -112,7 +112,7 @@ def of_expectations() -> Iterator[tuple[str, Claim]]:
 
 
 def contradictions(claim: Claim) -> Iterator[str]:
-    """Yield what was measured and speaks against a claim."""
+    """Yield the measurements that speak against a claim."""
     for red in claim.reds:
         for name in claim.bounds:
             peers = [each for each in everything() if each.beside(name) == red.beside(name) and name in each.versions]
@@ -123,7 +123,7 @@ def contradictions(claim: Claim) -> Iterator[str]:
 
 
 def failing_within(claim: Claim, *, any_of: bool) -> Iterator[str]:
-    """Yield what fails although the bounds hold, all of them or one; a text that speaks of the bound says why."""
+    """Yield failures within the bounds, all of them or any; a text that mentions the bound explains them."""
     for red in claim.reds:
         held = [name for name in claim.bounds if claim.within(name, red)]
         enough = bool(held) if any_of else claim.whole and bool(held) and len(held) == len(claim.bounds)

@@ -46,7 +46,7 @@ def test_sequences_and_characters_are_removed(text: str, left: str) -> None:
 
 
 def test_json_stays_the_same_document() -> None:
-    """In JSON they are escaped, so that a program reads what was there."""
+    """Control characters are escaped in JSON, so that a program reads the original text."""
     plain = {"a": "x\x9b31m\u202e\x7f\U000e0041"}
     text = escaped_in_json(json.dumps(plain, ensure_ascii=False))
     assert text.isascii()

@@ -37,7 +37,7 @@ CONTROLS = ("pppp", "fnnn", "pfnn", "ppfp", "pppf", "ppff", "pppu")
 
 
 def known(letters: str) -> ControlRecord:
-    """A control that ended like this."""
+    """Return the record of a control whose checks ended as these letters say."""
     ended = dict(zip(CHECKS.values(), letters, strict=True))
     return ControlRecord(
         control="control good",
@@ -47,7 +47,7 @@ def known(letters: str) -> ControlRecord:
 
 
 def beside(control: ControlRecord, *cases: CaseRecord, api: str = "gymnasium") -> CellRecord:
-    """A cell with these cases, and a control of an adapter."""
+    """Return a cell with these cases, beside the control of an adapter."""
     return replace(record(*cases), controls={api: control})
 
 
@@ -63,7 +63,7 @@ def doubted(at: Phase, control: str) -> bool:
 
 
 def means(found: Assessed) -> tuple[Any, ...]:
-    """All that a verdict says."""
+    """Return verdict, phases, phase, decisive line and unverified phases of an assessed cell."""
     return found.verdict, found.phases, found.phase, found.decisive, found.unverified
 
 
@@ -158,7 +158,7 @@ class TestChecks:
 
 
 class TestSaid:
-    """What the record of a control says of its adapter."""
+    """The conclusions about an adapter from the record of its control."""
 
     def test_works(self) -> None:
         """Its checks passed, where its lock is the known-good one."""
@@ -219,7 +219,7 @@ class TestFolder:
 
     @pytest.fixture
     def place(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-        """A folder with two controls."""
+        """Return a folder with two controls."""
         for name, version in (("new", "1.2.3"), ("old", "0.29.1")):
             (tmp_path / f"{name}.txt").write_text(f"gymnasium=={version} \\\n    --hash=sha256:{'0' * 64}\n")
         (tmp_path / controls.FILE).write_text(self.TEXT)
@@ -237,7 +237,7 @@ class TestFolder:
     )
     @pytest.mark.usefixtures("place")
     def test_the_first_that_covers_speaks(self, installed: dict[str, str], found: str) -> None:
-        """By the version that the cell has; one that covers nothing by name speaks for all the rest."""
+        """The installed version selects the control; a control that names no version covers all the rest."""
         made = controls.covering("gymnasium", installed)
         assert not isinstance(made, str)
         assert made.id == found
@@ -249,7 +249,7 @@ class TestFolder:
 
     @pytest.mark.usefixtures("place")
     def test_only_failures_after_the_install_ask(self) -> None:
-        """What works, what was not installed, and a control itself ask for none."""
+        """A cell that works, a cell that was not installed, and a control itself need no control."""
         assert [one.id for one in controls.wanted(record(case("ppfp"))).values()] == ["controls/new"]
         assert controls.wanted(record(case("pppu"))) == {}
         assert controls.wanted(record(case("pfnn"), installed=None)) == {}
@@ -263,7 +263,7 @@ class TestFolder:
         assert old.cases[0].checks == ("import.modules", "single.loop")
 
     def test_a_wrong_key_is_refused(self, place: Path) -> None:
-        """With the file and the nearest valid name."""
+        """The message names the file and the nearest valid key."""
         other = place / "other"
         other.mkdir()
         (other / controls.FILE).write_text(self.TEXT.replace("reason", "raeson"))
@@ -272,7 +272,7 @@ class TestFolder:
         assert str(told.value) == f'{other}/controls.toml: control[0].raeson: unknown key; did you mean "reason"?'
 
     def test_a_missing_folder_is_said(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """What is missing is bad input, with the variable that named it."""
+        """A missing folder is bad input; the message names the variable that set it."""
         monkeypatch.setenv(controls.VARIABLE, str(tmp_path / "no"))
         with pytest.raises(BadInput) as told:
             controls.wanted(record(case("pfnn")))
@@ -288,7 +288,7 @@ class TestFolder:
 
 
 class TestCommitted:
-    """What `matrices/controls/` holds."""
+    """The controls in `matrices/controls/`."""
 
     TABLES = controls.read(COMMITTED).control
 

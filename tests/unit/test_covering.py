@@ -9,12 +9,12 @@ from harness.matrix.plan.covering import Row, covering, parts, uncovered
 
 
 def parts_of(rows: list[Row], ways: int) -> set[object]:
-    """Every part that some row has."""
+    """Return every part that some row has."""
     return {part for row in rows for part in parts(row, ways)}
 
 
 def some_rows(seed: int) -> tuple[list[int], list[Row]]:
-    """Sizes of two to five axes, and part of their product, chosen at random."""
+    """Return sizes of two to five axes, and part of their product, chosen at random."""
     chance = random.Random(seed)
     sizes = [chance.randint(1, 4) for _ in range(chance.randint(2, 5))]
     share = chance.choice([0.1, 0.3, 0.6, 0.9])
@@ -75,7 +75,7 @@ def test_three_ways_take_more_than_two_and_less_than_all() -> None:
 
 
 def test_nothing_of_nothing() -> None:
-    """Where no row is allowed, none is chosen."""
+    """If no row is allowed, none is chosen."""
     assert covering([], 2) == []
 
 

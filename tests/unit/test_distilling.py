@@ -1,4 +1,4 @@
-"""What was measured as one plain document."""
+"""Test that measured results become one plain document."""
 
 import hashlib
 import json
@@ -17,17 +17,17 @@ SHORTER = f"numpy==2.2.6 \\\n    --hash=sha256:{TWO}\n"
 
 
 def sha256(text: str) -> str:
-    """As a document names a lock."""
+    """Return the hash by which a document names a lock."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def cell(name: str, measured: str = "2026-11-21T12:00:00Z", machine: str = "here", **more: Any) -> dict[str, Any]:
-    """A cell as a layer has it."""
+    """Return a cell as a layer holds it."""
     return {"id": name, "machine": machine, "measured": measured, "lock": None, **more}
 
 
 def report() -> dict[str, Any]:
-    """A whole report with a cell of every kind."""
+    """Return a whole report with a cell of every kind."""
     plain: dict[str, Any] = json.loads(document.encode(specimens.quick_document()))
     return plain
 
@@ -128,7 +128,7 @@ def test_what_was_packed_comes_out_equal() -> None:
 
 
 def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:
-    """As a report tells it: known failures that are no masks, else a mask that is the line itself."""
+    """Causes are the known failures that are no masks, else the mask that is the line itself, as in a report."""
     plain = report()
     red = next(one for one in plain["cells"] if one["decisive"] and one["verdict"] == "partial")
     mask = {"signature": "mask", "masks": True, "seen": "EOFError"}

@@ -1,4 +1,4 @@
-"""Which environment `doctor` looks at."""
+"""Test which environment `doctor` inspects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from harness.standalone.doctor.choosing import NoEnvironment, chosen
 
 
 def environment(folder: Path) -> Path:
-    """An environment's folder, with a Python that nobody starts."""
+    """Return an environment's folder, with a Python that nobody starts."""
     python = folder / "bin" / "python"
     python.parent.mkdir(parents=True)
     python.write_text("#!/bin/sh\n")

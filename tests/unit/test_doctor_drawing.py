@@ -1,4 +1,4 @@
-"""What the single file says of drawing, which it looks at without drawing."""
+"""Test the single file's findings about drawing, which it makes without drawing."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ ALL = {"egl": None, "osmesa": None, "gl": None}
     ids=["egl", "display", "nothing-set", "no-window", "no-egl", "contradiction"],
 )  # fmt: skip
 def test_settings(libraries: dict[str, str | None], variables: dict[str, str], said: list[str]) -> None:
-    """What cannot draw is a warning, with what to set or install."""
+    """Settings that cannot draw give a warning, with the variable to change or the package to install."""
     found = drawing.findings({"libraries": libraries, "devices": []}, variables)
 
     assert [one.text for one in found if one.level == "warning"] == said
 
 
 def test_what_cannot_be_told() -> None:
-    """Nothing is made up."""
+    """Without facts there is one note, and nothing is made up."""
     assert [one.level for one in drawing.findings({}, {})] == ["note"]

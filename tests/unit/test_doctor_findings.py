@@ -1,4 +1,4 @@
-"""What `doctor` makes of the facts of an environment."""
+"""Test the findings that `doctor` derives from the facts of an environment."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from harness.standalone.running import Ran
 
 
 def texts(findings: list[declared.Finding]) -> list[str]:
-    """Level and text of each."""
+    """Return level and text of each finding."""
     return [f"{one.level}: {one.text}" for one in findings]
 
 
 def here(**variables: str) -> Here:
-    """A caller with these variables, who starts nothing."""
+    """Return a caller with these variables, which starts no process."""
 
     def run(*_: Any) -> Ran:
         raise AssertionError
@@ -30,7 +30,7 @@ def here(**variables: str) -> Here:
 
 
 def test_a_version_that_is_not_asked_for() -> None:
-    """Who asks for what is said, those with the same trouble on one line, what matters first."""
+    """A conflict lists all packages that require another version on one line; the most important conflict is first."""
     made = facts(
         distribution("ruler", "1.0", "measure>=2"),
         distribution("measure", "1.0"),
@@ -59,21 +59,21 @@ def test_markers_and_extras_count() -> None:
 
 
 def test_a_package_under_another_name() -> None:
-    """What conda calls otherwise is noted, no more: its module is there."""
+    """A package that conda names differently is only a note, since its module is there."""
     made = facts(distribution("robosuite", "1.4.1", "opencv-python"), importable=["cv2"])
 
     assert [one.level for one in declared.conflicts(made)] == ["note"]
 
 
 def test_pythons() -> None:
-    """A package that excludes this Python."""
+    """A package that excludes this Python gives a warning."""
     made = facts(distribution("gym", "0.21.0", requires_python="<3.11"))
 
     assert texts(declared.pythons(made)) == ["warning: gym 0.21.0 requires Python <3.11, this is 3.11.7"]
 
 
 def test_broken_metadata() -> None:
-    """Without a version, twice, with files that are gone, overwritten by another, left over: each is said."""
+    """A missing version, a duplicate, missing files, overwritten files and leftovers are each reported."""
     made = facts(
         distribution("numpy", "1.26.4"),
         distribution("numpy", "2.2.6"),
@@ -141,7 +141,7 @@ def test_what_pip_put_over_conda() -> None:
 
 
 def test_hidden_modules() -> None:
-    """By the working folder, PYTHONPATH and the user site; a second copy behind the environment's own hides nothing."""
+    """The working folder, PYTHONPATH and the user site hide modules; a copy behind the environment's own hides none."""
     user = "/home/u/.local/lib/python3.11/site-packages"
     own = f"{SITE}/numpy/__init__.py"
     made = facts(
@@ -177,12 +177,12 @@ def test_libraries_loaded_twice() -> None:
 
 
 def imported(error: str | None, **more: Any) -> dict[str, Any]:
-    """What came of an import."""
+    """Return the result of an import."""
     return {"error": error, "file": "/x.py", "version": "1", "libraries": [], "traceback": error, **more}
 
 
 def test_imports_that_fail() -> None:
-    """Each is said once: what a difference tells of already is not repeated."""
+    """Each failing import is reported once, and not again if a difference already shows it."""
     probes = {
         "imports": {
             "gym": imported("ImportError: a"),
@@ -215,7 +215,7 @@ def test_differences_in_sentences() -> None:
 
 
 def bool8(name: str, **more: Any) -> Known:
-    """A known failure of gym below 1 beside numpy from 2 on."""
+    """Return the known failure of gym below 1 with numpy 2 or later."""
     usual = {"cause": "so it is", "packages": ["gym<1", "numpy>=2"], "remedy": {"requirements": ["numpy<2"]}}
     return known(name, "bool8", **{**usual, **more})
 
@@ -234,7 +234,7 @@ def test_known_failures_of_an_import() -> None:
 
 
 def test_a_log_is_no_cause() -> None:
-    """What an error says counts, with its traceback; what else was printed does not."""
+    """An error and its traceback count as evidence; other printed text does not."""
     seen = [Seen(phase="single", told=("ValueError: other",), logs=("warning: bool8 is gone",))]
     probes: dict[str, Any] = {"imports": {}, "clean_imports": {}}
 
@@ -258,7 +258,7 @@ def test_known_failures_that_these_versions_have() -> None:
 
 
 def test_silent_failures() -> None:
-    """Told by the packages that are there alone."""
+    """A silent failure is recognised by the installed packages alone."""
     silent = read({"id": "quiet", "cause": "wrong", "remedy": {}, "packages": ["mujoco==4.0.0"], "silent": True})
 
     assert [one.id for one in reading.quiet([silent], installed(mujoco="4.0.0"))] == ["quiet"]

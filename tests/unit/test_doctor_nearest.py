@@ -13,7 +13,7 @@ from harness.standalone.installing import PIP
 
 
 def cell(label: str, verdict: str = "works", python: str = "3.11.7", env: str = "CartPole-v1", **lock: str) -> Any:
-    """A cell with its lock; `lock` names versions."""
+    """Return a cell with its lock, given as versions by name."""
     made = measured_cell(label, verdict, python, axes={"gym": lock.get("gym", "")}, supplied={"MUJOCO_GL": "egl"})
     (case,) = made["cases"]
     made["decisive"] = None if verdict == "works" else "AttributeError: no"
@@ -23,7 +23,7 @@ def cell(label: str, verdict: str = "works", python: str = "3.11.7", env: str = 
 
 
 def measured(*cells: Any) -> dict[str, Any]:
-    """The document of measured results."""
+    """Return the document of measured results."""
     locks = {one["id"]: sorted(one["lock"].items()) for one in cells}
     return {"schema": 1, "cells": [{**one, "lock": one["id"]} for one in cells], "locks": locks}
 
@@ -35,7 +35,7 @@ def near(
     remedies: tuple[str, ...] = (),
     issues: tuple[matching.Known, ...] = (),
 ) -> Any:
-    """The plain answer."""
+    """Return the plain answer, or None if there is none."""
     found = nearest.found(made, measured(*cells), env, remedies, issues)
     return nearest.plain(made, found, PIP) if found else None
 
@@ -118,7 +118,7 @@ def test_the_environment_asked_for() -> None:
 
 
 def test_of_what_is_not_there_the_newest() -> None:
-    """Where nothing is installed that has environments, gymnasium and the newest release are the answer."""
+    """If nothing that has environments is installed, the answer is gymnasium, and the newest release."""
     cells = (
         cell("old", env="Ant-v4", gym="0.15.7"),
         cell("new", env="Ant-v4", gym="0.26.2"),

@@ -22,7 +22,7 @@ CASE_KEYS = {"case", "env", "api", "phases", "checks", "frames", "decisive"}
 
 
 def one(made: CellRecord, *stale: str) -> CellEntry:
-    """The entry of a record in a document of its own."""
+    """Return the entry of a record, in a document that holds only this record."""
     return document_of(made, stale=stale).cells[0]
 
 
@@ -280,7 +280,7 @@ def test_exit_code_of_what_is_as_expected() -> None:
 
 
 def test_a_repaired_release_is_told() -> None:
-    """What was changed, why, and all that it takes to make the same wheel."""
+    """A repaired release is listed with its edits, their reason, and everything needed to build the same wheel."""
     cells = {cell.axes["mujoco"]: cell for cell in quick_document().cells if cell.axes["python"] == "3.9"}
 
     assert msgspec.to_builtins(cells["2.3.7"].repairs) == (

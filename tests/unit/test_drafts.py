@@ -24,7 +24,7 @@ TEMPLATE = read_template("matrix.toml.j2")
 
 
 def planned(draft: Draft, **versions: tuple[str, ...]) -> Plan:
-    """The plan of a draft as it is written."""
+    """Return the plan of a written draft."""
     matrix = matrix_file.read(drafts.text_of(draft, TEMPLATE), "drafted.toml")
     axes = {name.replace("_", "-"): each for name, each in versions.items()}
     expansion = Expansion(matrix="drafted", instant=Instant("2026-11-20T00:00:00Z"), ranges=matrix.ranges, axes=axes)
@@ -32,7 +32,7 @@ def planned(draft: Draft, **versions: tuple[str, ...]) -> Plan:
 
 
 def labels(found: Plan) -> list[str]:
-    """The cells without the name of the matrix."""
+    """Return the ids of the cells without the name of the matrix."""
     return [cell.label for cell in found.cells]
 
 
@@ -127,7 +127,7 @@ POETRY_PROJECT = Project(
     ],
 )
 def test_a_project_is_read_without_running_it(pyproject: str, setup: str, expected: Project) -> None:
-    """From pyproject.toml, else from the literals of setup.py, else from the folder's name."""
+    """Data come from pyproject.toml, else from the literals of setup.py, else from the folder's name."""
     assert drafts.read_project(pyproject, setup, "The_Folder") == expected
 
 
@@ -155,7 +155,7 @@ def test_a_matrix_does_not_become_a_package(texts: tuple[str, str, str], src: bo
 
 
 def test_a_wrong_specifier_is_told() -> None:
-    """One sentence that names the key."""
+    """A wrong specifier is refused in one sentence that names the key."""
     with pytest.raises(BadInput) as caught:
         drafts.read_project('[project]\nname = "a"\nrequires-python = "3.10"', "", "a")
 
@@ -233,7 +233,7 @@ def test_the_tests_of_a_project(
     in_workflow: tuple[str, ...],
     expected: SuiteDraft | None,
 ) -> None:
-    """By the names of extras and groups, by what names pytest, by what CI installs beside it; none without a folder."""
+    """Tests are found by names of extras and groups, by pytest in them, or by CI; without a folder there are none."""
     assert drafts.suite(extras, groups, folders, in_workflow=in_workflow) == expected
 
 
@@ -251,7 +251,7 @@ def test_extras_that_users_install() -> None:
 
 
 def offer(version: str, *wheels: str, python: str | None = None) -> Offer:
-    """A release with wheels for these tags."""
+    """Return a release with wheels for these tags."""
     names = tuple(f"sim-{version}-{tags}.whl" for tags in wheels)
     return Offer(version=version, yanked=False, requires_python=python, wheels=names)
 
@@ -313,7 +313,7 @@ def test_values_that_cannot_work_are_left_out(
 
 
 def candidate(env: str, entry: str = "", api: str = "gymnasium", place: str = "") -> Candidate:
-    """An environment as a cell tells of it."""
+    """Return an environment as a cell reports it."""
     return Candidate(env=env, api=api, entry=entry, place=place or entry.partition(":")[0])
 
 
@@ -390,7 +390,7 @@ def test_an_argument_that_nobody_gave_is_no_failure(why: str, expected: bool) ->
 
 
 def drafted(matrix: str, run: str, python: str = "${{ matrix.python }}") -> Draft | None:
-    """The draft of a workflow with one job of two steps."""
+    """Return the draft of a workflow with one job of two steps."""
     (job,) = read(
         f"jobs: {{ test: {{ strategy: {{ matrix: {matrix} }}, steps: ["
         f'{{ uses: "actions/setup-python@v5", with: {{ python-version: "{python}" }} }}, {run} ] }} }}',

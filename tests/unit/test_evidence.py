@@ -1,4 +1,4 @@
-"""What was written of a cell's failures, the known ones among them, and how documents and expectations tell of them."""
+"""Test the texts kept of a cell's failures, the known failures in them, and their use in documents and expectations."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ MASKED = record(case("ppfp", vector=VECTOR))
 
 
 def known(**logs: dict[str, str]) -> Knowledge:
-    """The signatures above, with texts kept at `evidence/NAME`."""
+    """Return the signatures above, with texts kept at `evidence/NAME`."""
     return knowing(*KNOWN, **logs)
 
 
@@ -87,7 +87,7 @@ def test_what_a_failure_says() -> None:
 
 
 def test_what_was_observed_of_a_failure() -> None:
-    """With the line that it stands in: one that says why, or a finding beside."""
+    """Each observation comes with its line: the line that says why, or that of a finding beside it."""
     said, beside = (Observed(check="vector.sync", code=code) for code in ("vector.rewards", "vector.repeat"))
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=XML, observed=said)
     finding = replace(warning("vector.repeat", "another trajectory"), observed=beside)
@@ -129,7 +129,7 @@ def test_only_red_cells_are_diagnosed(letters: str) -> None:
 
 
 def test_the_document_has_the_cause_before_its_mask() -> None:
-    """With all that a reader needs; packages that are not there speak against a signature."""
+    """The cause has all that a reader needs; a missing package rules a signature out."""
     red = entry(MASKED, known())
     first = DiagnosisEntry(
         signature="xml",
@@ -160,14 +160,14 @@ def test_a_mask_that_was_seen_through_is_no_cause() -> None:
 
 
 def expecting(signature: str) -> CellRecord:
-    """The masked failure in a cell that is expected to be of this kind."""
+    """Return the masked failure, in a cell that is expected to fail in this way."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature=signature)
     return replace(MASKED, cell=replace(MASKED.cell, expect=expect))
 
 
 @pytest.mark.parametrize(("signature", "fits"), [("xml", True), ("mask", False), ("crash", False)])
 def test_a_cell_can_be_expected_to_fail_in_a_known_way(signature: str, fits: bool) -> None:
-    """By its cause, never by the mask of it."""
+    """An expected failure is recognised by its cause, never by its mask."""
     assert entry(expecting(signature), known()).as_expected is fits
 
 
@@ -192,7 +192,7 @@ def test_kept_texts_are_read_to_a_bound(tmp_path: Path) -> None:
 
 
 def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From another folder where the user says so, from none if that is empty; a wrong one is told."""
+    """A variable names another folder of signatures, or none if it is empty; a wrong folder is refused."""
     monkeypatch.setenv(signature_files.VARIABLE, "")
     assert shipped_signatures.known() == ()
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
@@ -201,7 +201,7 @@ def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """What the pytest items and `--only-failed` ask is free for other cells."""
+    """Pytest items and `--only-failed` read no log for a cell whose expectation names no signature."""
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
     assert assess(MASKED, shipped_signatures.beside(tmp_path)).as_expected is False
     monkeypatch.delenv(signature_files.VARIABLE)

@@ -1,4 +1,4 @@
-"""What passes between an environment and the library that drives it, and counted calls; without torch."""
+"""Test how values pass between an environment and the library that drives it, and how calls are counted; no torch."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class Batch:
         return {"policy": self.seen()}, {}
 
     def step(self, action: Any) -> tuple[Any, ...]:
-        """One step of all worlds."""
+        """Step all worlds once."""
         self.age += 1
         ended = self.age >= np.array([2, 3, 4])
         self.age[ended] = 0
         return {"policy": self.seen()}, self.age.copy(), ended, np.zeros(WORLDS, bool), {}
 
     def seen(self) -> Any:
-        """The ages, in the same memory as before or not."""
+        """Return the ages, in the same memory as before or in a copy."""
         if not self.reuse:
             return self.age[:, None].copy()
         self.given[:, 0] = self.age
@@ -43,7 +43,7 @@ class Batch:
 
 
 def watched(env: Batch, steps: int) -> Any:
-    """What was seen of some steps."""
+    """Return the exchange observed over a reset and some steps."""
     with exchange.Exchange(env) as seen:
         env.reset()
         for _ in range(steps):
@@ -100,7 +100,7 @@ def test_an_array_is_shown_in_one_line() -> None:
 
 
 def test_a_conversion_is_counted_once_and_for_its_place() -> None:
-    """What a conversion calls itself is no other one; outside of any place nothing is counted."""
+    """A conversion that another one calls is not counted again; outside of any place nothing is counted."""
     counts = counting.Counts()
     inner = counts.called(lambda value: value, "cpu()", lambda *_: True)
     outer = counts.called(inner, "to numpy", lambda *_: True)

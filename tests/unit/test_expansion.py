@@ -28,7 +28,7 @@ RELEASES = [
 
 
 def matrix(spec: str = ">=1.0", head: str = "") -> Matrix:
-    """A matrix with one range."""
+    """Return a matrix with one range."""
     return matrix_file.read(
         f'{head}\naxes = {{ python = ["3.11"], mujoco = {{ range = "{spec}" }} }}\n'
         '[[cases]]\nenv = "Ant-v5"\napi = "gymnasium"',

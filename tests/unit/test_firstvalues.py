@@ -19,7 +19,7 @@ LOCK = lock()
 
 
 def planned(**versions: str) -> Cell:
-    """A cell with these versions of packages as its axes."""
+    """Return a cell whose axes are these package versions."""
     axes = {"python": "3.11", **versions}
     return asking(*(f"{name}=={version}" for name, version in versions.items()), axes=axes, python=axes["python"])
 
@@ -34,7 +34,7 @@ class Resolver:
         pass
 
     def lock_of(self, asked: Cell, _: Interpreter) -> tuple[Lock | None, Step]:
-        """As the runner does."""
+        """Return a lock, or none if the combination is refused, in the form that the runner returns."""
         there = {*asked.question.requirements, f"python=={asked.python}"}
         refused = any({*lines} <= there for lines in self.refused)
         return (None, step(Phase.RESOLVE, self.outcome)) if refused else (LOCK, step(Phase.RESOLVE))

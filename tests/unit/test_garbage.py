@@ -1,4 +1,4 @@
-"""What may go and what stays, over real folders; nothing here starts a process."""
+"""Test which files may be removed and which stay, over real folders; nothing here starts a process."""
 
 import json
 import os
@@ -17,7 +17,7 @@ NOW = 1_800_000_000.0
 
 @pytest.fixture
 def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Places:
-    """An empty cache, state and folder for what is temporary."""
+    """Return an empty cache, state and temporary folder."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     for name in ("cache", "state", "temporary"):
         (tmp_path / name).mkdir()
@@ -25,7 +25,7 @@ def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Places:
 
 
 def put(path: Path, text: str = "x" * 5000, days: float = 10) -> Path:
-    """A file, and the folder that it lies in, so many days old."""
+    """Write a file, and make it and its folder so many days old."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     for each in (path, path.parent):
@@ -34,7 +34,7 @@ def put(path: Path, text: str = "x" * 5000, days: float = 10) -> Path:
 
 
 def environment(places: Places, key: str, days: float, *, whole: bool = True) -> Path:
-    """An environment that was used so many days ago."""
+    """Make an environment that was last used so many days ago; return its folder."""
     folder = places.cache / "environments" / key
     put(folder / "lib.py", days=days)
     if whole:
@@ -43,12 +43,12 @@ def environment(places: Places, key: str, days: float, *, whole: bool = True) ->
 
 
 def found(places: Places) -> dict[str, Item]:
-    """What could go, by the name of its first folder or file."""
+    """Return the removable items, by the name of their first folder or file."""
     return {item.paths[0].name: item for item in cleanup.find(places, Disk(), NOW)}
 
 
 def waste(places: Places) -> set[str]:
-    """The names of what is waste."""
+    """Return the names of items that are waste."""
     return {name for name, item in found(places).items() if item.waste}
 
 
@@ -112,7 +112,7 @@ class TestScratch:
 class TestState:
     @pytest.fixture
     def state(self, places: Places) -> Path:
-        """A cell with its lock and install, a lock and logs of no cell, and results of an earlier version."""
+        """Return a state with a cell, its lock and install, a lock and logs of no cell, and old results."""
         lock, key = "a" * 64, "b" * 32
         cell = {"lock": f"locks/{lock[:16]}.txt", "lock_sha256": lock, "key": key, "cases": ["evidence/probe-1/x.png"]}
         state = places.state
@@ -173,7 +173,7 @@ class TestState:
         assert found(places) == {}
 
     def test_no_state(self, tmp_path: Path, places: Places) -> None:
-        """Where nothing was run there is nothing to look at, and no folder is made."""
+        """A missing state folder is no error, and is not created."""
         assert cleanup.find(Places(cache=places.cache, state=tmp_path / "none"), Disk(), NOW) is not None
         assert not (tmp_path / "none").exists()
 
@@ -194,7 +194,7 @@ class TestSizes:
         assert disk.size([*one.inodes, *two.inodes]) < 1_100_000
 
     def test_oldest_first_until_it_fits(self, places: Places) -> None:
-        """By size: waste, then what was used least recently, and no more than needed."""
+        """A size limit removes waste first, then the least recently used, and no more than needed."""
         for key, days in (("c", 1), ("a", 9), ("b", 5)):
             folder = environment(places, key, days)
             (folder / "data.bin").write_bytes(b"x" * 1_000_000)

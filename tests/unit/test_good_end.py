@@ -23,7 +23,7 @@ def search(line: str, bad: int) -> tuple[int | None, GoodEndSearch, list[int]]:
 
 
 def of(letter: str) -> Look:
-    """Return what a letter stands for."""
+    """Return the look that a letter stands for."""
     answer = Answer.GOOD if letter == "g" else Answer.UNTESTABLE if letter.isupper() else Answer.BAD
     return Look(answer=answer, failure=letter)
 

@@ -20,7 +20,7 @@ PYTHONS, MUJOCOS = ("3.9", "3.10", "3.11"), ("2.3.7", "3.1.6", "3.3.7", "4.0.0")
 
 
 def cell(python: str, mujoco: str, line: str | None = None, **more: object) -> CellEntry:
-    """A cell of a matrix of Pythons and MuJoCos; with a line it is red."""
+    """Return a cell of a matrix of Pythons and MuJoCos; with a line it is red."""
     basis = quick_document().cells[2]
     told = {"verdict": Verdict.PARTIAL, "decisive": line} if line else {"verdict": Verdict.WORKS, "decisive": None}
     return msgspec.structs.replace(
@@ -32,22 +32,22 @@ def cell(python: str, mujoco: str, line: str | None = None, **more: object) -> C
 
 
 def matrix(red: dict[tuple[str, str], CellEntry]) -> list[CellEntry]:
-    """The whole product, green but for these."""
+    """Return the whole product, green except for these cells."""
     return [red.get((python, mujoco)) or cell(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS]
 
 
 def broken(found: Iterable[tuple[str, str]], line: str = "no such field", **more: object) -> list[CellEntry]:
-    """The product with the same failure in some cells."""
+    """Return the product with the same failure in some cells."""
     return matrix({place: cell(*place, line, **more) for place in found})
 
 
 def known(signature: str, **more: object) -> DiagnosisEntry:
-    """A known failure."""
+    """Return a known failure."""
     return diagnosis(signature, **{"remedy": {"requirements": ["mujoco<4"]}, "references": ("https://e.org",), **more})
 
 
 def only(cells: list[CellEntry]) -> Trouble:
-    """The one cause."""
+    """Return the one cause of these cells."""
     (one,) = cause_groups.troubles(cells, AXES)
     return one
 
@@ -74,12 +74,12 @@ def only(cells: list[CellEntry]) -> Trouble:
     ],
 )
 def test_which_cells_in_words(found: list[tuple[str, str]], words: str) -> None:
-    """By the axes that tell them from the rest: all of these, or how many of them; a few by name."""
+    """Cells are described by the axes that set them apart, all of them or a count; a few are named."""
     assert only(broken(found)).where == words
 
 
 def test_an_axis_that_says_nothing_more_is_left_out() -> None:
-    """Where one release was tried on one Python alone, the release says it all."""
+    """If one release was tried on only one Python, the release alone describes its cells."""
     cells = [one for one in broken([(python, "4.0.0") for python in PYTHONS]) if one.axes["mujoco"] != "3.3.7"]
     cells = [one for one in cells if one.axes["mujoco"] == "4.0.0" or one.axes["python"] == "3.11"]
 
@@ -107,7 +107,7 @@ def test_one_broken_release_is_one_line() -> None:
 
 
 def test_the_deepest_cause_counts() -> None:
-    """What fits some cells after the deepest cause stands beside it, once."""
+    """A further cause that fits some cells stands beside the deepest cause, once."""
     first = cell("3.9", "4.0.0", "a", diagnoses=(known("deep"), known("other")))
     second = cell("3.10", "4.0.0", "b", diagnoses=(known("deep"), known("other", proof="quick/x", proven=True)))
 

@@ -165,7 +165,7 @@ def test_depth_is_bounded() -> None:
 
 
 class TestRemoval:
-    """Whatever a probe leaves is removed."""
+    """Removal of everything that a probe can leave."""
 
     def test_deep_folders(self, tmp_path: Path) -> None:
         """Five thousand nested folders, whose path no call takes any more, go without recursion."""

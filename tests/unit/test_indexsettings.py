@@ -1,4 +1,4 @@
-"""What the settings of uv and pip mean."""
+"""Test the meaning of uv's and pip's settings."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ from harness.packages.index_settings import UserIndex, combined, settings
 
 @pytest.fixture(autouse=True)
 def home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """An empty home on a machine without settings."""
+    """Return an empty home on a machine without settings."""
     for variable in os.environ:
         if variable.startswith(("UV_", "PIP_", "XDG_", "SSL_CERT", "REQUESTS_", "CURL_", "VIRTUAL_", "CONDA_", "ALL_")):
             monkeypatch.delenv(variable)
@@ -91,7 +91,7 @@ def test_pip_files_are_read_in_its_order(home: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_pip_does_not_override_uv(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where uv has a default index, certificates or a strategy of its own, pip's count for nothing."""
+    """If uv has its own default index, certificates or strategy, those of pip are ignored."""
     put(home / "etc/pip.conf", "[global]\nindex-url = https://pip.test\nextra-index-url = https://more.test\ncert = /a")
     put(home / ".config/uv/uv.toml", '[pip]\nindex-url = "https://uv.test"\nindex-strategy = "unsafe-first-match"')
     monkeypatch.setenv("SSL_CERT_FILE", "/b")

@@ -13,7 +13,7 @@ from harness.packages.requirement_files.inputs import newest_python, read
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder."""
+    """Return the working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -141,7 +141,7 @@ cart @ file:dist/cart-1.0-py3-none-any.whl
         ],
     )
     def test_what_is_not_modelled_is_named(self, line: str, sentence: str) -> None:
-        """No line is dropped: file, line and why."""
+        """No line is dropped: each is named with file, line number and reason."""
         path = put("requirements.txt", f"numpy\n\n{line}\n")
 
         assert read([path]) == Inputs(requirements=("numpy",), not_modelled=(f"requirements.txt:3: {sentence}",))
@@ -168,7 +168,7 @@ cart @ file:dist/cart-1.0-py3-none-any.whl
         ],
     )
     def test_bad_lines_are_refused(self, text: str, message: str) -> None:
-        """File, line and what is wrong."""
+        """The message names file, line and mistake."""
         with pytest.raises(BadInput) as raised:
             read([put("requirements.txt", text)])
 
@@ -261,7 +261,7 @@ class TestPyproject:
         ],
     )
     def test_an_unknown_extra_or_group_is_refused(self, extras: list[str], groups: list[str], message: str) -> None:
-        """With the nearest name."""
+        """The message suggests the nearest name, or lists the valid ones."""
         with pytest.raises(BadInput) as raised:
             read([put("pyproject.toml", PYPROJECT)], extras, groups)
 
@@ -295,7 +295,7 @@ class TestPyproject:
         ],
     )
     def test_bad_projects_are_refused(self, text: str, groups: list[str], message: str) -> None:
-        """File, place and what is wrong."""
+        """The message names file, place and mistake."""
         with pytest.raises(BadInput) as raised:
             read([put("pyproject.toml", text)], groups=groups)
 
@@ -361,7 +361,7 @@ class TestPylock:
         )
 
     def test_a_bad_lock_is_refused(self) -> None:
-        """With the path of the wrong key."""
+        """The message names the path of the wrong key."""
         with pytest.raises(BadInput) as raised:
             read([put("pylock.toml", 'lock-version = "1.0"\ncreated-by = "x"\n[[packages]]\nname = 1')])
 
@@ -437,7 +437,7 @@ variables:
         ],
     )
     def test_bad_environments_are_refused(self, text: str, message: str) -> None:
-        """File, line and what is wrong."""
+        """The message names file, line and mistake."""
         with pytest.raises(BadInput) as raised:
             read([put("env.yml", text)])
 
@@ -470,7 +470,7 @@ class TestFiles:
         ],
     )
     def test_files_that_cannot_be_read_are_refused(self, name: str, content: bytes | None, message: str) -> None:
-        """One sentence with the file."""
+        """The message is one sentence that names the file."""
         if content is not None:
             Path(name).write_bytes(content)
         with pytest.raises(BadInput) as raised:

@@ -13,7 +13,7 @@ PYTHON = "/e/bin/python"
 
 @pytest.fixture
 def with_uv(tmp_path: Path) -> dict[str, str]:
-    """Variables of a shell that finds uv."""
+    """Return variables of a shell that finds uv."""
     (tmp_path / "uv").touch(mode=0o755)
     return {"PATH": str(tmp_path)}
 
@@ -24,7 +24,7 @@ def test_pip_where_it_is(with_uv: dict[str, str]) -> None:
 
 
 def test_uv_where_pip_is_missing(with_uv: dict[str, str]) -> None:
-    """As in an environment that uv made."""
+    """An environment without pip, as uv makes them, gets commands of uv."""
     found = installer(PYTHON, {"gym"}, with_uv)
     assert found.installing(["a", "b>1"]) == (f"uv pip install --python {PYTHON} a 'b>1'",)
     assert found.uninstalling(["gym"]) == (f"uv pip uninstall --python {PYTHON} gym",)

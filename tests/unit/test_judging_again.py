@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def measured(opened: Store, label: str, *failing: Check, expect: Expectation | None = None) -> CellRecord:
-    """A cell with a case of which checks ended so, and all others passed, in as many runs as judging asked for."""
+    """Return a cell with a case whose checks ended as given; others passed, in as many runs as judging asked for."""
     vault, folded, wanted = Vault(opened.folder), Folded(), asked()
     ended = {check.name: check for check in failing}
     picture = vault.keep(PICTURE)
@@ -63,7 +63,7 @@ def measured(opened: Store, label: str, *failing: Check, expect: Expectation | N
 
 
 def published(folder: Path, opened: Store, *records: CellRecord) -> Document:
-    """The report of these cells, with its evidence, in a folder."""
+    """Write the report of these cells, with its evidence, into a folder; return its document."""
     plan = Plan(matrix="packed", cells=tuple(one.cell for one in records), axes=("python", "gymnasium"))
     locate = publishing.place(records, opened, folder)
     made = document.build(records, [plan], MACHINES, GENERATED, locate)
@@ -74,7 +74,7 @@ def published(folder: Path, opened: Store, *records: CellRecord) -> Document:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The folder of a report of three cells, whose state is gone."""
+    """Return the folder of a report of three cells, whose state was moved away."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "another"))
     opened = Store(tmp_path / "state")
@@ -92,12 +92,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    """Every file of a report."""
+    """Return every file of a report."""
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_the_same_comes_of_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is said, and nothing is written."""
+    """Judging unchanged evidence again alters no report and writes nothing."""
     before = files(folder)
 
     assert main(["report", "--judge-again", str(folder)]) == 0
@@ -106,7 +106,7 @@ def test_the_same_comes_of_the_same(folder: Path, capsys: pytest.CaptureFixture[
 
 
 def test_all_of_a_report_comes_back_to_the_byte(folder: Path) -> None:
-    """But for its frames and locks, which are no text of a probe."""
+    """All files but frames and locks, which are no texts of a probe, are written again."""
     before = files(folder)
     for name in before:
         if name.startswith("evidence/") or name in {"report.json", "report.md"}:
@@ -138,7 +138,7 @@ def test_a_crash_is_judged_anew_by_a_later_reading(
 
 @pytest.fixture
 def quickstart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the matrix `quickstart`, beside copies of its report and of all other matrices."""
+    """Return a copy of the matrix `quickstart`, beside copies of its report and of all other matrices."""
     shutil.copytree(ROOT / "reports/quickstart", tmp_path / "quickstart")
     shutil.copytree(ROOT / "matrices", tmp_path / "matrices")
     monkeypatch.chdir(tmp_path)
@@ -183,7 +183,7 @@ def test_a_report_without_evidence_cannot_be_judged_again(
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "other", "link"])
 def test_a_damaged_pack_is_named(folder: Path, damage: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """And nothing is written."""
+    """A damaged pack is named, and nothing is written."""
     pack = folder / "evidence.tar.xz"
     content = pack.read_bytes()
     damaged = {
@@ -214,7 +214,7 @@ def test_the_document_is_printed(folder: Path, capsys: pytest.CaptureFixture[str
     [["report", "--judge-again"], ["report", "--write", "x"], ["report", "--judge-again", "--out", "y", "x"]],
 )
 def test_what_says_nothing_is_refused(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without a report, or with a place that is not its own."""
+    """`--judge-again` is refused without a report or with `--out`, and `--write` without it."""
     assert main(arguments) == 2
     assert "--judge-again" in capsys.readouterr().err
 

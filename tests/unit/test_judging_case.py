@@ -30,25 +30,25 @@ COMPARED = reading(AGAIN, passed("single.repeat"))
 
 
 def first(wanted: Asked) -> Request:
-    """The first request of a case of which nothing is known."""
+    """Return the first request for a case without stored runs."""
     request = todo(wanted, Folded())
     assert request
     return request
 
 
 def asks(wanted: Asked, *runs: Reading) -> list[str]:
-    """The checks of the request that comes after these runs; none where nothing is left to be asked."""
+    """Return the checks of the request that comes after these runs; none if nothing is left to ask."""
     request = todo(wanted, fold(wanted, runs))
     return list(request.limits) if request else []
 
 
 def came_to(wanted: Asked, *runs: Reading) -> dict[Phase, PhaseRecord]:
-    """The phases of a case after these runs."""
+    """Return the phases of a case after these runs."""
     return phases(wanted, fold(wanted, runs))
 
 
 def outcomes(found: Mapping[Phase, PhaseRecord]) -> dict[str, str]:
-    """The outcome of each phase."""
+    """Return the outcome of each phase."""
     return {str(phase): str(record.outcome) for phase, record in found.items()}
 
 
@@ -78,7 +78,7 @@ def test_a_case_that_passes_is_compared_with_a_second_process_and_done() -> None
     ],
 )
 def test_another_trajectory_is_a_finding(second: list[str], text: str | None) -> None:
-    """From the first step on that differs."""
+    """A trajectory that differs is a finding, with the first step that differs."""
     loop = [Check(name="single.loop", facts={"trajectory": ["a", "b"]})]
     whole = reading(WHOLE, [*passed("import.modules"), *loop, *passed(*ALL[2:])])
     other = reading(AGAIN, [Check(name="single.repeat", facts={"trajectory": second})])
@@ -171,7 +171,7 @@ def test_another_python_tries_nothing() -> None:
 
 
 def verified(*ended: str) -> tuple[list[Reading], Asked]:
-    """Runs of `--verify` in which the loop ended so, one after the other, and what was asked."""
+    """Return runs of `--verify` in which the loop ended with these outcomes in turn, and the question of the runs."""
     wanted, made = asked(replace(CASE, checks=ALL[:2]), verify=True), []
     folded = Folded()
     outcomes = iter((PASSED, *ended))
@@ -183,7 +183,7 @@ def verified(*ended: str) -> tuple[list[Reading], Asked]:
 
 
 def test_each_check_has_a_process_of_its_own() -> None:
-    """And the loop a second one to be compared with."""
+    """With `--verify` each check runs in its own process, and the loop in a second one for comparison."""
     made, _ = verified()
 
     assert [list(one.run.request.limits) for one in made] == [["import.modules"], ["single.loop"], ["single.repeat"]]
@@ -197,7 +197,7 @@ def test_each_check_has_a_process_of_its_own() -> None:
     ],
 )
 def test_a_failure_is_confirmed(ended: tuple[str, ...], outcome: Outcome, decisive: str) -> None:
-    """One that also passes is flaky."""
+    """A failure is run again; a check that also passes is flaky."""
     made, wanted = verified(*ended)
 
     found = came_to(wanted, *made)[Phase.SINGLE]
@@ -248,7 +248,7 @@ def test_a_changed_check_that_follows_another_is_looked_at_alone() -> None:
 
 @pytest.mark.parametrize("checks", [(), (Check(name="single.loop", outcome=FAILED),)])
 def test_a_check_that_could_not_follow_is_asked_for_once_in_a_run(checks: tuple[Check, ...]) -> None:
-    """And once more in the next one: that the loop did not pass this time says nothing of what follows it."""
+    """The next run asks for it again: a loop that did not pass this time says nothing of a check that follows it."""
     whole = reading(WHOLE, passed(*ALL))
     changed = asked(program={"single.contact": "changed"})
     request = todo(changed, fold(changed, [whole, COMPARED]))
@@ -298,7 +298,7 @@ TROUBLE = End(exit_code=1, full=True)
     ],
 )
 def test_a_failure_is_reused_where_it_says_something(end: End, host: Host, again: bool, reused: bool) -> None:
-    """Not under other conditions of the system, not where that is asked, and never after a trouble of this machine."""
+    """A failure is not reused under other conditions, on request, or after trouble of this machine."""
     failed = reading(WHOLE, [Check(name="import.modules", outcome=FAILED, message="no")], end=end, host=host)
 
     known = fold(asked(), [failed]).reusable("here", failed_too=not again)
@@ -321,7 +321,7 @@ def test_better_judging_asks_again_for_what_says_nothing(monkeypatch: pytest.Mon
 
 
 def asks_after_reuse(runs: list[Reading]) -> list[str]:
-    """The checks that a later run of the program asks for."""
+    """Return the checks that a later run of the program asks for."""
     request = todo(asked(), fold(asked(), runs).reusable("here", failed_too=True))
     return list(request.limits) if request else []
 
@@ -339,7 +339,7 @@ def test_a_crash_is_judged_anew_without_a_process(monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_a_run_wrote_and_left_is_found() -> None:
-    """Under the phase of its first check."""
+    """Written files, stray processes and native errors are findings of the phase of the run's first check."""
     end = replace(GOOD, written=("a.so", "b.so"), stray=2)
     texts = {"log.txt": b"[Error] [carb.gym.plugin] no\n"}
     found = came_to(asked(), reading(WHOLE, passed(*ALL), end=end, texts=texts))[Phase.IMPORT].findings

@@ -1,4 +1,4 @@
-"""How a check ended, and what a probe's end tells beside its checks."""
+"""Test how the outcome of a check is judged, and which findings the end of a probe adds."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ NO_DISPLAY = {"pyglet": "no X display here: install it"}
 
 
 def reply(checks: Mapping[str, Outcome | None], *, complete: bool = False) -> ProbeReply:
-    """A reply with these checks, in whatever way they ended, and its last line or not."""
+    """Return a reply with these checks and outcomes; `complete` says whether its last line is there."""
     told = tuple(CheckReply(check=name, outcome=outcome) for name, outcome in checks.items())
     return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=complete)
 
 
 def beside(told: ProbeReply, ending: Ending) -> Iterator[Finding]:
-    """Yield what the end of a probe says in which every check that follows another one was asked for."""
+    """Yield the findings from a probe's end, where every check that follows another one was asked for."""
     return found_beside(told, ending, wire.followers_of(wire.FOLLOWERS))
 
 
@@ -41,7 +41,7 @@ def raised(
     blame: str = "library",
     modules: Sequence[str] = ("OpenGL",),
 ) -> CheckReply:
-    """A check that failed by an exception raised in a file of the library; when rendering, OpenGL is loaded."""
+    """Return a check that failed with an exception from a library file; for rendering, OpenGL is loaded."""
     error = Raised(type=type, message=text, traceback=f'  File "$ENV/site-packages/{file}"', blame=blame)
     facts = {"loaded": list(modules)} if check.startswith("render") else {}
     return CheckReply(check=check, outcome=Outcome.FAILED, raised=error, facts=facts)
@@ -77,7 +77,7 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
 
 
 def seen(code: str, check: str = "single.contact", **data: str) -> Observed:
-    """An observation of a check."""
+    """Return an observation of a check."""
     return Observed(check=check, code=code, data=data)
 
 
@@ -178,7 +178,7 @@ def test_whose_fault_an_exception_is(check: CheckReply, undrawable: Mapping[str,
 
 @pytest.mark.parametrize("check", [raised("BadWindow"), CheckReply(check="render.rgb_array", outcome=None)])
 def test_a_display_that_died(check: CheckReply) -> None:
-    """What failed while the display of ours died says nothing about packages."""
+    """A check that failed while our own display died says nothing about packages: its outcome is infra."""
     lost = "the virtual display crashed with signal 11"
     record = check_record(check, Ending(signal=6, lost=lost), {})
 

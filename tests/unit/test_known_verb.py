@@ -19,7 +19,7 @@ REPORTS = Path(__file__).parents[2] / "reports"
 
 @pytest.fixture(autouse=True)
 def fresh(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder, no store."""
+    """Return an empty folder without a store."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("HARNESS_RESULTS", raising=False)
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
@@ -101,7 +101,7 @@ def test_a_package_is_opened(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_a_wrong_name_is_told_the_nearest(capsys: pytest.CaptureFixture[str], arguments: list[str], near: str) -> None:
-    """Bad input, 2."""
+    """A wrong name is bad input, exit code 2, and the message suggests the nearest name."""
     assert main(arguments) == 2
     assert near in capsys.readouterr().err
 

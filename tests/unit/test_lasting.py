@@ -1,4 +1,4 @@
-"""Which locks `--fresh` may keep."""
+"""Test which locks `--fresh` may keep."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NAME = "demo-1.0-py3-none-any.whl"
 
 @pytest.fixture(autouse=True)
 def alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """No settings of the user's."""
+    """Remove the user's settings."""
     for name in [name for name in os.environ if name.startswith(("UV_", "PIP_"))]:
         monkeypatch.delenv(name)
     for name in ("HOME", "XDG_CONFIG_HOME", "XDG_CONFIG_DIRS"):
@@ -26,7 +26,7 @@ def alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.fixture
 def wheels(tmp_path: Path) -> Path:
-    """A folder with one wheel."""
+    """Return a folder with one wheel."""
     folder = tmp_path / "my wheels"
     folder.mkdir()
     (folder / NAME).write_bytes(b"one")
@@ -34,17 +34,17 @@ def wheels(tmp_path: Path) -> Path:
 
 
 def locked(source: str, *escaped: str) -> Lock:
-    """A lock of one package."""
+    """Return a lock of one package."""
     return lock(pin("demo", "1.0", source, NAME), instant="2026-01-01T00:00:00Z", escaped=escaped)
 
 
 def question(*links: Path | str) -> Question:
-    """A question whose answer lies in these places."""
+    """Return a question whose packages come from these places."""
     return Question(requirements=("demo",), index=IndexSettings(find_links=tuple(map(str, links))))
 
 
 def later() -> int:
-    """An instant, and the clock of the file system beyond it."""
+    """Return a time in nanoseconds that lies clearly between earlier and later file changes."""
     time.sleep(0.02)
     now = time.time_ns()
     time.sleep(0.02)
@@ -57,13 +57,13 @@ def test_the_instant_decides(wheels: Path) -> None:
 
 
 def test_an_untouched_folder(wheels: Path) -> None:
-    """What came from a folder lasts while the folder is as it was."""
+    """A lock with a file from a folder lasts while the folder is unchanged."""
     assert lasts(locked((wheels / NAME).as_uri(), "demo"), question(wheels), later())
 
 
 @pytest.mark.parametrize("change", ["another", "overwritten", "removed", "link"])
 def test_a_changed_folder(wheels: Path, tmp_path: Path, change: str) -> None:
-    """A wheel more, another one of the same name, no folder any more, or a link that leads elsewhere now."""
+    """An added or replaced wheel, a missing folder or a redirected link ends the lock."""
     link = tmp_path / "link"
     link.symlink_to(wheels)
     made = later()
@@ -91,7 +91,7 @@ def test_a_changed_folder(wheels: Path, tmp_path: Path, change: str) -> None:
     ],
 )
 def test_what_cannot_be_watched(wheels: Path, source: str, link: str) -> None:
-    """An index without upload times, a page of links, a file that lies in no such folder: asked again."""
+    """Locks from an index without upload times, a page of links or another folder are resolved again."""
     source = (wheels / NAME).as_uri() if source == "WHEELS" else source
     place = wheels if link == "WHEELS" else link
 

@@ -14,7 +14,7 @@ INSTANT = "2026-01-01T00:00:00Z"
 
 
 def entry(name: str, sha256: str = A) -> dict[str, object]:
-    """A file as uv writes it."""
+    """Return a file as uv writes it."""
     return {"url": f"https://files.invalid/x%2By/{name}".replace("+", "%2B"), "hashes": {"sha256": sha256}}
 
 
@@ -90,7 +90,7 @@ def test_index_without_hashes() -> None:
 
 class TestText:
     def test_round_trip(self) -> None:
-        """What is written is read back."""
+        """A lock is read back as it was written."""
         lock = locks.assembled([pin("b", "2.0+cpu"), pin("a", "1.0")], INSTANT)
 
         assert locks.pinned(lock.requirements) == {"a": ("1.0", (SHA,)), "b": ("2.0+cpu", (SHA,))}

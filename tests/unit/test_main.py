@@ -24,7 +24,7 @@ def test_without_a_verb_all_are_listed_by_purpose(capsys: pytest.CaptureFixture[
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    """It is that of the distribution."""
+    """`--version` prints the version of the distribution."""
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
     assert (ended.value.code, capsys.readouterr().out) == (0, f"simmatrix {version('simmatrix')}\n")

@@ -1,4 +1,4 @@
-"""What the committed reports say of workers: the line that says why is a worker's own, and what hid it is known."""
+"""Test that committed reports give a worker's own line as the reason of its end, and name the line that hid it."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ MASKS = f"{RACE}|EOFError|{LOST}"
 
 
 def cells(name: str) -> tuple[CellEntry, ...]:
-    """The cells of a committed report."""
+    """Return the cells of a committed report."""
     return document.read((REPORTS / name / "report.json").read_bytes(), name).cells
 
 
 def ended(cell: CellEntry, case: str) -> tuple[str | None, str | None]:
-    """Why the workers of a case ended, and what hid that."""
+    """Return the reason why the workers of a case ended, and the line that hid it."""
     (found,) = [one for one in cell.cases if one.case == case]
     return found.reasons.get(FORK), found.masked.get(FORK)
 
 
 def all_reasons() -> Iterator[tuple[str, str, str | None]]:
-    """Of every committed report: why a check of workers ended as it did, and what hid it."""
+    """Yield from every committed report each check of workers, its reason, and the line that hid it."""
     for path in sorted(REPORTS.glob("*/report.json")):
         for cell in cells(path.parent.name):
             for case in cell.cases:
@@ -58,7 +58,7 @@ class TestMasks:
     """The matrix masks: seven libraries, six ends at three places."""
 
     def of(self, place: str, end: str) -> dict[str, tuple[str | None, str | None]]:
-        """Why and hidden by what, by library."""
+        """Return reason and mask by library, for one kind of end at one place."""
         found = [cell for cell in cells("masks") if (cell.axes["PLACE"], cell.axes["END"]) == (place, end)]
         assert len(found) == 7
         return {cell.axes["library"]: ended(cell, "workers") for cell in found}
@@ -70,7 +70,7 @@ class TestMasks:
         assert all(re.fullmatch(RACE if place == "constructor" else "EOFError", mask or "") for mask in masks)
 
     def test_an_exception_goes_through_later(self, place: str) -> None:
-        """That of the constructor is hidden everywhere, that of a step where it is lost."""
+        """An exception in the constructor is hidden by every library, one in a step only by those that lose it."""
         hidden = {library: mask for library, (_, mask) in self.of(place, "raises").items() if mask}
         known = {
             "constructor": {cell.axes["library"]: RACE for cell in cells("masks")},

@@ -18,12 +18,12 @@ AXES = 'axes = { python = ["3.11"], gymnasium = ["0.29.1", "1.2.3"] }\n'
 
 
 def read(text: str, path: str = "matrices/demo.toml") -> Matrix:
-    """A matrix from text."""
+    """Return a matrix from text."""
     return matrix_file.read(text, path)
 
 
 def refused(text: str, path: str = "demo.toml") -> str:
-    """The sentence with which a matrix is refused."""
+    """Return the sentence with which a matrix is refused."""
     with pytest.raises(BadInput) as error:
         read(text, path)
     return str(error.value)
@@ -349,7 +349,7 @@ def test_committed_matrices_are_right(file: Path) -> None:
 
 
 def test_values_are_plain_data() -> None:
-    """What a cell's make is called with is what the file says."""
+    """The keyword arguments for `make` are plain data, exactly as in the file."""
     kwargs: dict[str, Any] = dict(read(AXES + CASE + 'kwargs = { a = [1, 2.5], b = { c = "d" } }').cases[0].kwargs)
 
     assert kwargs == {"a": [1, 2.5], "b": {"c": "d"}}

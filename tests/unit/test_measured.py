@@ -17,7 +17,7 @@ LOCK = f"numpy==2.2.6 \\\n    --hash=sha256:{'1' * 64}\n"
 
 @pytest.fixture
 def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A package without reports, and no store."""
+    """Return a folder for a package without reports and without a store."""
     monkeypatch.setattr(result_index, "PACKAGE", tmp_path / "nowhere" / "harness")
     monkeypatch.setattr(result_index, "PACKED", tmp_path / "packed.json.gz")
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
@@ -26,7 +26,7 @@ def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def put(folder: Path) -> Path:
-    """A report folder with a lock."""
+    """Write a report folder with a lock; return it."""
     (folder / "locks").mkdir(parents=True)
     (folder / "locks" / "5f0c.txt").write_text(LOCK)
     (folder / "report.json").write_bytes(document.encode(quick_document()))
@@ -34,12 +34,12 @@ def put(folder: Path) -> Path:
 
 
 def works(found: dict) -> list[str]:
-    """The cells that work."""
+    """Return the ids of the cells that work."""
     return [cell["id"] for cell in found["cells"] if cell["verdict"] == "works"]
 
 
 def test_a_checkout_reads_its_reports() -> None:
-    """What the reports of this checkout measured is there, with a lock for every cell that works, in under 2 MB."""
+    """The results of this checkout's reports are there, with a lock for every cell that works, in under 2 MB."""
     found = result_index.shipped()
 
     assert len({cell["matrix"] for cell in found["cells"]}) > 10

@@ -17,7 +17,7 @@ PLAN, RECORDS = quick()
 
 
 def write(folder: Path, *records: CellRecord, machine: str = HERE) -> Path:
-    """The folder that `run --out` leaves: a report of these cells, with what it names beside it."""
+    """Write the folder that `run --out` leaves: a report of these cells, and the files that it names; return it."""
     made = document.build(records, [PLAN], {machine: MACHINES[HERE]}, GENERATED)
     for name in sorted(document.paths(made)):
         path = folder / name
@@ -30,7 +30,7 @@ def write(folder: Path, *records: CellRecord, machine: str = HERE) -> Path:
 
 @pytest.fixture
 def shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of downloads: `shard-1` ran the first three cells, `shard-2` the fourth and fifth, nobody the rest."""
+    """Return a folder of downloads: `shard-1` ran the first three cells, `shard-2` the next two, nobody the rest."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / ".harness"))
     (tmp_path / "shards").mkdir()
@@ -163,7 +163,7 @@ class TestHostileReports:
             assert "1 file that the reports name are not beside them" in capsys.readouterr().err
 
     def test_nothing_outside_is_swept(self, shards: Path) -> None:
-        """What an older report in the target names goes, but nothing that lies elsewhere, nor the target itself."""
+        """Files that an older report in the target names are removed, but none elsewhere, nor the target itself."""
         Path("secret.txt").write_text("secret")
         main(["merge", "shards", "--out", "out"])
         Path("out/mine.txt").write_text("mine")

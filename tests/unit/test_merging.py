@@ -22,29 +22,29 @@ INFRA = PhaseRecord(phase=Phase.RENDER, outcome=Outcome.INFRA, decisive="the dis
 
 
 def shard(*records: CellRecord, machine: str = HERE, generated: str = GENERATED, plan: Plan = PLAN) -> Document:
-    """What a shard writes that ran these cells."""
+    """Return the document that a shard writes after it ran these cells."""
     return document.build(records, [plan], {machine: MACHINES[HERE]}, generated)
 
 
 def of(*documents: Document) -> Document:
-    """The merged report."""
+    """Return the merged document."""
     return merging.united([merging.Source(name=f"{number}", document=one) for number, one in enumerate(documents)])
 
 
 def ran(number: int, outcomes: str = "pppp", **more: Any) -> CellRecord:
-    """A cell of the plan, measured; its verdict by the outcomes of one case."""
+    """Return the record of a cell of the plan, its verdict set by the outcomes of one case."""
     planned = PLAN.cells[number]
     tried = case(outcomes, "ant", **({"render": INFRA} if outcomes.endswith("i") else {}))
     return record(case("pppp", "cartpole"), tried, of=planned, **more)
 
 
 def found(merged: Document, number: int) -> list[tuple[str | None, Verdict]]:
-    """Machine and verdict of the entries of a cell."""
+    """Return machine and verdict of each entry of a cell."""
     return [(cell.machine, cell.verdict) for cell in merged.cells if cell.id == PLAN.cells[number].id]
 
 
 def random_shard(random: Random) -> Document:
-    """Some cells, measured at some time on some machine, with some end; now and then files of the same name."""
+    """Return a shard of some cells, with random time, machine and outcome; now and then with files of the same name."""
     machine = random.choice([HERE, OTHER, "darwin-arm64"])
     records = [
         ran(
@@ -117,7 +117,7 @@ class TestCells:
         assert found(of(second, first), 0) == [(HERE, stands)]
 
     def test_combination_left_out_by_one_report(self) -> None:
-        """What one report plans is a cell, though another one leaves it out."""
+        """A combination that one report plans is a cell, even if another report leaves it out."""
         here = Plan(matrix="quick", cells=PLAN.cells[:2], dropped=(Dropped(id=PLAN.cells[2].id, reason="no"),))
         there = Plan(matrix="quick", cells=PLAN.cells[2:3], dropped=(Dropped(id="quick/z", reason="too old"),))
 
@@ -127,7 +127,7 @@ class TestCells:
         assert [gone.id for gone in merged.dropped] == ["quick/z"]
 
     def test_a_pattern_keeps_how_many_it_stands_for(self) -> None:
-        """What a strategy left out in one line is not one combination."""
+        """One line of a strategy can stand for many combinations left out, and keeps their number."""
         plan = replace(PLAN, dropped=(Dropped(id="quick/*", reason="not chosen by pairwise", count=301),))
 
         merged = of(shard(ran(0), plan=plan), shard(ran(1), plan=plan))
@@ -145,17 +145,17 @@ class TestCells:
 
 class TestStale:
     def expecting(self, **more: Any) -> Plan:
-        """The plan, with an expectation for its first cell."""
+        """Return the plan with an expectation for its first cell."""
         expect = Expectation(verdict=Verdict.PARTIAL, reason="known", **more)
         cells = (replace(PLAN.cells[0], expect=expect), *PLAN.cells[1:])
         return replace(PLAN, cells=cells, stale=("quick.toml: exclude[0] matches nothing",))
 
     def measured(self, outcomes: str, instant: str, plan: Plan) -> Document:
-        """A shard that ran the first cell."""
+        """Return a shard that ran the first cell."""
         return shard(replace(ran(0, outcomes, measured=instant), cell=plan.cells[0]), plan=plan)
 
     def test_cells_speak_as_they_are_now(self) -> None:
-        """What a shard said of a result that another one replaced is forgotten; what the matrix says is said once."""
+        """Remarks on a replaced result are dropped; remarks of the matrix itself appear once."""
         plan = self.expecting()
         better = self.measured("pppp", "2026-11-20T12:00:00Z", plan)
         as_expected = self.measured("pppf", "2026-11-21T12:00:00Z", plan)
@@ -243,7 +243,7 @@ class TestBelongTogether:
         assert of(one, one).cells[0].subject == one.cells[0].subject
 
     def test_other_probes_are_refused(self) -> None:
-        """What was measured in two ways is not one table."""
+        """Results measured with different probes are not merged into one table."""
         one = msgspec.structs.replace(shard(ran(0)), probes={"gymnasium.single": "6ee7"})
         two = msgspec.structs.replace(shard(ran(1)), probes={"gymnasium.single": "4557"})
 
@@ -258,7 +258,7 @@ class TestBelongTogether:
 
 class TestPlaces:
     def placed(self, *contents: str) -> tuple[Document, dict[str, str]]:
-        """Where the locks of the first cells are put, their contents being these."""
+        """Place the locks of the first cells, with these contents; return the document and the file names by token."""
         tokens = (merging.token("locks/5f0c.txt", content) for content in contents)
         return merging.placed(shard(*(ran(number, lock=token) for number, token in enumerate(tokens))))
 
@@ -278,5 +278,5 @@ class TestPlaces:
         assert merging.token("evidence/d2c9~aaaaaaaa", "a") == merging.token("evidence/d2c9", "a")
 
     def logs(self, names: dict[str, str]) -> dict[str, str]:
-        """The names that are no locks."""
+        """Return the names of files that are no locks."""
         return {token: name for token, name in names.items() if not name.startswith("locks")}

@@ -20,7 +20,7 @@ WHOLE = Change(
 
 
 def told(*lines: str, phase: Phase = Phase.SINGLE) -> list[Evidence]:
-    """What failed."""
+    """Return the evidence of one failure with these lines."""
     return [Evidence(phase=phase, told=lines)]
 
 
@@ -37,7 +37,7 @@ def test_parts_make_the_whole_again() -> None:
 
 
 def test_the_later_of_two_changes_has_the_last_word() -> None:
-    """On the same package or variable; the rest of both stays."""
+    """The later change wins on the same package or variable; the rest of both stays."""
     both = candidate_changes.together(WHOLE, Change(constraints=("numpy<1.24",), environment={"MUJOCO_GL": "osmesa"}))
     assert both.constraints == ("mujoco<3", "numpy<1.24")
     assert (both.environment, both.python) == ({"MUJOCO_GL": "osmesa", "DISPLAY": ""}, "3.10")
@@ -59,7 +59,7 @@ def test_the_later_of_two_changes_has_the_last_word() -> None:
 def test_remedy_beside_what_is_asked_for(
     asked: list[str], bounded: list[str], change: str, made: list[str], contrary: bool
 ) -> None:
-    """What the user wrote stays where it can; where it cannot, that is told."""
+    """The user's own requirements stay where they can; a contradiction is reported."""
     of = asking(*asked, constraints=tuple(bounded))
     assert candidate_changes.beside(of, Change(requirements=(change,))) == (Change(requirements=tuple(made)), contrary)
 
@@ -83,7 +83,7 @@ def test_a_bound_that_is_contrary_to_a_pin_moves_it() -> None:
     [("1.26.4", "2.0.0", "<2"), ("1.23.5", "1.24.0", "<1.24"), ("3.0.1", "3.0.2", "<3.0.2"), ("2.0.0", "1.9", ">=2")],
 )
 def test_bound_between_two_neighbours(good: str, bad: str, said: str) -> None:
-    """As short as it can be, on the side of the one that works."""
+    """The bound is as short as possible, and lies on the side of the version that works."""
     assert candidate_changes.bound(good, bad) == said
 
 
@@ -107,7 +107,7 @@ def test_what_an_error_says_to_install() -> None:
 
 
 def test_suspects() -> None:
-    """What the line names that says why goes before what the logs name, and that before the others."""
+    """Packages named in the line that says why come first, then those named in logs, then the others."""
     evidence = [Evidence(phase=Phase.SINGLE, told=("module 'cv2' has no attribute 'x'",), logs=("numpy/core numpy",))]
     assert failure_hints.suspects(["aaa", "numpy", "opencv-python"], evidence) == ("opencv-python", "numpy", "aaa")
     assert failure_hints.named("opencv-python", evidence)

@@ -36,7 +36,7 @@ MACHINE_SPECIFIC = {
 
 @pytest.mark.parametrize(("text", "expected"), MACHINE_SPECIFIC.values(), ids=MACHINE_SPECIFIC.keys())
 def test_normalise(text: str, expected: str) -> None:
-    """What differs between machines and runs is replaced, all else is kept."""
+    """Text that differs between machines and runs is replaced; all else is kept."""
     assert decisive_line.normalise(text, PLACES) == expected
 
 
@@ -328,7 +328,7 @@ WAITING = (
 
 
 def reply(raised: Raised | None, *workers: WorkerRecord, outcome: Outcome | None = Outcome.FAILED) -> CheckReply:
-    """What a vector check came back with."""
+    """Return the reply of a vector check with these workers."""
     return CheckReply(check="vector.async.fork", outcome=outcome, raised=raised, workers=workers)
 
 
@@ -383,7 +383,7 @@ CHECKED = {
 
 @pytest.mark.parametrize(("told", "expected"), CHECKED.values(), ids=CHECKED.keys())
 def test_decisive_of_check(told: CheckReply, expected: tuple[str | None, str | None]) -> None:
-    """What a worker met first comes before what its parent saw of it."""
+    """The first failure of a worker takes precedence over its parent's view of it."""
     assert decisive_line.decisive_of_check(told) == expected
 
 

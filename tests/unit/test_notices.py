@@ -1,4 +1,4 @@
-"""What a CI platform shows: annotations that name every cell that makes the run fail, and a summary that fits."""
+"""Test the output for CI platforms: annotations for every cell that makes the run fail, and a summary that fits."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ALL = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
 
 
 def reds(count: int, decisive: str | None = None) -> Document:
-    """A report of so many broken cells, each for a reason of its own unless one is given."""
+    """Return a report of so many broken cells, each for a reason of its own unless one is given."""
     made = quick_document()
     red = next(cell for cell in made.cells if cell.verdict is Verdict.PARTIAL and cell.as_expected is False)
     cells = [msgspec.structs.replace(red, id=f"quick/{at}", decisive=decisive or f"reason {at}") for at in range(count)]

@@ -1,4 +1,4 @@
-"""Which nox sessions a plan is offered as."""
+"""Test which nox sessions are offered for a plan."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ MANY = [f"m{number}" for number in range(60)]
 
 
 def planned(axes: str) -> Plan:
-    """A plan of cells that install nothing in particular."""
+    """Return a plan of cells that install nothing in particular."""
     text = f'cases = [{{ imports = ["x"] }}]\n[axes]\n{axes}'
     return plan.expand(matrix_file.read(text, "wide.toml"), host_python="3.11.7")
 
 
 def offered(found: Plan) -> list[noxface.Offer]:
-    """The sessions of a plan."""
+    """Return the sessions offered for a plan."""
     return list(noxface.sessions("matrices/wide.toml", found.matrix, found.cells))
 
 

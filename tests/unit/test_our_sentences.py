@@ -72,7 +72,7 @@ def patterns() -> Iterator[tuple[str, str]]:
 
 
 def ours(pattern: str) -> list[str]:
-    """Our own sentences that a pattern finds."""
+    """Return our own sentences that a pattern finds."""
     return [text for text in OURS if re.search(pattern, text, re.MULTILINE)]
 
 

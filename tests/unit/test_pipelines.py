@@ -1,4 +1,4 @@
-"""What `ci` makes of a matrix: whole files for each platform, with the least rights, and shards in proportion."""
+"""Test the files that `ci` writes for a matrix: whole, for each platform, with least rights and proportional shards."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ PIPELINE = Pipeline(
 
 
 def rendered(provider: Provider, actions: dict[str, Action] = ACTIONS, **changed: Any) -> str:
-    """The file for a platform."""
+    """Return the file for a platform."""
     template = (TEMPLATES / pipelines.TEMPLATES[provider]).read_text(encoding="utf-8")
     return pipelines.render(replace(PIPELINE, **changed), template, actions)
 
 
 def github(**changed: Any) -> dict[Any, Any]:
-    """The workflow for GitHub, read. (`on` is `True` to a reader of YAML 1.1.)"""
+    """Return the parsed workflow for GitHub. (`on` is `True` to a YAML 1.1 reader.)"""
     return dict(yaml.safe_load(rendered(Provider.GITHUB, **changed)))
 
 
 def steps(workflow: dict[Any, Any]) -> list[dict[str, Any]]:
-    """Every step of every job."""
+    """Return every step of every job."""
     return [step for job in workflow["jobs"].values() for step in job["steps"]]
 
 
@@ -71,14 +71,14 @@ class TestGitHub:
         assert "secrets." not in rendered(Provider.GITHUB)
 
     def test_every_action_stands_in_the_table(self) -> None:
-        """By commit, with its tag beside it, as the table has it; and the table has no other."""
+        """Each action is used by commit and tag, as in the table, and the table has no other."""
         used = {re.sub(r"^\s*uses: ", "", line) for line in re.findall(r".*uses: .*", rendered(Provider.GITHUB))}
 
         assert used == {str(action) for action in ACTIONS.values()}
         assert all(re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", line) for line in used)
 
     def test_an_action_without_commit_is_taken_by_tag(self) -> None:
-        """And the file says so."""
+        """An action without a commit is pinned by its tag, and the file says so."""
         by_tag = {name: Action(repository=action.repository, tag=action.tag) for name, action in ACTIONS.items()}
         text = rendered(Provider.GITHUB, actions=by_tag)
 
@@ -89,7 +89,7 @@ class TestGitHub:
         assert "# An action stands here by the commit" not in text
 
     def test_no_expression_inside_a_script(self) -> None:
-        """What a run gives reaches scripts through variables, where it cannot become code."""
+        """Values of a run reach scripts through variables, where they cannot become code."""
         assert [step["run"] for step in steps(github()) if "${{" in step.get("run", "")] == []
 
     def test_one_check_waits_for_every_other_job(self) -> None:
@@ -138,7 +138,7 @@ class TestGitHub:
         assert older[0].startswith(older[1])
 
     def test_cache_of_a_matrix_without_snapshot_is_renewed(self) -> None:
-        """What it locks changes from week to week, and a cache of GitHub's is never written twice."""
+        """The cache key holds the week: locks change from week to week, and GitHub never overwrites a cache."""
         workflow = github(dated=False)
         plan, shard = workflow["jobs"]["plan"], workflow["jobs"]["shard"]
         cache = next(step["with"] for step in shard["steps"] if "restore-keys" in step.get("with", {}))
@@ -215,7 +215,7 @@ def test_table_of_actions(name: str, action: Action) -> None:
     ],
 )
 def test_shard_count(cells: int, seconds: dict[str, float], most: int, count: int) -> None:
-    """As many shards of a quarter of an hour as there is work for."""
+    """There are as many shards of a quarter of an hour as there is work for."""
     assert pipelines.shard_count([str(at) for at in range(cells)], seconds, 15, most) == count
 
 
@@ -225,7 +225,7 @@ def test_shard_outputs() -> None:
 
 
 def test_plan_page_counts_combinations() -> None:
-    """What a strategy leaves out in one line is as many combinations as it stands for."""
+    """One line of a strategy counts as many left-out combinations as it stands for."""
     dropped = (Dropped(id="quick/py3.9_*", reason="too old", count=4), Dropped(id="quick/*", reason="rest", count=301))
 
     page = pipelines.plan_page(replace(quick()[0], dropped=dropped), 2)
@@ -302,7 +302,7 @@ def test_oldest_python() -> None:
     ],
 )
 def test_words_are_quoted(text: str, quoted: str) -> None:
-    """What pip is to install reaches it word for word."""
+    """Words for `pip install` are quoted so that pip receives them unchanged."""
     assert pipelines.words(text, "--install") == quoted
 
 
@@ -319,13 +319,13 @@ def test_words_are_quoted(text: str, quoted: str) -> None:
     ],
 )  # fmt: skip
 def test_how_a_workflow_installs_this_simmatrix(noted: str | None, expected: str | None) -> None:
-    """As it was installed here; a folder of this machine is nothing that a runner has."""
+    """A workflow installs simmatrix as it was installed here, unless from a folder, which no runner has."""
     assert pipelines.install_words(noted, "1.2") == expected
 
 
 @pytest.mark.parametrize("text", ["", "a\nb", "a ${{ github.head_ref }}"])
 def test_words_that_are_refused(text: str) -> None:
-    """Nothing, a second line, an expression: said in one sentence."""
+    """Empty text, a second line and an expression are refused in one sentence."""
     with pytest.raises(BadInput) as caught:
         pipelines.words(text, "--install")
     assert str(caught.value) == (
@@ -334,7 +334,7 @@ def test_words_that_are_refused(text: str) -> None:
 
 
 def test_words_with_an_open_quote() -> None:
-    """The reason is told."""
+    """The message gives the reason."""
     with pytest.raises(BadInput) as caught:
         pipelines.words("'a", "--install")
     assert str(caught.value) == '--install "\'a": cannot be read as words of a shell: No closing quotation'

@@ -12,29 +12,29 @@ CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 
 
 def matrix(text: str) -> Matrix:
-    """A matrix called demo."""
+    """Return a matrix called demo."""
     return matrix_file.read(text, "demo.toml")
 
 
 def planned(text: str, host: str = "3.12.1") -> Plan:
-    """The plan of a matrix called demo."""
+    """Return the plan of a matrix called demo."""
     return plan.expand(matrix(text), host_python=host)
 
 
 def refused(text: str) -> str:
-    """The sentence with which planning a matrix is refused."""
+    """Return the message with which planning a matrix is refused."""
     with pytest.raises(BadInput) as error:
         planned(text)
     return str(error.value)
 
 
 def labels(text: str) -> list[str]:
-    """The labels of the cells, in order."""
+    """Return the labels of the cells, in order."""
     return [cell.label for cell in planned(text).cells]
 
 
 def by_label(text: str) -> dict[str, Cell]:
-    """The cells of a matrix by label."""
+    """Return the cells of a matrix by label."""
     return {cell.label: cell for cell in planned(text).cells}
 
 
@@ -89,7 +89,7 @@ class TestIds:
         )
 
     def test_versions_with_an_epoch_are_refused(self) -> None:
-        """What cannot be in an id cannot be planned."""
+        """A version that cannot be part of an id is refused."""
         assert (
             refused('axes = { python = ["3.11"], x = ["1!2.0"] }\n' + CASE)
             == 'demo.toml: axes.x: "1!2.0" cannot be a label: use letters, digits and "._+-" only'
@@ -145,7 +145,7 @@ class TestQuestions:
         assert planned(text).cells[0].question == Question(requirements=("scipy",), absent=("gymnasium",))
 
     def test_strings_are_plain(self) -> None:
-        """What others encode and compare is of built-in types."""
+        """Strings that others encode and compare are of the built-in type."""
         text = (
             'requirements = ["numpy"]\nconstraints = ["numpy<3"]\nsnapshot = 2026-11-20\naxes.python = ["3.11"]\n'
             + CASE

@@ -1,4 +1,4 @@
-"""What people read: the Markdown page whole, and the terminal as it fits."""
+"""Test the output for people: the whole Markdown page, and the lines that fit a terminal."""
 
 import io
 from dataclasses import replace
@@ -22,12 +22,12 @@ TEMPLATE = read_template(report_markdown.TEMPLATE)
 
 
 def page(report: tables.Report | None = None) -> str:
-    """The Markdown page of `quick`."""
+    """Return the Markdown page of `quick`."""
     return report_markdown.markdown(report or tables.report(quick_document()), TEMPLATE)
 
 
 def screen(width: int, report: tables.Report | None = None) -> list[str]:
-    """The lines on a terminal of this width."""
+    """Return the lines on a terminal of this width."""
     output = io.StringIO()
     console = Console(file=output, width=width, highlight=False, markup=False, color_system=None)
     terminal.show(report or tables.report(quick_document()), console)
@@ -228,7 +228,7 @@ def test_no_fix_of_a_committed_report_is_escaped() -> None:
 
 
 def test_page_begins_with_the_result() -> None:
-    """Then the table, where and when it was measured, what was tried, what fails, and the list of all."""
+    """The table follows, then place and time of measurement, environments, failures, and the list of all."""
     heads = [line for line in page().splitlines() if line.startswith(("#", "**", "| mujoco ", "Measured on"))]
 
     assert heads[0] == "# quick: what works together"
@@ -297,7 +297,7 @@ def test_green_rows_of_a_long_small_table_are_counted() -> None:
 
 
 def test_what_was_patched_is_told_on_a_terminal() -> None:
-    """Beside the verdict, and what was changed below."""
+    """The verdict says `patched`, and the changes are listed below."""
     lines = screen(200)
 
     assert [line.split()[:3] for line in lines if ", patched " in line] == [["✔", "works,", "patched"]]

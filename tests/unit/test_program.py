@@ -18,7 +18,7 @@ DIGESTS = {(api, check): program.digest(api, check) for api in ("", *APIS) for c
 
 @pytest.fixture
 def changed(tmp_path: Path):
-    """Change one file of a copy of the in-cell program: the pairs of API and check whose digest is another one."""
+    """Return a function that edits a file in a copy of the program; it returns API and check of each new digest."""
 
     def change(name: str, before: str, after: str) -> set[tuple[str, str]]:
         folder = tmp_path / "incell"
@@ -33,7 +33,7 @@ def changed(tmp_path: Path):
 
 
 def pairs(*checks: str, apis: tuple[str, ...] = ("", *APIS)) -> set[tuple[str, str]]:
-    """Pairs of API and check."""
+    """Return pairs of API and check."""
     return {(api, check) for api in apis for check in checks}
 
 
@@ -89,7 +89,7 @@ def test_a_changed_check_measures_that_check_alone(
 def test_a_changed_adapter_measures_its_own_cells_alone(
     name: str, before: str, after: str, apis: tuple[str, ...], changed
 ) -> None:
-    """All checks of these APIs, and none of another."""
+    """Its digests change for all checks of these APIs, and for no other."""
     assert changed(name, before, after) == pairs(*ALL, apis=apis)
 
 

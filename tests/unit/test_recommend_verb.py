@@ -21,7 +21,7 @@ REPORTS = Path(__file__).parents[2] / "reports"
 
 @pytest.fixture(autouse=True)
 def fresh(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder, no store; what is distilled once is kept for all tests of this process."""
+    """Return an empty folder without a store; measured results are distilled once for all tests of this process."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
@@ -32,7 +32,7 @@ def fresh(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch:
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
-    """Exit code and document."""
+    """Return exit code and document of `recommend`."""
     code = main(["recommend", *arguments, "--json"])
     document = json.loads(capsys.readouterr().out)
     jsonschema.validate(document, json_schema(Recommended))
@@ -131,7 +131,7 @@ def test_never_measured_together_is_an_answer(capsys: pytest.CaptureFixture[str]
 
 
 def test_meta_world_says_what_works(capsys: pytest.CaptureFixture[str]) -> None:
-    """One task of two runs: told as that, not as nothing."""
+    """If one of two tasks works, both are listed, rather than nothing."""
     main(["recommend", "metaworld"])
 
     said = capsys.readouterr().out
@@ -139,7 +139,7 @@ def test_meta_world_says_what_works(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_unknown_says_what_would_measure_it(capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing known, and no index asked: 1, the nearest name, and the command that finds out."""
+    """An unknown package, without the index, gives exit code 1, the nearest name, and the command that measures it."""
     code = main(["recommend", "gymnasiun", "--python", "3.11", "--env", "Ant-v5", "--offline"])
 
     said = capsys.readouterr()
@@ -149,7 +149,7 @@ def test_unknown_says_what_would_measure_it(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_what_is_near_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing for this Python: what there is for others; and nothing of it counts as an answer."""
+    """If nothing was measured on this Python, results of other Pythons are shown, but do not count as an answer."""
     code, document = told(capsys, "gym==0.26.2", "--python", "3.99")
 
     assert (code, document["measured"], document["found"]) == (1, [], 0)
@@ -158,7 +158,7 @@ def test_what_is_near_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_inferred_is_no_answer(capsys: pytest.CaptureFixture[str]) -> None:
-    """What only follows is marked as inferred with what it follows from, and the exit code is 1."""
+    """An inferred combination is marked as such, with the cells it follows from, and the exit code is 1."""
     cells = {cell["id"]: cell for cell in json.loads((REPORTS / "gymnasium-mujoco/report.json").read_text())["cells"]}
 
     code, document = told(capsys, "gymnasium==1.2.3", "mujoco==3.3.5", "--python", "3.11", "--offline")
@@ -181,13 +181,13 @@ def test_inferred_is_no_answer(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_bad_input(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
-    """Refused with what was wrong, and 2."""
+    """Bad input is refused with the mistake, and exit code 2."""
     assert main(["recommend", *arguments]) == 2
     assert capsys.readouterr().err.startswith(f"simmatrix: {message}")
 
 
 def test_no_phase_of_this_name(capsys: pytest.CaptureFixture[str]) -> None:
-    """`--needs` lists what it knows."""
+    """An unknown phase is refused, and `--needs` lists the valid ones."""
     with pytest.raises(SystemExit, match="2"):
         main(["recommend", "gym", "--needs", "rendering"])
     assert "'rendering' is none of import, single, vector, render, interop" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Which versions work together: what was measured, what follows, what is red, over small documents of known cells."""
+"""Test which versions work together: measured, inferred and red ones, over small documents of known cells."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class World:
         self.locks: dict[str, str] = {}
 
     def add(self, python: str, pins: Mapping[str, str], verdict: str = "works", **more: Any) -> str:
-        """A cell with a lock of these pins, its axes all of them unless others are given; returns its id."""
+        """Add a cell with a lock of these pins, which are also its axes unless others are given; return its id."""
         text = "".join(
             f"{name}=={version} \\\n    --hash=sha256:{hashlib.sha256(f'{name}{version}'.encode()).hexdigest()}\n"
             for name, version in sorted(pins.items())
@@ -43,35 +43,35 @@ class World:
 
     @property
     def document(self) -> dict[str, Any]:
-        """All of it."""
+        """Return all cells and locks as one document."""
         return digest.combined([Layer(cells=self.cells, locks=self.locks)])
 
     def found(self, *wanted: str, **asked: Any) -> list[recommending.Combination]:
-        """The combinations that work."""
+        """Return the combinations that work."""
         return recommending.combinations(self.document, measured_cells.known(self.document), query(*wanted, **asked))
 
     def inferred(self, *wanted: str, **asked: Any) -> list[inferring.Inferred]:
-        """What follows."""
+        """Return the inferred combinations."""
         return inferring.inferred(measured_cells.known(self.document), query(*wanted, **asked))
 
     def answer(self, *wanted: str, **asked: Any) -> recommended.Recommended:
-        """The whole answer."""
+        """Return the whole answer to a query."""
         cells = measured_cells.known(self.document)
         return recommended.recommended(self.document, cells, query(*wanted, **asked), 9, "next")
 
     def red(self, *wanted: str, **asked: Any) -> list[traps.Red]:
-        """What does not work."""
+        """Return the measured combinations that do not work."""
         return traps.red(measured_cells.known(self.document), query(*wanted, **asked))
 
 
 def query(*wanted: str, **asked: Any) -> Query:
-    """A question."""
+    """Return a question."""
     return Query(wanted=tuple(map(Wanted.of, wanted)), **asked)
 
 
 @pytest.fixture
 def world() -> World:
-    """Nothing measured yet."""
+    """Return a world without measurements."""
     return World()
 
 
@@ -140,7 +140,7 @@ def test_an_environment_has_to_have_been_tried(world: World) -> None:
 
 
 def test_of_an_environment_its_own_phases_count(world: World) -> None:
-    """What another case of the cell could not show is nothing to it."""
+    """A phase that only another case of the cell could not show does not count against an environment."""
     other = {"case": "b", "env": "Window-v0", "api": "gymnasium", "phases": {**ALL, "render": "unavailable"}}
     mine = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL}
     phases = {**ALL, "render": "unavailable"}
@@ -184,7 +184,7 @@ def test_the_plain_one_is_shown(world: World, more: dict[str, Any]) -> None:
 
 
 def test_the_lock_is_the_cells_own(world: World) -> None:
-    """What is handed out is the text whose hash the cell has."""
+    """The lock of an answer is the text whose hash the cell has."""
     world.add("3.11", {"aa": "1.0", "bb": "2.0"})
 
     (one,) = world.found("bb")
@@ -245,7 +245,7 @@ def test_nothing_follows_from_cells_that_differ(world: World, other: dict[str, s
 
 
 def test_nothing_follows_across_a_red_one(world: World) -> None:
-    """Where one between the two does not work, the two say nothing of its neighbours."""
+    """If a release between two good ones does not work, nothing is inferred about its neighbours."""
     for version in ("3.3.0", "3.3.4"):
         world.add("3.11", {"aa": version})
     assert world.inferred("aa==3.3.1")
@@ -343,7 +343,7 @@ def test_an_open_issue_of_the_recommended_release_is_named(world: World) -> None
 
 
 def test_packages_that_were_never_measured_together(world: World) -> None:
-    """An answer of its own: what is measured of each, and what to try, at versions that exist."""
+    """The answer gives the results of each package, and existing versions of both to try."""
     world.add("3.11", {"aa": "1.0"})
     world.add("3.12", {"aa": "1.1"})
     world.add("3.11", {"bb": "0.9"})
@@ -422,7 +422,7 @@ def test_the_package_that_decides_is_named(world: World) -> None:
 
 
 def test_the_python_that_decides_is_named(world: World) -> None:
-    """Equal versions that work on another Python."""
+    """If equal versions work on another Python, Python is named as the difference."""
     world.add("3.11", {"aa": "1.0"})
     world.add("3.13", {"aa": "1.0", "zz": "1"}, "broken", axes={"python": "3.13", "aa": "1.0"})
 

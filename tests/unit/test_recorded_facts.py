@@ -21,7 +21,7 @@ BLACK = np.zeros((6, 9, 3), np.uint8)
 
 
 def scene() -> Any:
-    """A red thing at the top left of a grey ground."""
+    """Return a picture: a red object at the top left on grey ground."""
     picture = np.full((6, 9, 3), 100, np.uint8)
     picture[:2, :3] = (255, 10, 0)
     return picture

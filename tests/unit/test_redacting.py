@@ -1,4 +1,4 @@
-"""What strangers may read: nothing of a machine, its people or their secrets is left in a text."""
+"""Test that no text for strangers names a machine, its people or their secrets."""
 
 from __future__ import annotations
 
@@ -84,5 +84,5 @@ def test_what_stays(text: str) -> None:
     [("WANDB_API_KEY", True), ("hf_token", True), ("MY_PASSWORD", True), ("MUJOCO_GL", False), ("DISPLAY", False)],
 )
 def test_variables_whose_value_nobody_should_read(name: str, is_it: bool) -> None:
-    """Told by their names."""
+    """Secret variables are recognised by their names."""
     assert redacting.secret(name) is is_it

@@ -1,4 +1,4 @@
-"""Which EGL device is drawn on: the functions of `rendering` against what was measured, and beyond one device."""
+"""Test which EGL device is drawn on: the functions of `rendering` against measurements, and with several devices."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SEVERAL = [Device(cuda=1), Device(cuda=0), Device()]
 
 
 def told(case: dict[str, Any], environment: dict[str, str]) -> tuple[Settings, str]:
-    """What a case of the matrix asks for, and the library that draws."""
+    """Return the settings that a case asks for, and the library that draws."""
     found = re.fullmatch(r"device-(\d)", case["case"])
     library = "robosuite" if case["env"].startswith("robosuite:") else case["case"]
     return Settings(
@@ -40,14 +40,14 @@ def told(case: dict[str, Any], environment: dict[str, str]) -> tuple[Settings, s
 
 @pytest.mark.parametrize("cell", ABOUT_DEVICES or [None], ids=str)
 def test_every_measured_cell_is_foretold(cell: str | None) -> None:
-    """Which device each case drew on, or what was raised, and whether that was when it was imported."""
+    """The rules predict the device of each case, or its error and the phase in which it is raised."""
     if cell is None:  # the report is missing, which another test tells
         return
     compare(ABOUT_DEVICES[cell])
 
 
 def compare(cell: dict[str, Any]) -> None:
-    """Hold each case of a cell to what is foretold of it."""
+    """Compare each case of a cell with its prediction."""
     empty = () if cell["change"] else SETTINGS[cell["axes"]["settings"]].get("empty", ())
     given = {name: value for name, value in cell["environment"].items() if value}
     environment = {**given, **dict.fromkeys(empty, "")}
@@ -60,7 +60,7 @@ def compare(cell: dict[str, Any]) -> None:
 
 
 def seen(case: dict[str, Any]) -> tuple[str, str | None]:
-    """Where a case came to, and the line that says why."""
+    """Return the phase in which a case failed, or the device it drew on, and the line that says why."""
     checks = case["checks"]
     failed = next((check for check, outcome in checks.items() if outcome == "failed"), "")
     got = case.get("told", {}).get("render.device", {}).get("got", {})
@@ -68,7 +68,7 @@ def seen(case: dict[str, Any]) -> tuple[str, str | None]:
 
 
 def expected(choice: Choice, library: str, settings: Settings) -> tuple[str, str | None]:
-    """The same, foretold."""
+    """Return the phase or device, and the line, that the rules predict."""
     if choice.error:
         imported = choice.stage is Stage.IMPORT and library != "gymnasium"
         phase = "import" if imported else "single" if choice.stage is Stage.IMPORT else "render"

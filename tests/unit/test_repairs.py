@@ -63,12 +63,12 @@ LINES = (
 
 
 def read() -> tuple[Repair, ...]:
-    """The recipe above."""
+    """Return the repairs of the recipe above."""
     return overlay_recipes.read(RECIPE, "gym.toml")
 
 
 def wheel(lines: tuple[str, ...] = LINES, *, pure: bool = True, day: int = 1, order: int = 1) -> bytes:
-    """A wheel as some build leaves it: compressed, in some order, with the times of the day."""
+    """Return a wheel as a build leaves it: compressed, in some order, with that day's times."""
     contents = {
         "gym/__init__.py": "VERSION = '0.21.0'\n",
         "gym/a, b.txt": "a name with a comma\n",
@@ -87,13 +87,13 @@ def wheel(lines: tuple[str, ...] = LINES, *, pure: bool = True, day: int = 1, or
 
 
 def opened(content: bytes) -> dict[str, bytes]:
-    """The files of a wheel, in their order."""
+    """Return the files of a wheel, in their order."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
 class TestRecipe:
-    """What a recipe file says."""
+    """Recipe files, and the repairs they describe."""
 
     def test_a_recipe_is_one_repair_for_each_release(self) -> None:
         """The oldest release comes first; what the recipe says of all of them is part of each."""
@@ -139,7 +139,7 @@ class TestRecipe:
         ],
     )  # fmt: skip
     def test_what_is_wrong_with_one_is_told(self, old: str, new: str, message: str) -> None:
-        """With the file, the key and what to write instead."""
+        """The message names the file, the key and the right form."""
         with pytest.raises(BadInput) as caught:
             overlay_recipes.read(RECIPE.replace(old, new), "gym.toml")
 
@@ -153,13 +153,13 @@ class TestRecipe:
         assert (old.origin, old.build, old.python) == ("3" * 64, ("setuptools==66.1.1",), ">=3.7,<3.12")
 
     def test_a_package_without_a_recipe_is_refused(self) -> None:
-        """With the name that is nearest."""
+        """The message suggests the nearest name."""
         with pytest.raises(ValueError, match=r'^no recipe repairs "gmy"; did you mean "gym"\?$'):
             overlay_recipes.chosen({"gym": read()}, ("gmy",))
 
 
 class TestFitting:
-    """Which repairs a question may come to."""
+    """The repairs that a question may need."""
 
     @pytest.mark.parametrize(
         ("question", "versions"),
@@ -181,7 +181,7 @@ class TestFitting:
         assert [one.version for one in overlay_recipes.fitting(read(), question)] == versions
 
     def test_used_are_those_whose_wheel_is_there(self) -> None:
-        """By its hash, not by name and version."""
+        """A repair counts as used by the hash of its wheel, not by name and version."""
         assert [one.version for one in overlay_recipes.used(read(), ("0" * 64, "2" * 64))] == ["0.21.0"]
 
 
@@ -218,7 +218,7 @@ class TestMending:
             assert (mark, size) == (f"sha256={digest}", str(len(made[name])))
 
     def test_it_is_the_same_to_the_byte(self) -> None:
-        """Whatever times, order of files and order of requirements the build has, since some take them from a set."""
+        """Times, file order and requirement order of a build have no effect; some builds take them from a set."""
         other = wheel(LINES[::-1], day=2, order=-1)
         made = wheel_patch.mended(wheel(), read()[1])
 
@@ -243,7 +243,7 @@ class TestMending:
         )
 
     def test_a_wheel_for_one_machine_is_refused(self) -> None:
-        """What was compiled cannot have one hash everywhere."""
+        """A compiled wheel is refused, since it cannot have the same hash everywhere."""
         with pytest.raises(wheel_patch.Unrepairable) as caught:
             wheel_patch.mended(wheel(pure=False), read()[1])
 

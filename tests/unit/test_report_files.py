@@ -1,4 +1,4 @@
-"""What lies beside a report."""
+"""Test the files beside a report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harness.reports import publishing
 
 
 def drawn(opened: Store, name: str, picture: bytes) -> CaseRecord:
-    """A case of the environment `ant` with one frame; each was measured at a time of its own."""
+    """Return a case of the environment `ant` with one frame, measured at a time of its own."""
     frame = opened.evidence(name) / "render.rgb_array-first.png"
     frame.write_bytes(picture)
     os.utime(frame, (len(name), len(name)))

@@ -20,7 +20,7 @@ RED = "quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7"
 
 @pytest.fixture
 def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A state folder in which the matrix `quick` was run, with its report, seen from the folder above."""
+    """Return a state folder, below the working folder, in which `quick` was run, with its report."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / ".harness"))
     store = Store(tmp_path / ".harness")
@@ -129,14 +129,14 @@ class TestReport:
     def test_bad_input(
         self, state: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
     ) -> None:
-        """What is not there is named, with what is; exit code 2."""
+        """A missing name is reported together with the names that exist; the exit code is 2."""
         assert main(["report", *arguments]) == 2
         assert capsys.readouterr() == ("", message)
 
     def test_nothing_run_yet(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        """Where nothing was run the first command to type is told."""
+        """If nothing was run, the message names the first command to type."""
         monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "empty"))
 
         assert main(["report"]) == 2

@@ -16,7 +16,7 @@ MEMINFO = "MemTotal:       16000000 kB\nMemFree:         1000000 kB\nMemAvailabl
 
 
 def tree(root: Path, files: dict[str, str]) -> Path:
-    """A file system with these files."""
+    """Write these files below a folder; return the folder."""
     for name, text in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(text)
@@ -88,14 +88,14 @@ def test_admission(free: int | None, held: tuple[int, ...], needed: int, admitte
 
 
 def test_without_auto_memory_is_nobodys_business() -> None:
-    """Whoever names a number of cells gets it."""
+    """A user who names a number of cells gets it, whatever the memory."""
     assert Room(2, None).admits(10**6, [10**6])
     assert not Room(1, None).admits(1, [1])
 
 
 @pytest.mark.parametrize(("given", "jobs"), [("1", 1), ("4096", None), ("0", 1), ("", None), ("many", None)])
 def test_a_task_of_slurm_has_part_of_the_cores(monkeypatch: pytest.MonkeyPatch, given: str, jobs: int | None) -> None:
-    """Where the cluster does not hold a task to its cores it holds itself, and never takes more than there are."""
+    """SLURM_CPUS_PER_TASK limits the jobs even if the cluster does not, and never exceeds the cores there are."""
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", given)
 
     assert scheduler.default_jobs() == (jobs or len(os.sched_getaffinity(0)))

@@ -170,7 +170,7 @@ SECOND_DOORS = {"harness.reports.tables.counted_failures"}
 
 
 def composed(path: Path) -> set[str]:
-    """Return what a file takes of these modules beyond that, whole modules among it."""
+    """Return the names, whole modules among them, that a file imports from these modules but may not."""
     found = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
     whole = {alias.name for node in found if node.module == "harness.judging" for alias in node.names} & FACE.keys()
     parted = [((node.module or "").removeprefix("harness.judging."), node) for node in found]

@@ -188,7 +188,7 @@ def test_json_schema_describes_the_types() -> None:
 
 @pytest.mark.parametrize("kind", [Outer, MatrixTable])
 def test_json_schema_is_valid(kind: type) -> None:
-    """What is published is a JSON Schema by the draft that it names."""
+    """Each published schema is valid by its JSON Schema draft."""
     jsonschema.Draft202012Validator.check_schema(schema.json_schema(kind))
 
 
@@ -227,5 +227,5 @@ def test_suggestions(wrong: str, tail: str) -> None:
 
 
 def test_nothing_to_suggest() -> None:
-    """Without valid names nothing is said."""
+    """Without valid names there is no suggestion."""
     assert schema.suggestion("x", []) == ""

@@ -16,7 +16,7 @@ RULES = Rules(looks=2)
 
 
 def turning(*places: int) -> Callable[[int], Answer]:
-    """Good up to the first place, then bad up to the second, and so on."""
+    """Return a test that is good up to the first place, then bad up to the second, and so on."""
     return lambda index: BAD if sum(index >= place for place in places) % 2 else GOOD
 
 
@@ -101,7 +101,7 @@ def test_one_wrong_answer_is_no_chain() -> None:
 
 
 def test_other_failures_in_between_are_told_with_their_ends() -> None:
-    """What fails otherwise is stepped around, and the chain says where it begins and ends."""
+    """Other failures are stepped around, and the chain says where they begin and end."""
     search = Search(range(60), RULES)
     asked = 0
     while (index := search.next()) is not None:
@@ -119,7 +119,7 @@ def test_other_failures_in_between_are_told_with_their_ends() -> None:
 
 
 def test_answers_at_hand_are_not_asked_again() -> None:
-    """What is known costs nothing: a search whose answers are all known asks nothing."""
+    """A search whose answers are all known asks nothing."""
     known = {0: [GOOD], 31: [BAD], 14: [GOOD], 15: [GOOD] * 3, 16: [BAD] * 2}
     found = boundary(range(32), turning(16), rules=RULES, known=known)
 
@@ -196,14 +196,14 @@ def test_nothing_is_told_where_all_changes_do_not_cure() -> None:
 
 
 def test_one_of_two_ways_is_enough() -> None:
-    """Where either of two changes cures, one of them is told."""
+    """If either of two changes is a cure, one of them is returned."""
     found = minimise(range(8), lambda chosen: GOOD if {2, 5} & set(chosen) else BAD, rules=RULES)
 
     assert found.items in {(2,), (5,)}
 
 
 def test_changes_that_only_go_together_stay_together() -> None:
-    """Where one change can be resolved only with another, both are told, and that one was not seen to be needed."""
+    """Two changes that resolve only together are both returned, and are not claimed to be the least that is needed."""
 
     def test(chosen: tuple[int, ...]) -> Answer:
         if (3 in chosen) != (6 in chosen):
@@ -231,7 +231,7 @@ class World:
     flaky: float
 
     def look(self, rng: random.Random, index: int) -> Answer:
-        """One run, which looks again at what failed, as a run of the harness does."""
+        """Run once, and look again at a failure, as a run of the harness does."""
         if index in self.missing:
             return UNTESTABLE
         first, second = (index >= self.broken and rng.random() >= self.flaky for _ in range(2))
@@ -239,7 +239,7 @@ class World:
 
 
 def world(seed: int, *, flaky: float) -> World:
-    """A world of a seed: 6 to 48 releases, one in seven not to be installed."""
+    """Return the world of a seed, with 6 to 48 releases, of which one in seven cannot be installed."""
     rng = random.Random(f"world {seed}")
     releases = rng.randint(6, 48)
     missing = frozenset(index for index in range(1, releases - 1) if rng.random() < 1 / 7)
@@ -247,7 +247,7 @@ def world(seed: int, *, flaky: float) -> World:
 
 
 def searched(one: World, confidence: float) -> Boundary[int]:
-    """The boundary of a world, whose runs are those of its seed."""
+    """Return the boundary found in a world; its runs are seeded by the world."""
     rng = random.Random(f"runs {one.seed}")
     rules = Rules(confidence=confidence, looks=2)
     return boundary(range(one.releases), lambda index: one.look(rng, index), rules=rules)
@@ -275,7 +275,7 @@ def test_single_culprits_of_100_worlds() -> None:
 
 
 def test_single_culprits_of_100_flaky_worlds() -> None:
-    """Where one look in ten at what is broken is wrong each is found, with environments hardly beyond the bound."""
+    """Each culprit is found although one look in ten at a broken release is wrong, with environments near the bound."""
     worlds = [world(seed, flaky=0.1) for seed in range(100)]
     surely = [(one, searched(one, 0.999)) for one in worlds]
 
@@ -298,7 +298,7 @@ def test_pairs_of_100_worlds() -> None:
 
 
 def test_pairs_of_50_flaky_worlds() -> None:
-    """Where one look in ten at what is broken is wrong both are found all the same."""
+    """Both culprits are found although one look in ten at a broken set is wrong."""
     for seed in range(50):
         rng = random.Random(f"pair {seed}")
         count = rng.randint(4, 30)

@@ -17,12 +17,12 @@ from harness.running import shards
 
 
 def cell(name: str, question: str = "", python: str = "3.11") -> Cell:
-    """A cell that asks for one package, its own unless another is named."""
+    """Return a cell that asks for one package, its own unless another is named."""
     return asking(question or name, id=f"m/{name}", python=python)
 
 
 def labels(split: tuple[tuple[Cell, ...], ...]) -> list[str]:
-    """The labels of each shard's cells."""
+    """Return the labels of each shard's cells."""
     return ["".join(one.label for one in shard) for shard in split]
 
 

@@ -25,33 +25,33 @@ ENOUGH = 30
 
 
 def around(one: Signature) -> Around:
-    """What a signature needs to be there, and nothing else."""
+    """Return surroundings in which only the packages that a signature needs are installed."""
     wanted = [parsed_requirement(part.requirements[0]) for part in one.packages]
     return Around(installed={each.name: version(each.specifier) for each in wanted})
 
 
 def version(fitting: SpecifierSet) -> str:
-    """One of these versions: a bound, or what comes before or after one."""
+    """Return a version that fits: a bound itself, or one just before or after a bound."""
     bounds = [Version(each.version.removesuffix(".*")) for each in fitting]
     near = [*map(str, bounds), *(f"{bound}.1" for bound in bounds), *(f"{bound}.dev0" for bound in bounds), "1"]
     return next(each for each in near if fitting.contains(each, prereleases=True))
 
 
 def test_versions_are_found() -> None:
-    """Whatever the bounds are."""
+    """A fitting version is found for every kind of bound."""
     for text in ("", "<2", ">1.5", ">=1,<1.1", "==0.21.0", "==1.4.*", ">=0.24,!=0.24,<0.27"):
         assert SpecifierSet(text).contains(version(SpecifierSet(text)), prereleases=True)
 
 
 def named(one: Signature, text: str) -> list[tuple[str, bool]]:
-    """What all signatures make of a text where the packages of one are installed: ids, and whether they are masks."""
+    """Return the id of each signature that fits a text, and whether it is a mask; `one` has its packages installed."""
     seen = Evidence(phase=None, told=(text,), signal=one.signal)
     return [(each.signature.id, each.signature.masks) for each in diagnose(KNOWN, [seen], around(one))]
 
 
 @pytest.mark.parametrize("one", KNOWN, ids=lambda one: one.id)
 class TestSignature:
-    """One of them."""
+    """One signature that comes with the harness."""
 
     def test_knows_its_own_texts(self, one: Signature) -> None:
         """Each of its examples, and goes before all others that see something there; of a mask those are masks."""
@@ -79,14 +79,14 @@ def _broad(name: str) -> bool:
 
 
 def green() -> Iterator[tuple[Path, CellEntry]]:
-    """Cells of committed reports that work, with the folder of their report."""
+    """Yield cells of committed reports that work, with the folder of their report."""
     for path in sorted((ROOT / "reports").glob("*/report.json")):
         read = document.read(path.read_bytes(), str(path))
         yield from ((path.parent, cell) for cell in read.cells if cell.verdict is Verdict.WORKS)
 
 
 def texts(folder: Path, cell: CellEntry) -> tuple[str, ...]:
-    """All that was kept of a green cell: its findings, reasons and log."""
+    """Return all texts kept of a green cell: its findings, reasons and log."""
     said = [found.text for found in cell.findings]
     said += [line for case in cell.cases for line in (*case.reasons.values(), *case.masked.values())]
     kept = shipped_signatures.texts(folder / cell.evidence) if cell.evidence else {}
@@ -94,7 +94,7 @@ def texts(folder: Path, cell: CellEntry) -> tuple[str, ...]:
 
 
 def test_green_cells_have_no_known_failure() -> None:
-    """Not in any phase, of all that was measured with the packages that take part."""
+    """No signature fits a working cell with its installed packages, in any phase."""
     cells = list(green())
     assert len(cells) >= ENOUGH
     for folder, cell in cells:

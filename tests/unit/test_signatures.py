@@ -39,7 +39,7 @@ LINE = "AttributeError: module 'numpy' has no attribute 'bool8'"
 
 
 def one(name: str = "it", pattern: str | None = "it broke", **more: Any) -> Signature:
-    """A signature of the import phase."""
+    """Return a signature of the import phase."""
     remedy = signatures.RemedyTable(text="mend it")
     values: dict[str, Any] = {"phases": (Phase.IMPORT,), "examples": ("it broke", "it broke again")} | more
     packages = tuple(
@@ -49,7 +49,7 @@ def one(name: str = "it", pattern: str | None = "it broke", **more: Any) -> Sign
 
 
 def found(known: list[Signature], *evidence: Evidence, **around: Any) -> list[str]:
-    """The ids of what fits, in order."""
+    """Return the ids of the signatures that fit, in order."""
     return [each.signature.id for each in diagnose(known, evidence, Around(**around))]
 
 
@@ -67,7 +67,7 @@ def test_a_file_says_what_there_is_to_say() -> None:
 
 
 def test_words_alone_are_no_change() -> None:
-    """What no machine can do is never tried by one."""
+    """A remedy in words alone is no change, so no machine ever tries it."""
     assert signatures.RemedyTable(text="buy a GPU").change is None
 
 
@@ -111,7 +111,7 @@ def test_a_remedy_says_something() -> None:
 
 
 def test_an_id_is_there_once() -> None:
-    """Also across files."""
+    """An id that is listed twice is refused, even across files."""
     with pytest.raises(BadInput) as told:
         signatures.read({"a.toml": FULL, "b.toml": FULL})
     assert str(told.value) == 'b.toml: signature[0].id: "numpy-2" is listed twice, first in a.toml'
@@ -119,19 +119,19 @@ def test_an_id_is_there_once() -> None:
 
 @pytest.mark.parametrize("pattern", [r"a\+\+b", r"[*+]+x", r"C:\\Zone", r"\(\?P", r"x{2,3}?y", "a(?!b)", "(?:a|b)c"])
 def test_what_both_understand_is_a_pattern(pattern: str) -> None:
-    """What only looks like Python's own syntax is none."""
+    """A pattern that only looks like Python's own syntax is accepted unchanged."""
     assert signatures.PortablePattern.canonical(pattern) == pattern
 
 
 def test_where_nothing_fits_nothing_is_said() -> None:
-    """No text, or another phase."""
+    """A text without the pattern, or another phase, gives no signature."""
     assert found([one()], Evidence(phase=Phase.IMPORT, told=("it works",))) == []
     assert found([one()], Evidence(phase=Phase.VECTOR, told=("it broke",))) == []
     assert found([one()], Evidence(phase=None, told=("it broke",))) == ["it"]
 
 
 def test_the_line_that_matched_is_shown() -> None:
-    """Of a traceback that the pattern reaches over, the exception."""
+    """If a pattern spans a traceback, its exception is shown."""
     trace = one(pattern=r'gym/core\.py", line \d+[\s\S]{0,80}it broke')
     log = 'x\n  File "gym/core.py", line 5, in step\n    fly()\nRuntimeError: it broke at 0x1\nmore\n'
     (seen,) = diagnose([trace], [Evidence(phase=Phase.IMPORT, told=("RuntimeError",), logs=(log,))], Around())
@@ -163,13 +163,13 @@ def test_a_signal_alone_can_be_the_sign() -> None:
     ],
 )
 def test_packages_and_python(around: dict[str, Any], fits: bool) -> None:
-    """What is installed decides; where nothing was, what was asked for must not speak against it."""
+    """Installed versions decide; without any, the requirements must not contradict the signature."""
     (read,) = signatures.read({"numpy.toml": FULL})
     assert found([read], Evidence(phase=Phase.SINGLE, told=(LINE,)), **around) == (["numpy-2"] if fits else [])
 
 
 def test_what_is_generic_needs_its_packages() -> None:
-    """Where a specific one asks only that nothing speaks against it."""
+    """A generic signature needs its packages; a specific one fits unless something contradicts it."""
     known = [one("specific", packages=("pip",)), one("generic", packages=("pip",), generic=True)]
     assert found(known, SAID) == ["specific"]
     assert found(known, SAID, requirements=("pip",)) == ["specific", "generic"]
@@ -193,7 +193,7 @@ def test_the_deepest_cause_comes_first() -> None:
 
 
 def test_of_equal_ones_that_of_what_failed_first() -> None:
-    """Two failures of one cell, each known: the one whose line stands first, however the files are ordered."""
+    """Of two known failures of one cell, the one whose line stands first comes first, however the files are ordered."""
     first, second = (Evidence(phase=Phase.SINGLE, told=(word,)) for word in ("it broke", "it burst"))
     known = [one("a", "it burst", phases=(Phase.SINGLE,)), one("b", "it broke", phases=(Phase.SINGLE,))]
 
@@ -202,7 +202,7 @@ def test_of_equal_ones_that_of_what_failed_first() -> None:
 
 
 def test_each_is_said_once_where_it_was_told_best() -> None:
-    """Of several phases the first, of told and logged what was told."""
+    """A decisive line is preferred to a log, then the earlier phase to the later."""
     twice = one(phases=(Phase.IMPORT, Phase.SINGLE))
     logged = Evidence(phase=Phase.IMPORT, logs=("it broke in a log",))
     told = Evidence(phase=Phase.SINGLE, told=("it broke in so many words",))
@@ -223,7 +223,7 @@ class TestSilent:
     """
 
     def test_they_are_told_by_what_is_installed(self) -> None:
-        """In a version that fits; not where a package is not there, or nothing is known of it."""
+        """A silent issue needs an installed package in a version that fits."""
         known = signatures.read({"silent.toml": textwrap.dedent(self.TEXT)})
 
         assert [one.id for one in signatures.lurking(known, Around(installed={"physics": "2"}))] == ["quietly"]
@@ -231,7 +231,7 @@ class TestSilent:
         assert signatures.lurking(known, Around(requirements=("other",))) == ()
 
     def test_they_never_explain_evidence(self) -> None:
-        """Whatever it is."""
+        """Silent signatures explain no evidence, whatever its text."""
         known = signatures.read({"silent.toml": textwrap.dedent(self.TEXT)})
 
         assert diagnose(known, [Evidence(phase=None, told=("anything",))], Around(installed={"physics": "2"})) == ()
@@ -268,7 +268,7 @@ class TestSilent:
 
 
 def test_a_mask_that_is_only_mentioned_is_none() -> None:
-    """Where an exception says why, a notice hides nothing; what installers say stands in their logs alone."""
+    """A notice in a log is no mask if an exception says why; of an installer, whose errors are only logged, it is."""
     mask = [one(masks=True, phases=(Phase.INSTALL, Phase.IMPORT))]
     logs = ("a notice that it broke",)
 

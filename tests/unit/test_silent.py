@@ -48,12 +48,12 @@ def known() -> Knowledge:
 
 
 def seen_by(camera: Outcome | None) -> CaseRecord:
-    """A case that drew by OpenGL, and how its camera check ended, if it ran."""
+    """Return a case that drew by OpenGL, and how its camera check ended, if it ran."""
     return case("pppp", render=drawn(camera, "off", gl={"api": "egl"}))
 
 
 def tried(**changed: object) -> Exercised:
-    """A case of Ant that drew, with what a test changes of it."""
+    """Return an Ant case that drew, with the changes that a test needs."""
     usual = Exercised("Ant-v5", "gymnasium", {"single": "passed", "render": "passed"}, {}, opengl=True)
     return usual._replace(**changed)
 
@@ -73,7 +73,7 @@ def tried(**changed: object) -> Exercised:
     ],
 )
 def test_an_issue_is_open_where_it_fits_and_nothing_shows_or_refutes_it(changed: dict[str, object], fits: bool) -> None:
-    """By environment, API, phase and picture; a check that failed has shown it, one that passed refutes it."""
+    """Environment, API, phase and picture must fit; a failed check has shown the issue, a passed one refutes it."""
     assert silent.open_issues(KNOWN, tried(**changed)) == ((NAME,) if fits else ())
 
 
@@ -88,7 +88,7 @@ def test_an_exclusion_leaves_environments_out() -> None:
 
 
 def judged(seen: CellRecord) -> tuple[Assessed, CellEntry]:
-    """A record as it is judged, and as a document has it."""
+    """Return a record's assessment and its entry in a document."""
     return assess(seen, known()), entry(seen, known())
 
 
@@ -104,7 +104,7 @@ def test_a_green_cell_says_what_is_left_open() -> None:
 
 
 def test_a_check_that_passed_refutes_it() -> None:
-    """Then the cell is plainly good."""
+    """If the check of a silent issue passed, the cell is plainly good."""
     said, entry = judged(record(seen_by(Outcome.PASSED)))
 
     assert said.unverified == entry.unverified == ()
@@ -134,7 +134,7 @@ def test_other_releases_are_not_spoken_of() -> None:
 
 
 def committed() -> list[Document]:
-    """Every committed report."""
+    """Return every committed report."""
     return [document.read(path.read_bytes(), path.parent.name) for path in sorted(REPORTS.glob("*/report.json"))]
 
 

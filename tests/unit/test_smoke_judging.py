@@ -33,7 +33,7 @@ TODAY = "2026-11-21"
 
 
 def expecting(verdict: str, phase: str | None = None, match: str | None = None, until: str | None = None) -> Cell:
-    """The cell with an expectation."""
+    """Return the cell with an expectation."""
     expect = Expectation(
         verdict=Verdict(verdict), reason="known", phase=Phase(phase) if phase else None, match=match, until=until
     )
@@ -41,7 +41,7 @@ def expecting(verdict: str, phase: str | None = None, match: str | None = None, 
 
 
 def record(cell: Cell = CELL, decisive: str | None = "boom", **outcomes: str) -> CellRecord:
-    """A cell that was installed, with a case whose phases ended so; `import_`, since `import` is Python's."""
+    """Return an installed cell with a case whose phases ended as given; `import_`, since `import` is a keyword."""
     phases = {}
     for at in CHECKS:
         outcome = Outcome(outcomes.get(at.value, outcomes.get(f"{at.value}_", "passed")))
@@ -51,7 +51,7 @@ def record(cell: Cell = CELL, decisive: str | None = "boom", **outcomes: str) ->
 
 
 def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -> tuple[Kind, str]:
-    """How the item of a phase ends."""
+    """Return the kind and the text with which the item of a phase ends."""
     ended = judging.ended(record.cell, Phase(phase), judging.seen(record), shown, TODAY)
     return ended.kind, ended.text
 
@@ -73,7 +73,7 @@ def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -
     ],
 )
 def test_every_outcome_has_its_word(outcome: str, expected: tuple[Kind, str]) -> None:
-    """What fails says its line first, what could not be told says so before anything else."""
+    """A failure begins with its line, an inconclusive result with `inconclusive`, and a skip with its kind."""
     assert told(record(single=outcome), "single") == expected
 
 
@@ -109,7 +109,7 @@ STOPPED = {"single": "failed", "vector": "not_reached", "render": "not_reached"}
     ],
 )  # fmt: skip
 def test_what_is_in_the_way_is_told_once(cell: Cell, shown: frozenset[Phase], expected: tuple[Kind, str]) -> None:
-    """By the item of the phase that failed, or, where that is not in the session, by the one that needs it."""
+    """The item of the failed phase reports it or, if that item is not in the session, the item that needs the phase."""
     assert told(record(cell, **STOPPED), "render", shown) == expected
 
 
@@ -135,7 +135,7 @@ def test_nothing_is_reached_without_a_lock(
 
 
 def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
-    """With the reason, whatever is asked."""
+    """Every phase of such a cell is skipped with the reason."""
     found = record(import_="not_reached", single="not_reached", vector="not_reached", render="not_reached")
     found = replace(found, resolve=None, install=None, unavailable="no Python 3.99")
 
@@ -176,7 +176,7 @@ def test_which_failures_are_foreseen(cell: Cell, phase: str, line: str | None, e
 
 
 def test_a_code_is_foreseen() -> None:
-    """By what the cell observed, in its own phase and seen again in a later one."""
+    """An expected code is matched with the cell's observation, in its own phase or seen again in a later one."""
     cell = replace(CELL, expect=Expectation(verdict=Verdict.PARTIAL, reason="known", phase=Phase.VECTOR, code="more"))
     for phase, code, expected in (("vector", "more", True), ("vector", "raised", False), ("render", "more", True)):
         observed = Observed(check="x", code=code)
@@ -227,7 +227,7 @@ def test_the_verdict_of_a_cell(found: CellRecord, kind: Kind, text: str) -> None
 
 
 def test_the_verdict_of_a_cell_that_fails_in_a_known_way() -> None:
-    """As expected by its cause, not by another."""
+    """The failure is expected if its cause is the named one, not another."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature="it")
     found = record(replace(CELL, expect=expect), render="failed")
     same, other = (judging.judged(assess(found, knowing(signature(name, "boom")))) for name in ("it", "that"))
@@ -255,7 +255,7 @@ SUITE = PhaseRecord(phase=Phase.SUITE, outcome=Outcome.FAILED, decisive="test_it
     ],
 )  # fmt: skip
 def test_the_suite_of_a_subject_needs_an_import(found: CellRecord, expected: tuple[Kind, str]) -> None:
-    """Where no case could be imported it is not reached."""
+    """The suite is skipped as not reached if no case could be imported."""
     subject = Subject(source=".", state="s", suite=Suite())
     found = replace(found, cell=replace(CELL, subject=subject))
     ended = judging.ended(found.cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING, TODAY)
@@ -276,7 +276,7 @@ def test_a_suite_without_an_environment_says_why() -> None:
 
 
 def test_time_is_that_of_this_session() -> None:
-    """What was reused took none."""
+    """A reused phase took no time."""
     (case,) = record().cases
     phases = tuple(replace(phase, reused=phase.phase is Phase.RENDER) for phase in case.phases)
     found = judging.seen(replace(record(), cases=(replace(case, phases=phases),)))
@@ -286,7 +286,7 @@ def test_time_is_that_of_this_session() -> None:
 
 
 def misleading(cell: Cell = CELL) -> CellRecord:
-    """A cell whose picture was drawn by a camera that looks elsewhere."""
+    """Return a cell whose picture was drawn by a camera that looks elsewhere."""
     seen = builders.case("pppp", CASE.id, render=builders.drawn(Outcome.FAILED))
     return builders.record(seen, of=cell)
 

@@ -20,7 +20,7 @@ failures="1" skipped="1" tests="5" time="9.000" timestamp="2026-11-21T00:00:00+0
 
 
 def regrouped(tmp_path: Path, text: str, *cells: str) -> ET.Element:
-    """The file after it was parted."""
+    """Return the root of the file after it was regrouped by cell."""
     path = tmp_path / "j.xml"
     path.write_text(text)
     junit.regroup(path, {cell: {"axis.python": "3.11"} for cell in cells})
@@ -28,7 +28,7 @@ def regrouped(tmp_path: Path, text: str, *cells: str) -> ET.Element:
 
 
 def test_each_cell_has_a_suite_with_its_own_counts(tmp_path: Path) -> None:
-    """In the order of the plan; a cell without items has none, what is nobody's stays in pytest's suite."""
+    """Suites follow the plan; a cell without items has none, and items of no cell stay in pytest's suite."""
     root = regrouped(tmp_path, WRITTEN, "m/a", "m/b", "m/c")
 
     told = [
@@ -53,7 +53,7 @@ def test_properties_stand_in_suites(tmp_path: Path) -> None:
 
 
 def test_a_suite_that_lost_all_its_cases_goes(tmp_path: Path) -> None:
-    """Where nothing but cells was run there is no suite of pytest's."""
+    """If only cells were run, pytest's own suite is left out."""
     root = regrouped(tmp_path, WRITTEN.replace('classname="test_mine"', 'classname="m.a"'), "m/a", "m/b")
     assert [suite.get("name") for suite in root][-1] == "pytest"
 

@@ -1,4 +1,4 @@
-"""What pytest loads wherever simmatrix is installed."""
+"""Test the plugin that pytest loads wherever simmatrix is installed."""
 
 from __future__ import annotations
 

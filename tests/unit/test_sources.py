@@ -17,7 +17,7 @@ PACKAGE = Path(harness.__file__).parent
 
 
 def parsed(module: str) -> set[str]:
-    """Find what a module imports, itself or not, as the compiler reads it."""
+    """Return our modules that a module imports, directly or not, by their syntax trees."""
     found: set[str] = set()
     waiting = [module]
     while waiting:

@@ -20,31 +20,31 @@ AXES = ("python", "mujoco")
 
 
 def at(python: str, mujoco: str, label: str = "", cases: tuple[str, ...] = ("ant",), **more: str) -> Cell:
-    """A cell of a matrix of Pythons and MuJoCos."""
+    """Return a cell of a matrix of Pythons and MuJoCos."""
     axes = {"python": python, "mujoco": mujoco, **more}
     return cell(label or f"py{python}-mujoco{mujoco}", cases, axes=axes, python=python)
 
 
 def ran(of: Cell, *outcomes: str, **more: Any) -> CellRecord:
-    """A record of a cell, with the letters of each of its cases."""
+    """Return a record of a cell, with the letters of each of its cases."""
     cases = [case(letters, one.id) for letters, one in zip(outcomes, of.cases, strict=True)]
     return record(*cases, of=of, **{"python": f"{of.python}.1", **more})
 
 
 def made(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Document:
-    """The document of a matrix."""
+    """Return the document of a matrix."""
     return document_of(*records, axes=axes, variants=variants)
 
 
 def pivot(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Pivot:
-    """The table of these, MuJoCo down and Python across."""
+    """Return the table of these records, with MuJoCo down and Python across."""
     found = tables.report(made(*records, variants=variants, axes=axes), ("mujoco", "python")).sheets[0].pivot
     assert found is not None
     return found
 
 
 def only(found: Pivot) -> tuple[Square, ...]:
-    """The one square that is not empty."""
+    """Return the one square that is not empty."""
     (square,) = [square for row in found.squares for square in row if square]
     return square
 

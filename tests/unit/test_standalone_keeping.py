@@ -1,4 +1,4 @@
-"""What is kept of a log, however long: both ends, every traceback once, and how much is left out."""
+"""Test how much of a log is kept: both ends, every traceback once, and the amount left out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ValueError: no %s
 
 
 def log(count: int, *inside: bytes) -> bytes:
-    """A long log with texts in its middle."""
+    """Return a long log with texts in its middle."""
     lines = [LINE % number for number in range(count)]
     lines[count // 2 : count // 2] = inside
     return b"".join(lines)
@@ -39,7 +39,7 @@ def test_a_short_text_is_kept_as_it_is() -> None:
 
 @pytest.fixture(autouse=True)
 def little(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bounds of a hundredth, for quick tests."""
+    """Divide the bounds by one hundred, for quick tests."""
     for name, value in (("HEAD", 2560), ("TAIL", 10_240), ("MIDDLE", 10_240), ("CHUNK", 10_240)):
         monkeypatch.setattr(keeping, name, value)
 
@@ -62,7 +62,7 @@ def test_a_long_text_keeps_its_ends_and_its_tracebacks(chunk: int, monkeypatch: 
 
 
 def test_an_endless_traceback_is_cut() -> None:
-    """What never ends is not kept whole."""
+    """A traceback that never ends is not kept whole."""
     endless = (
         b"Traceback (most recent call last):\n"
         + b'  File "a.py", line 3, in recurse\n' * 1000

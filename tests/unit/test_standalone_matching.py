@@ -18,7 +18,7 @@ ALPHABET = "abcx\n "
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Literals of one character count, so that random patterns have some."""
+    """Let literals of one character count, so that random patterns have some."""
     monkeypatch.setattr(literals, "SHORTEST", 1)
     monkeypatch.setattr(literals, "MOST", 100)
     literals.clauses.cache_clear()
@@ -27,7 +27,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def pattern(chance: random.Random, depth: int = 3) -> str:
-    """A regular expression of all that signatures may use."""
+    """Return a regular expression of all that signatures may use."""
     kinds = ["literal", "literal", "class", "any", "edge"] + (["group", "branch", "repeat", "ahead"] if depth else [])
     parts = []
     for _ in range(chance.randint(1, 3)):
@@ -52,7 +52,7 @@ def pattern(chance: random.Random, depth: int = 3) -> str:
 
 @pytest.mark.usefixtures("short")
 def test_random_patterns_are_found_all_the_same() -> None:
-    """In random texts, with every literal looked at however short."""
+    """Random patterns are found in random texts, with every literal looked at however short."""
     chance = random.Random(6)
     found = spared = 0
     for _ in range(3000):
@@ -69,7 +69,7 @@ def test_random_patterns_are_found_all_the_same() -> None:
 
 
 def test_known_patterns_are_found_all_the_same() -> None:
-    """In the examples of every signature, whole, and with a character lost."""
+    """Known patterns are found in the examples of every signature, whole and with one character lost."""
     chance = random.Random(7)
     known = [one for one in shipped_signatures.known() if one.wording]
     texts = [text for one in known for text in one.examples]
@@ -97,7 +97,7 @@ def test_known_patterns_are_found_all_the_same() -> None:
     ],
 )
 def test_literals_of_a_pattern(written: str, expected: list[set[str]]) -> None:
-    """What has to be there, the longest first; nothing of what may be absent or written otherwise."""
+    """The literals that a match must contain are found; optional or variable text gives none."""
     assert sorted(map(sorted, literals.clauses(written))) == sorted(map(sorted, expected))
 
 
@@ -108,7 +108,7 @@ def test_most_known_patterns_have_literals() -> None:
 
 
 def plain(one: signatures.Signature) -> dict[str, object]:
-    """A signature as its file has it."""
+    """Return a signature as it stands in its file."""
     packages = [list(map(str, part.requirements)) for part in one.packages]
     keys = ("id", "signal", "python", "masks", "generic", "silent")
     told = {key: getattr(one, key) for key in keys}

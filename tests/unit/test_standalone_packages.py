@@ -28,7 +28,7 @@ def dist(site: Path, name: str, version: str, kind: str = "dist-info") -> None:
 
 @pytest.fixture
 def base(tmp_path: Path) -> Path:
-    """An interpreter of pyenv's with a package."""
+    """Return an interpreter as pyenv installs it, with one package."""
     root = tmp_path / "pyenv" / "versions" / "3.9.18"
     file(root / "bin" / "python3.9")
     (root / "bin" / "python").symlink_to("python3.9")
@@ -37,7 +37,7 @@ def base(tmp_path: Path) -> Path:
 
 
 def venv(folder: Path, base: Path, *, shared: str = "false") -> Path:
-    """An environment made of it, with another package."""
+    """Make an environment from `base`, with another package; return its folder."""
     (folder / "bin").mkdir(parents=True)
     (folder / "bin" / "python").symlink_to(base / "bin" / "python3.9")
     file(folder / "pyvenv.cfg", f"home = {base}/bin\ninclude-system-site-packages = {shared}\nversion_info = 3.9.18\n")
@@ -46,7 +46,7 @@ def venv(folder: Path, base: Path, *, shared: str = "false") -> Path:
 
 
 def found(path: Path, **variables: str) -> packages.Packages:
-    """What an interpreter has."""
+    """Return the packages of an interpreter."""
     made = packages.of_interpreter(str(path), variables, "/")
     assert made is not None
     return made
@@ -78,7 +78,7 @@ def test_what_comes_first_is_imported(base: Path, tmp_path: Path) -> None:
 
 
 def test_what_conda_notes_tells_the_version(tmp_path: Path) -> None:
-    """Where no folder is called by it."""
+    """The version comes from conda's metadata if no folder is named by it."""
     file(tmp_path / "envs" / "rl" / "bin" / "python3.10")
     (tmp_path / "envs" / "rl" / "bin" / "python").symlink_to("python3.10")
     (tmp_path / "envs" / "rl" / "lib" / "python3.10" / "site-packages").mkdir(parents=True)
@@ -87,7 +87,7 @@ def test_what_conda_notes_tells_the_version(tmp_path: Path) -> None:
 
 
 def test_metadata_that_is_broken_is_told_by_its_name(base: Path, tmp_path: Path) -> None:
-    """Or passed over."""
+    """A package without readable metadata is known by the name of its folder, or passed over."""
     site = venv(tmp_path / "a", base) / "lib" / "python3.9" / "site-packages"
     (site / "gym-0.26.2.dist-info").mkdir()
     (site / "~ip-1.dist-info").mkdir()
@@ -126,7 +126,7 @@ def test_the_interpreter_of_a_command(base: Path, tmp_path: Path, command: list[
 
 
 def test_a_shim_of_pyenv_is_seen_through(base: Path, tmp_path: Path) -> None:
-    """By what it would start: the variable, the folder's file, the file of all."""
+    """A shim stands for the Python it would start: by the variable, the folder's file, or the global file."""
     root = base.parents[1]
     file(root / "shims" / "python", "#!/usr/bin/env bash\n")
     file(root / "version", "3.9.18\n")

@@ -21,18 +21,18 @@ ENOUGH = 0.9
 
 @cache
 def known() -> tuple[matching.Known, ...]:
-    """The known failures as what stands alone reads them."""
+    """Return the known failures as the standalone code reads them."""
     return tuple(matching.read(one.as_file) for one in shipped_signatures.known())
 
 
 def cells() -> Iterator[tuple[Path, CellEntry]]:
-    """All of committed reports, with the folder of their report."""
+    """Yield the cells of all committed reports, with the folder of their report."""
     for path in sorted((ROOT / "reports").glob("*/report.json")):
         yield from ((path.parent, cell) for cell in document.read(path.read_bytes(), str(path)).cells)
 
 
 def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
-    """Whatever notices and warnings stand in them."""
+    """The logs of working cells show no failure and no cause, despite notices and warnings in them."""
     count = 0
     for folder, cell in cells():
         if cell.verdict is Verdict.WORKS and cell.evidence:
@@ -45,7 +45,7 @@ def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
 
 
 def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
-    """With the packages that were there; where there is another answer, it is mostly none."""
+    """The texts of failing cells, with the installed packages, mostly give the known cause; otherwise mostly none."""
     right = other = 0
     for folder, cell in cells():
         expected = {one.signature for one in counted_failures.counted(cell)}
@@ -59,11 +59,11 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
 
 
 def made(text: str, cell: CellEntry) -> Explained:
-    """The text of a cell, explained."""
+    """Return the explanation of a cell's text."""
     return explained(text, known(), Here(installed=cell.installed, python=cell.python))
 
 
 def said(folder: Path, cell: CellEntry) -> Iterator[str]:
-    """What a cell wrote, and the tracebacks of its replies."""
+    """Yield the texts that a cell wrote, and the tracebacks of its replies."""
     if cell.evidence and cell.phase:
         yield from failure_texts.written(shipped_signatures.texts(folder / cell.evidence), cell.phase)

@@ -1,4 +1,4 @@
-"""What a text of unknown origin tells: the line that says why, the phase, the signal, versions in passing."""
+"""Test the facts in a text of unknown origin: the line that says why, the phase, the signal, versions in passing."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def test_where_nothing_failed_that_is_said(text: str) -> None:
     ],
 )
 def test_what_killed_a_process(text: str, name: str | None) -> None:
-    """By the words of Python, of shells and of subprocess."""
+    """The signal is read from the words of Python, of shells and of subprocess."""
     assert telling.told(text).signal == name
 
 
@@ -264,7 +264,7 @@ KILLED = known("killed", None, signal="SIGSEGV", packages=["arms"])
 
 
 def named(text: str, *those: matching.Known, **here: object) -> list[str]:
-    """The ids of what is known of a text."""
+    """Return the ids of the failures recognised in a text."""
     return [hit.known.id for hit in explaining.explained(text, those, Here(**here)).diagnoses]  # type: ignore[arg-type]
 
 
@@ -283,13 +283,13 @@ def test_a_failure_that_hides_others_counts_where_nothing_is_behind_it() -> None
 
 
 def test_a_trouble_of_the_machine_is_no_package_s() -> None:
-    """Nor is it called an unknown failure of one alone."""
+    """Trouble of the machine is not called an unknown failure of a package."""
     made = explaining.explained("OSError: [Errno 28] No space left on device\n", [])
     assert [(check, level) for check, level, _ in made.findings] == [("machine", "warning")]
 
 
 def test_a_specific_cause_goes_before_a_broad_one() -> None:
-    """Also where the packages of both are there."""
+    """A specific cause comes first even if the packages of both are installed."""
     assert named(TRACE, BROAD, KNOWN, installed={"gym": "0.26.2"}) == ["wings", "broad"]
 
 
@@ -304,7 +304,7 @@ def test_a_broad_cause_needs_its_packages() -> None:
 
 
 def test_two_broad_causes_are_only_possible() -> None:
-    """Which of them it is, no text without versions tells."""
+    """Two broad causes stay possible, since a text without versions cannot decide between them."""
     other = known("other", "no wings", generic=True, packages=["gym<0.26"])
     made = explaining.explained(TRACE, [BROAD, other])
     assert (made.diagnoses, [check for check, _, _ in made.findings]) == ((), ["possible", "possible"])
@@ -319,7 +319,7 @@ def test_a_signal_alone_needs_its_packages() -> None:
 
 
 def test_another_python_speaks_against_a_cause() -> None:
-    """As far as the text tells it."""
+    """A cause for another Python is dropped, as far as the text or the caller tells the version."""
     older = known("older", "no wings", python="<3.10")
     exact = known("exact", "no wings", python=">=3.10.5")
     assert named(TRACE, older, exact) == ["exact"]

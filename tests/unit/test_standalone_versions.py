@@ -40,7 +40,7 @@ SAMPLE = 20_000
 
 @cache
 def corpus() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Versions and requirements that are written anywhere in this repository and in what is installed here."""
+    """Return the versions and requirements in this repository and in the packages installed here."""
     found: set[str] = set(ODD)
     asked: set[str] = set()
     for lock in ROOT.glob("reports/*/locks/*.txt"):
@@ -62,7 +62,7 @@ def _matrices() -> list[str]:
 
 
 def theirs(text: str) -> Any:
-    """What `packaging` makes of a version; None where that is none."""
+    """Return a version as `packaging` reads it, or None if it is not one."""
     try:
         return TheirVersion(text)
     except InvalidVersion:
@@ -96,14 +96,14 @@ def test_versions_are_in_the_same_order() -> None:
 
 
 def test_what_is_no_version_is_refused() -> None:
-    """In a sentence."""
+    """An invalid version is refused in one sentence."""
     with pytest.raises(ValueError, match=r'^"1\.\.0" is not a version$'):
         Version("1..0")
 
 
 @cache
 def specifiers() -> tuple[str, ...]:
-    """Those of the corpus, and every operator before every odd version."""
+    """Return the specifiers of the corpus, and every operator before every odd version."""
     odd = [f"{operator}{text}" for operator in OPERATORS for text in (*ODD, "1.0.*", "1!1.*", "1.0a1.*", "1.0+a.*")]
     asked = [str(Theirs(text).specifier) for text in corpus()[1] if _parses(text)]
     return tuple(dict.fromkeys([*odd, *asked, "", " >=1 , <2 ", ">=1,,<2", ",", ">=1,", ">= 1", ">=1 <2", "1", "=1"]))
@@ -132,7 +132,7 @@ def test_specifiers_admit_the_same_versions() -> None:
 
 
 def test_the_newest_that_fits() -> None:
-    """Of many, and none of none."""
+    """The newest version that fits is returned, or None if none does."""
     assert Specifiers("<2").newest(["1.9", "1.10", "2.0", "what"]) == "1.10"
     assert Specifiers("<1").newest(["1.9", "2.0"]) is None
 
@@ -173,7 +173,7 @@ python_version === '3.11'|os_name ~= "x"|sys_platform>="linux"|python_version <=
 
 @cache
 def asked() -> tuple[str, ...]:
-    """Requirements of the corpus, odd ones, and every marker."""
+    """Return the requirements of the corpus, odd ones, and every marker."""
     odd = """a|a[b]|A.B_c[X, y_Z]>=1|a[]|a[,]|a[b,]|a[b|a (>=1,<2)|a(>=1)|a (>=1|a >=1 , <2|a>=1,|a>=1,,<2|a,|a=1
 a==1.*,!=1.3.*
 a @ https://example.org/a.whl|a @ https://example.org/a.whl ; os_name=="nt"|a@file:///x|a @|a @ x;os_name=="nt"
@@ -213,7 +213,7 @@ def test_requirements_mean_the_same(changed: dict[str, str]) -> None:
 
 
 def holds(made: Requirement, environment: dict[str, str], extra: str) -> bool | None:
-    """Return whether it counts; None where that cannot be told."""
+    """Return whether a requirement applies in an environment; None if that cannot be decided."""
     try:
         return made.wanted(environment, (extra,) if extra else ())
     except ValueError:
@@ -247,7 +247,7 @@ def test_a_missing_variable_is_told() -> None:
 
 
 def test_every_signature_can_be_read_without_a_library() -> None:
-    """Its packages and its Pythons."""
+    """The packages and Pythons of each signature can be parsed without `packaging`."""
     for one in shipped_signatures.known():
         for part in one.packages:
             for text in part.requirements:

@@ -1,4 +1,4 @@
-"""What `explain` says to people: cause, remedy, reference, and the commands that help from there."""
+"""Test the words of `explain` for people: cause, remedy, reference, and the commands that help from there."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ REMEDY = {"requirements": ["numpy<2"], "environment": {"MUJOCO_GL": "egl", "PYOP
 
 
 def wings(remedy: dict[str, object], **more: object) -> matching.Known:
-    """A known failure."""
+    """Return a known failure."""
     links = ["https://example.org/1"]
     return known("wings", **{"cause": "it has none", "remedy": remedy, "references": links, **more})
 
 
 def said(text: str, place: Place, *those: matching.Known, **here: object) -> list[str]:
-    """What is said of a text."""
+    """Return the lines that `explain` prints about a text."""
     return list(wording.lines(explaining.explained(text, those, Here(**here)), place))  # type: ignore[arg-type]
 
 
 def test_a_known_cause() -> None:
-    """With the remedy as it is typed for this interpreter, and where the output lies."""
+    """The text has the remedy as commands for this interpreter, and the place of the output."""
     place = Place(python="/e/bin/python", kept="out.log")
     assert said(TRACE + "ValueError: no wings\n", place, wings(REMEDY)) == [
         "failed:    ValueError: no wings",
@@ -42,7 +42,7 @@ def test_a_known_cause() -> None:
 
 
 def test_an_unknown_one() -> None:
-    """With what to look at, what to try, and what to search for."""
+    """The text suggests what to inspect, what to try, and what to search for."""
     text = f"gym==0.21.0\n{TRACE}OSError: /home/me/a/b.xml is gone at 0x7fff12\n"
     assert said(text, Place()) == [
         "failed:    OSError: /home/me/a/b.xml is gone at 0x7fff12 (in single)",
@@ -54,7 +54,7 @@ def test_an_unknown_one() -> None:
 
 
 def test_the_file_that_stands_alone_names_itself() -> None:
-    """And no verb that it has not."""
+    """The single file names itself in commands, and only verbs that it has."""
     told = said(TRACE + "ValueError: no wings\n", Place(program="python a.pyz", alone=True), wings({"text": "wait"}))
     assert told[-1] == "next:      python a.pyz doctor"
 
@@ -82,7 +82,7 @@ def test_nothing_failed() -> None:
 
 
 def test_a_release_that_is_repaired_is_tried_so() -> None:
-    """By the verb that can."""
+    """The suggested command is `simmatrix try` with `--overlay`."""
     told = said("gym==0.21.0\nValueError: no wings\n", Place(), wings({"overlay": ["gym"]}))
     assert told[-1] == "           simmatrix try gym==0.21.0 --overlay"
 

@@ -27,22 +27,22 @@ Resolves = Callable[[str, Question], str | None]
 
 
 def matrix(text: str) -> Matrix:
-    """A matrix called demo."""
+    """Return a matrix called demo."""
     return matrix_file.read(text, "demo.toml")
 
 
 def planned(text: str, chosen: Expansion | None = None, breaks: Breaks = BREAKS) -> Plan:
-    """The plan of a matrix called demo."""
+    """Return the plan of a matrix called demo."""
     return plan.expand(matrix(text), chosen, host_python="3.12.1", breaks=breaks)
 
 
 def labels(text: str, chosen: Expansion | None = None) -> list[str]:
-    """The labels of the cells, in order."""
+    """Return the labels of the cells, in order."""
     return [cell.label for cell in planned(text, chosen).cells]
 
 
 def refused(text: str, chosen: Expansion | None = None) -> str:
-    """The sentence with which planning a matrix is refused."""
+    """Return the message with which planning a matrix is refused."""
     with pytest.raises(BadInput) as error:
         planned(text, chosen)
     return str(error.value)
@@ -62,7 +62,7 @@ class Resolver:
 
 
 def chosen(text: str, resolver: Resolver | None = None) -> Expansion:
-    """The expansion of a matrix with its covering array."""
+    """Return the expansion of a matrix with its covering array."""
     read = matrix(text)
     made = version_ranges.expand(read, {}, INSTANT)
     known = plan.candidates(read, made, host_python="3.12.1", sources={}, breaks=BREAKS)
@@ -70,7 +70,7 @@ def chosen(text: str, resolver: Resolver | None = None) -> Expansion:
 
 
 def pairs(text: str, made: Expansion) -> set[frozenset[tuple[str, str]]]:
-    """The pairs of axis values that some cell has."""
+    """Return the pairs of axis values that some cell has."""
     return {
         frozenset(pair) for cell in planned(text, made).cells for pair in combinations(sorted(cell.axes.items()), 2)
     }
@@ -112,7 +112,7 @@ class TestReading:
         ],
     )
     def test_mistakes(self, written: str, sentence: str) -> None:
-        """What is no strategy is refused where it stands."""
+        """A mistake in a strategy is refused with its place."""
         with pytest.raises(BadInput) as error:
             matrix(f"strategy = {written}\n{THREE}{CASE}")
 
@@ -152,7 +152,7 @@ class TestBaseline:
         ]
 
     def test_two_baselines(self) -> None:
-        """The cells of both, each once."""
+        """The cells of both baselines are planned, each once."""
         text = 'strategy = ["baseline", { baseline = { python = "3.10" } }]\n' + THREE + CASE
 
         assert len(labels(text)) == 11
@@ -197,7 +197,7 @@ class TestBaseline:
         assert sum(len(cases) == 2 for cases in cells.values()) == 7
 
     def test_cases_of_a_baseline_that_there_is_not(self) -> None:
-        """`only` without that strategy is a mistake."""
+        """`only = "baseline"` without that strategy is a mistake."""
         text = f'{THREE}{CASE}only = "baseline"'
 
         assert refused(text) == (
@@ -310,7 +310,7 @@ class TestCovering:
         ],
     )
     def test_a_choice_that_still_holds(self, changed: str) -> None:
-        """What is tried in cells has no say in which ones there are."""
+        """A choice of cells stays valid if only cases, environment variables, descriptions or expectations change."""
         assert labels(changed, chosen(self.TEXT)) == labels(self.TEXT, chosen(self.TEXT))
 
     def test_an_included_combination_is_not_counted_as_left_out(self) -> None:
@@ -333,7 +333,7 @@ class TestCovering:
 
 
 def no_old_mujoco(python: str, question: Question) -> str | None:
-    """MuJoCo 2.3.7 has no wheel for Python 3.12."""
+    """Return the reason if a question needs a wheel of MuJoCo 2.3.7 for Python 3.12, which has none."""
     gone = python == "3.12" and "mujoco==2.3.7" in question.requirements
     return "mujoco 2.3.7 has no wheel" if gone else None
 
@@ -406,7 +406,7 @@ class TestResolving:
         ],
     )
     def test_an_axis_whose_values_do_more_than_pin_is_not_set_aside(self, gymnasium: str) -> None:
-        """What fails with one of its values, and without it, need not fail with another."""
+        """A combination that fails with one value of such an axis, and without it, may resolve with another value."""
         text = f'strategy = "pairwise"\n[axes]\npython = ["3.12"]\ngymnasium = {gymnasium}\n'
         text += f'mujoco = ["2.3.7", "3.0.0"]\n{CASE}'
         made = chosen(

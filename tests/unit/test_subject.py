@@ -38,13 +38,13 @@ PYTHON = interpreter()
 
 
 def cells(text: str) -> dict[str, Cell]:
-    """The cells of a matrix called demo, by label."""
+    """Return the cells of a matrix called demo, by label."""
     planned = plan.expand(matrix_file.read(text, "demo.toml"), host_python="3.12.1")
     return {cell.label: cell for cell in planned.cells}
 
 
 def subject(found: Cell) -> Subject:
-    """The subject of a cell."""
+    """Return the subject of a cell."""
     assert found.subject
     return found.subject
 
@@ -161,7 +161,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize(("text", "sentence"), MISTAKES.values(), ids=MISTAKES.keys())
 def test_mistakes_are_one_sentence(text: str, sentence: str) -> None:
-    """What is said of a subject needs one, and is checked like all else."""
+    """Settings of a subject need a subject; each mistake in them is reported in one sentence."""
     with pytest.raises(BadInput) as error:
         cells(text)
 
@@ -172,7 +172,7 @@ def test_mistakes_are_one_sentence(text: str, sentence: str) -> None:
 
 
 def ready(*requires: str, groups: dict[str, list[object]] | None = None) -> package_under_test.Ready:
-    """The wheel of a package `own` with these requirements."""
+    """Return the wheel of a package `own` with these requirements."""
     return package_under_test.Ready(
         path=Path("own-1.0-py3-none-any.whl"),
         tested=model.Tested(name="own", version="1.0", sha256="0", content="0"),
@@ -196,7 +196,7 @@ OWN = ready(
 
 
 def asked(subject: Subject, question: Question | None = None) -> Question:
-    """What is resolved for the package `own`."""
+    """Return the question that is resolved for the package `own`."""
     return package_under_test.completed(question or Question(requirements=("numpy==1.26.4",)), subject, OWN, PYTHON)
 
 
@@ -245,7 +245,7 @@ def test_what_it_does_not_have(wanted: Subject, question: Question | None, sente
 
 
 def locked(**versions: str) -> Lock:
-    """A lock of these versions."""
+    """Return a lock of these versions."""
     return lock(*(pin(name, version) for name, version in versions.items()))
 
 
@@ -418,7 +418,7 @@ def test_a_report_is_counted() -> None:
 
 
 def judged(tried: CaseRecord, ended: Outcome | None, *, asked: bool = True) -> Assessed:
-    """The judgement of a cell with one case and a suite that ended so."""
+    """Return the judgement of a cell with one case and a suite with this outcome."""
     own = Subject(source=".", suite=Suite() if asked else None)
     suite = PhaseRecord(phase=Phase.SUITE, outcome=ended, decisive="test_a: no") if ended else None
     return assess(record(tried, of=cell(cases=[tried.case], subject=own), suite=suite))

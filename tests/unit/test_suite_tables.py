@@ -18,7 +18,7 @@ TEMPLATE = read_template(report_markdown.TEMPLATE)
 
 
 def cell(gymnasium: str, suite: SuiteEntry | None, python: str = "3.11") -> CellEntry:
-    """A working cell with the result of its package's own tests."""
+    """Return a working cell with the result of its package's own tests."""
     basis = quick_document().cells[4]
     axes = {"python": python, "gymnasium": gymnasium}
     return msgspec.structs.replace(
@@ -32,7 +32,7 @@ def cell(gymnasium: str, suite: SuiteEntry | None, python: str = "3.11") -> Cell
 
 
 def suite(*failed: str, passed: int = 50, **more: object) -> SuiteEntry:
-    """A suite of which these failed."""
+    """Return a suite in which these tests failed."""
     plain = {
         "outcome": Outcome.FAILED if failed else Outcome.PASSED,
         "tests": {"passed": passed, "failed": len(failed), "skipped": 2},

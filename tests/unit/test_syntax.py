@@ -49,7 +49,7 @@ def test_what_does_the_same(one: str, other: str) -> None:
     ],
 )
 def test_what_does_something_else(one: str, other: str) -> None:
-    """All else counts."""
+    """Any change of behaviour changes the digest."""
     assert digest(one) != digest(other)
 
 

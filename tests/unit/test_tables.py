@@ -156,7 +156,7 @@ class TestPivot:
 
 
 def changed(**values: object) -> Document:
-    """The document of `quick` with its first cell changed."""
+    """Return the document of `quick` with its first cell changed."""
     made = quick_document()
     first = msgspec.structs.replace(made.cells[0], **values)
     return msgspec.structs.replace(made, cells=(first, *made.cells[1:]))
@@ -198,7 +198,7 @@ class TestDrawing:
     def drawing(
         self, frames: tuple[str, ...] = ("a.png",), drawn: dict[str, str] | None = None, **values: object
     ) -> list[tuple[str, str]]:
-        """What is told of the first cell of `quick`, whose cases have these frames."""
+        """Return subject and text of each remark on drawing, for the first cell of `quick` with these frames."""
         made = quick_document().cells[0]
         cases = tuple(msgspec.structs.replace(case, frames=frames, drawn=drawn or {}) for case in made.cases)
         (sheet,) = tables.report(changed(cases=cases, **values)).sheets
@@ -207,7 +207,7 @@ class TestDrawing:
 
 class TestRow:
     def test_versions_as_installed(self) -> None:
-        """What is installed is shown rather than what was asked for; what is not there is a dash."""
+        """The table prefers the installed version to the requested one; an absent package is a dash."""
         rows = {row.label: row for row in tables.report(changed(installed={"gymnasium": "0.29.2"})).sheets[0].rows}
 
         assert rows["py3.9_gymnasium-0.29.1_mujoco-2.3.7"].versions == ("3.9.18", "0.29.2", "2.3.7", "-")

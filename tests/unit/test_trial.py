@@ -14,12 +14,12 @@ from harness.model.vocabulary import APIS, api_of, checks_of
 
 
 def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.Asked:
-    """What a command line asks for."""
+    """Return the request that a command line makes."""
     return plan.Asked(requirements=requirements, python=python, **more)
 
 
 def cases(*requirements: str, **more: Any) -> list[tuple[str, str | None]]:
-    """API and environment of each case."""
+    """Return API and environment of each case."""
     return [(case.api, case.env) for case in plan.cases_for(asked(*requirements, **more))]
 
 
@@ -99,7 +99,7 @@ def test_a_model_that_the_simulator_brings_is_not_looked_for_here(
 
 
 def tried(requirement: str, *envs: str) -> tuple[Case, ...]:
-    """The cases of a trial."""
+    """Return the cases of a trial."""
     return plan.single(asked(requirement, envs=envs)).cells[0].cases
 
 

@@ -42,14 +42,14 @@ REPLY = [
 
 
 def red(**more: Any) -> CellRecord:
-    """A cell whose loop fails."""
+    """Return a cell whose loop fails."""
     single = phase(Phase.SINGLE, Outcome.FAILED, LINE, evidence="evidence/1")
     return record(case("pfnn", single=single), lock="locks/1.txt", **more)
 
 
 @pytest.fixture
 def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
-    """A store with the red cell, its lock and its evidence."""
+    """Return a store with the red cell, its lock and its evidence."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
     monkeypatch.setenv("HARNESS_SIGNATURES", "")
@@ -67,7 +67,7 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
 
 
 def shown(capsys: pytest.CaptureFixture[str]) -> str:
-    """What `show --issue` prints."""
+    """Return the output of `show --issue`."""
     assert main(["show", "quick/*", "--issue"]) == 0
     return capsys.readouterr().out
 
@@ -118,7 +118,7 @@ remedy = { requirements = ["numpy<2"] }
 def test_a_known_cause_is_told_and_a_remedy_only_if_proven(
     state: Store, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """What was not measured here is not handed to anybody as a cure."""
+    """Only a remedy that was measured here is offered as a cure."""
     (tmp_path / "signatures").mkdir()
     (tmp_path / "signatures" / "a.toml").write_text(KNOWN)
     monkeypatch.setenv("HARNESS_SIGNATURES", str(tmp_path / "signatures"))
@@ -141,7 +141,7 @@ def test_a_known_cause_is_told_and_a_remedy_only_if_proven(
 
 
 def failing(entry: Any, **more: Any) -> upstream.Failing:
-    """The cell as its judge has it."""
+    """Return the failing cell as the issue text needs it."""
     values = {"cell": cell(), "entry": entry, "machine": {}, "lock": LOCK, "instant": None, "texts": {}, **more}
     return upstream.Failing(**values)
 
@@ -165,7 +165,7 @@ def test_what_does_not_install_is_asked_for(tmp_path: Path) -> None:
 
 
 def test_an_environment_of_its_own_has_no_script() -> None:
-    """What the matrix brings itself cannot be run by others: it says so, and claims no reproduction."""
+    """An environment that the matrix brings cannot be run by others: the report says so and has no script."""
     own = replace(cell(), files={"own.py": "1"})
 
     text = upstream.issue(failing(entry(red(cell=own)), cell=own))
@@ -303,7 +303,7 @@ def test_what_has_no_script(made: Case) -> None:
 
 
 def test_a_gpu_is_named_with_its_driver() -> None:
-    """Under the names by which `harness.machine.this_machine` found them."""
+    """The GPU and the OpenGL driver are named as `harness.machine.this_machine` found them."""
     told = dict(upstream._machine({**MACHINES[HERE], "gpu": GPU}))
 
     assert told["GPU"] == "NVIDIA H200, 570.86.15"

@@ -436,7 +436,7 @@ def test_what_an_index_may_have_mended_is_asked_again(decisive: str, mended: boo
     ids=["requirement", "file", "find-links"],
 )
 def test_bad_input(text: str, told: str) -> None:
-    """What the user gave and uv cannot read is said in one sentence."""
+    """Input that uv cannot read is reported in one sentence."""
     with pytest.raises(BadInput) as raised:
         uv_failures.failure(text, Phase.RESOLVE)
 

@@ -18,7 +18,7 @@ REQUEST = Request(case=CASE, limits={"import.modules": 120.0})
 
 
 def run(vault: Vault, text: bytes = b"hello\n", **files: bytes) -> ProbeRun:
-    """A run whose files are kept."""
+    """Return a run whose files are kept."""
     texts = {REPLY: lines(passed("import.modules")), LOG: text, **files}
     return ProbeRun(
         request=REQUEST,
@@ -31,12 +31,12 @@ def run(vault: Vault, text: bytes = b"hello\n", **files: bytes) -> ProbeRun:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder."""
+    """Return every file below a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_a_run_comes_back_as_it_was_kept(tmp_path: Path) -> None:
-    """With its texts, and its reply read."""
+    """A stored run comes back with its texts and its parsed reply."""
     vault = Vault(tmp_path)
     made = run(vault)
     name = vault.put(made, KEY)
@@ -49,7 +49,7 @@ def test_a_run_comes_back_as_it_was_kept(tmp_path: Path) -> None:
 
 
 def test_a_second_measurement_is_a_second_run(tmp_path: Path) -> None:
-    """Beside the first, of which no byte changes."""
+    """A second run stands beside the first, whose bytes do not change."""
     vault = Vault(tmp_path)
     first = vault.put(run(vault), KEY)
     before = contents(tmp_path)
@@ -72,7 +72,7 @@ def test_the_same_run_is_named_once(tmp_path: Path) -> None:
 
 
 def test_people_find_the_files_of_a_run_by_name(tmp_path: Path) -> None:
-    """In a folder of their own; and cannot change what is kept by mistake."""
+    """A run has its own folder of named files, which cannot be changed by mistake."""
     vault = Vault(tmp_path)
     name = vault.put(run(vault, **{"first.png": b"picture"}), KEY)
     folder = tmp_path / vault.reading(name).folder
@@ -84,7 +84,7 @@ def test_people_find_the_files_of_a_run_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "gone", "link"])
 def test_what_was_damaged_is_refused(tmp_path: Path, damage: str) -> None:
-    """And kept anew when it comes again."""
+    """A damaged file is refused, and is stored anew when it comes again."""
     vault = Vault(tmp_path)
     made = run(vault)
     name = vault.put(made, KEY)
@@ -117,7 +117,7 @@ def test_a_claim_that_was_damaged_names_what_is_left_of_it(tmp_path: Path) -> No
 
 
 def test_nothing_is_known_of_a_key_that_nobody_claimed(tmp_path: Path) -> None:
-    """Not even that it was asked for."""
+    """An unknown key has no runs, and asking for it writes nothing."""
     assert Vault(tmp_path).runs(KEY) == ()
     assert not (tmp_path / "vault").exists()
 

@@ -36,7 +36,7 @@ IMPORT_ONLY = Case(id="numpy", env=None, api="gymnasium", checks=("import.module
 
 
 def imported(outcome: Outcome) -> CellRecord:
-    """A cell whose only case has nothing but an import check."""
+    """Return a cell whose only case has nothing but an import check."""
     probe = phase(Phase.IMPORT, outcome, "no numpy" if outcome in FAILING else None)
     tried = CaseRecord(case="numpy", env=None, api="gymnasium", required=(), phases=(probe,))
     return record(tried, of=replace(cell(), cases=(IMPORT_ONLY,)))
@@ -111,7 +111,7 @@ STEPS = {
 
 @pytest.mark.parametrize(("evidence", "expected", "at", "why"), STEPS.values(), ids=STEPS.keys())
 def test_steps_on_the_host(evidence: CellRecord, expected: Verdict, at: Phase | None, why: str | None) -> None:
-    """What ended before any probe decides the verdict, with its phase and line."""
+    """A step that ends before any probe decides the verdict, with its phase and line."""
     judged = assess(evidence)
 
     assert (judged.verdict, judged.phase, judged.decisive) == (expected, at, why)
@@ -215,7 +215,7 @@ def test_all_that_was_asked_for(said: Verdict, phases: str, expected: bool) -> N
 
 
 def test_without_a_loop_nothing_is_works() -> None:
-    """Where a case asks for environments in batches alone, what is missing is said, and what ran is not denied."""
+    """A case with batched environments alone names the phase that is missing and the phase that passed."""
     asked = Case(id="ant", env="Ant-v5", api="gymnasium", checks=("import.modules", "vector.sync"))
     judged = assess(record(case("psps"), of=replace(cell(), cases=(asked,))))
 
@@ -318,7 +318,7 @@ def judged_letters(*cases: str) -> Assessed:
 
 
 def possible(both: str) -> set[Verdict]:
-    """The verdicts of two cases when each `i` may really have passed or failed."""
+    """Return the verdicts of two cases for every way in which each `i` may really have passed or failed."""
     found = set()
     for world in itertools.product("pf", repeat=both.count("i")):
         drawn = iter(world)
@@ -352,7 +352,7 @@ def test_truths_that_hold_for_every_pair_of_cases() -> None:
 
 @pytest.mark.parametrize("first", ["pppp", "pppf", "pfnn", "fnnn", "pppi", "piii", "iiii", "punn", "ppss", "pnnn"])
 def test_inconclusive_exactly_where_infra_could_change_the_verdict(first: str) -> None:
-    """Where every way the infra trouble could have gone gives one verdict it is given; where not, none is."""
+    """If all possible outcomes of the infra trouble give one verdict, it is given; else the cell is inconclusive."""
     for second in ("pppp", "ppip", "ppii", "piii", "pfii", "fiii", "ppfi"):
         verdicts = possible(first + second)
 
@@ -387,7 +387,7 @@ UNTOLD = assess(CellRecord(cell=cell(), machine="m"))
 
 
 def expecting(what: Verdict, **more: str) -> Expectation:
-    """An expectation with a reason."""
+    """Return an expectation with a reason."""
     return Expectation(verdict=what, reason="known", **more)  # type: ignore[arg-type]
 
 
@@ -495,7 +495,7 @@ CAMERA = Case(id="Ant-v5", env="Ant-v5", api="gymnasium", checks=(*CHECKS.values
 
 
 def seen_by(camera: Outcome, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
-    """A case that drew a picture, and whose camera check ended so."""
+    """Return a case that drew a picture, with this outcome of its camera check."""
     picture = drawn(camera, "lookat is (0.55, 0.55, 0.55)")
     render = replace(picture, outcome=worst(one.outcome for one in misleading.settled(picture.checks)))
     ended = phase(Phase.SINGLE, single, None if single is Outcome.PASSED else "no reset")

@@ -16,7 +16,7 @@ from harness.rootcause.search import Answer
 
 
 def trial(*cases: CaseRecord, **more: object) -> Trial:
-    """A cell with these cases, as it was judged."""
+    """Return the assessed trial of a cell with these cases."""
     made: CellRecord = record(*cases, **more)
     found = assess(made)
     return Trial(assessed=found, failure=found.failure, seconds=1.0, at_hand=False)
@@ -37,14 +37,14 @@ def trial(*cases: CaseRecord, **more: object) -> Trial:
     ],
 )
 def test_weaker(before: str, after: str, why: str | None) -> None:
-    """What failed or passed before has to pass; what was never reached counts as the verdict counts it."""
+    """Checks that failed or passed before must pass; those never reached before may be unavailable."""
     one, other = trial(case(before)), trial(case(after))
     assert other.works
     assert weaker(one, other) == why
 
 
 def test_a_case_that_is_gone_is_a_weaker_test() -> None:
-    """However well the others do."""
+    """A missing case makes the test weaker, however well the others do."""
     before, after = trial(case("pfnn"), case("pppp", "hopper")), trial(case("pppp"))
     assert weaker(before, after) == "import.modules of hopper was passed before and is not_reached now"
 
@@ -77,12 +77,12 @@ def test_passing_up_to_a_phase() -> None:
 
 
 def seen_by(camera: Outcome) -> Trial:
-    """A cell that drew a picture, with a check of its camera that ended so."""
+    """Return a cell that drew a picture, with this outcome of its camera check."""
     return trial(case("pppp", render=drawn(camera)))
 
 
 def doubtful() -> Trial:
-    """A cell that works but for a silent issue that no check has refuted."""
+    """Return a cell that works but for a silent issue that no check has refuted."""
     lurks = signature("camera-elsewhere", None, silent=True, packages=["gymnasium"], check="render.camera")
     return Trial(assessed=assess(record(case("pppp")), knowing(lurks)), failure=None, seconds=1.0, at_hand=False)
 

@@ -21,7 +21,7 @@ BASELINE = {"python": "3.11", "gymnasium": "1.2.3", "mujoco": "3.3.7"}
 
 @pytest.fixture(scope="module")
 def wide() -> tuple[Matrix, Expansion, Plan]:
-    """The matrix, its expansion and its plan."""
+    """Return the matrix, its expansion and its plan."""
     name = "gymnasium-mujoco"
     matrix = matrix_file.read((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml")
     made = version_ranges.read((FOLDER / f"{name}.expanded.json").read_text(encoding="utf-8"), f"{name}.expanded.json")

@@ -47,7 +47,7 @@ FACTS = {"python": "3.9.1", "implementation": "CPython", "executable": "/python"
 
 
 def lines(*records: dict[str, Any], pid: int = 7) -> list[bytes]:
-    """Records as a cell writes them, numbered."""
+    """Return records as a cell writes them, numbered."""
     return [json.dumps({"seq": number, "pid": pid, **record}).encode() + b"\n" for number, record in enumerate(records)]
 
 
@@ -108,7 +108,7 @@ def test_death_in_a_check() -> None:
 
 
 def test_an_exception() -> None:
-    """What a check raised is told in full."""
+    """An exception that a check raised arrives whole."""
     failed = {**PASSED, "outcome": "failed", "raised": RAISED}
     reply = wire.read_reply(lines(HELLO, START, failed))
     assert reply.checks[0].raised == Raised(
@@ -150,7 +150,7 @@ def test_an_exception() -> None:
     ],
 )
 def test_refused(line: bytes, problem: str) -> None:
-    """What cannot be believed is left out and named by line; what comes before it stays."""
+    """An invalid record is left out and reported with its line number; the records before it stay."""
     reply = wire.read_reply([*lines(HELLO), line])
     assert len(reply.problems) == 1
     assert reply.problems[0].startswith(f"reply line 2: {problem}")
@@ -193,7 +193,7 @@ def _vector(*ends: tuple[int, int | None], ended: bool = True) -> list[bytes]:
 
 
 def test_workers() -> None:
-    """What workers wrote joins the exit codes that their parent saw; a worker without files has its exit code."""
+    """Files of workers join the exit codes that their parent saw; a worker without files has its exit code alone."""
     files = {
         "worker-11.jsonl": _worker(*REACHED, {"kind": "raised", "raised": RAISED, "observed": None}, pid=11),
         "worker-12.jsonl": _worker(*REACHED[:2], pid=12),
@@ -215,7 +215,7 @@ def test_workers() -> None:
 
 
 def test_workers_outlive_their_parent() -> None:
-    """Where the parent hung or died, its workers' files still tell."""
+    """If the parent hung or died, the files of its workers are still read."""
     reply = wire.read_reply(_vector(ended=False), {"worker-11.jsonl": _worker(*REACHED[:2], pid=11)})
     assert [(worker.pid, worker.reached, worker.exit_code) for worker in reply.checks[0].workers] == [
         (11, "constructor", None)

@@ -11,7 +11,7 @@ from harness.model import Observed, words
 
 
 def seen(code: str, **more: Any) -> Observed:
-    """An observation of some check."""
+    """Return an observation of some check."""
     named = {name: more.pop(name) for name in ("at", "got", "promised") if name in more}
     return Observed(check="single.loop", code=code, data=more, **named)
 
@@ -75,7 +75,7 @@ def test_sentences(observed: Observed, sentence: str) -> None:
 
 
 def _exactly(value: Any) -> Any:
-    """A condition that only this value meets."""
+    """Return a condition that only this value meets."""
     if isinstance(value, dict):
         return {name: _exactly(one) for name, one in value.items()}
     return value if isinstance(value, int | float) else words.escaped(str(value))
@@ -192,12 +192,12 @@ def test_a_line_is_recognised(line: str, code: str, data: dict[str, str]) -> Non
     ],
 )
 def test_no_line_of_a_library_is_recognised(line: str) -> None:
-    """Nor one that is cut."""
+    """A line of a library, or a truncated line, is not recognised."""
     assert words.recognised(line) is None
 
 
 def test_numbers_are_looked_for_as_they_are_written() -> None:
-    """By the format that the template gives them."""
+    """A number in the data is matched in the format that the template gives it."""
     told = seen("solver.differs", steps=5, gap=0.123456, largest=2.0)
     assert re.search(words.sentence_pattern("solver.differs", {"gap": 0.123456}), words.sentence(told))
     assert words.met("solver.differs", {"gap": 0.123456}, told)

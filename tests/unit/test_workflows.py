@@ -1,4 +1,4 @@
-"""What a workflow claims by its matrix, and what its steps install."""
+"""Test which versions a workflow claims in its matrix, and which packages its steps install."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SETUP = """
 
 
 def job(matrix: str, steps: str = SETUP, rest: str = "") -> Job:
-    """The one job of a workflow."""
+    """Return the only job of a workflow."""
     text = f"on: push\njobs:\n  test:\n    runs-on: ubuntu-latest\n{indent(dedent(rest), '    ')}\n"
     text += f"    strategy:\n      matrix:\n{indent(dedent(matrix), '        ')}\n    steps:\n"
     (found,) = read(text + indent(dedent(steps), "      "), "ci.yml")
@@ -26,7 +26,7 @@ def job(matrix: str, steps: str = SETUP, rest: str = "") -> Job:
 
 
 def fates(found: Job, name: str) -> list[tuple[str, Fate, str]]:
-    """What became of one axis, leg by leg."""
+    """Return value, fate and reason of one axis, leg by leg."""
     return [(claim.value, claim.fate, claim.why) for leg in found.legs for claim in leg.claims if claim.name == name]
 
 
@@ -184,7 +184,7 @@ def test_a_python_that_is_set_up_otherwise_is_told() -> None:
 
 
 def test_labels_and_switches_are_no_claims_of_versions() -> None:
-    """What names a leg, chooses its runner or its steps is used."""
+    """A value that names a leg, or chooses its runner or its steps, counts as used."""
     found = job(
         "os: [ubuntu-22.04]\nname: [oldest]\nslow: [true]\nbackend: [egl]",
         "- run: pytest\n  if: matrix.slow",
@@ -208,7 +208,7 @@ def test_jobs_without_a_matrix_are_left_out() -> None:
 
 @pytest.mark.parametrize("steps", ["3", "text", "[null, [1], text, { run: 3, env: x, with: [] }, { if: [] }]", "null"])
 def test_steps_of_any_shape_are_read(steps: str) -> None:
-    """What is no step is passed over, as what a matrix lists may be anything."""
+    """Malformed steps are skipped, and a matrix may list values of any type."""
     text = f"jobs: {{ a: {{ env: 3, strategy: {{ matrix: {{ x: [null, [1], {{}}] }} }}, steps: {steps} }} }}"
 
     assert {claim.fate for leg in read(text, "ci.yml")[0].legs for claim in leg.claims} == {Fate.NEVER}
@@ -260,7 +260,7 @@ def test_what_is_no_workflow_is_told(text: str, message: str) -> None:
     ],
 )
 def test_conditions_are_decided_as_far_as_the_matrix_tells(condition: object, expected: bool | None) -> None:
-    """What only GitHub knows is neither true nor false."""
+    """A condition that needs GitHub's own data is neither true nor false."""
     inner = {"inner": {"key": "x"}, "list": ["a", "b"]}
     matrix = {"v": "1.0", "n": 3, "flag": True, "word": "text", **inner}
 
@@ -286,7 +286,7 @@ def test_conditions_are_decided_as_far_as_the_matrix_tells(condition: object, ex
     ],
 )
 def test_commands_that_install(script: str, expected: list[list[str]]) -> None:
-    """What pip, uv and conda are told to install, without their options."""
+    """The packages that pip, uv and conda install are read, without the options."""
     found = [shell.install(words) for words in shell.commands(script)]
 
     assert [list(each.words) for each in found if each] == expected

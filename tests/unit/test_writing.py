@@ -23,7 +23,7 @@ def test_a_file_that_says_the_same_is_left_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("content", [b"same and more", b"sam", b""])
 def test_a_file_that_says_something_else_is_replaced(tmp_path: Path, content: bytes) -> None:
-    """Also where one content begins as the other does."""
+    """A file is replaced even if one content begins like the other."""
     path = tmp_path / "cell.json"
     write_atomic(path, b"same")
 

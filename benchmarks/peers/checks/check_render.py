@@ -1,4 +1,4 @@
-"""Frames as arrays that show something."""
+"""Render frames as arrays, which have to show something."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""One environment: seeded episodes, twice the same."""
+"""Check one environment: seeded episodes, twice the same."""
 
 import gymnasium
 import numpy as np
@@ -7,7 +7,7 @@ STEPS = 100
 
 
 def trajectory():
-    """Observations and rewards of a seeded rollout."""
+    """Return the observations and rewards of a seeded rollout."""
     env = gymnasium.make("CartPole-v1")
     env.action_space.seed(1)
     observation, _ = env.reset(seed=1)

@@ -1,4 +1,4 @@
-"""Several environments, each in a forked worker."""
+"""Check several environments, each in a forked worker."""
 
 import gymnasium
 import numpy as np

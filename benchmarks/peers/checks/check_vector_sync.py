@@ -1,4 +1,4 @@
-"""Several environments in one process."""
+"""Check several environments in one process."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""A first matrix for somebody's project: from what it says of itself, or from what its workflow installs.
+"""Draft a first matrix for a project: from its metadata, or from the packages that its workflow installs.
 
 Everything is read from texts; `templates/matrix.toml.j2` makes a file of a draft.
 """

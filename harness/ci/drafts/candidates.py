@@ -1,4 +1,4 @@
-"""Environments that an installed package told of: read, and ordered by which of them is tried first."""
+"""Read the environments that an installed package registers, and order them for trials."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ARGUMENTS = re.compile(r"missing \d+ required (?:positional|keyword-only) argume
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Candidate:
-    """An environment that may become a case: `place` is the module that it comes from, `lacking` what keeps it away.
+    """An environment that may become a case: `place` is its module, `lacking` the reason why it cannot be made.
 
     `imports` are modules that have to be imported for it to be known.
     """
@@ -32,7 +32,7 @@ class Candidate:
 
 
 def read(facts: Mapping[str, Any]) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
-    """Read what a cell told, leaving out what has another shape: environments, and imports that failed with why."""
+    """Read the answer of a cell: environments, and failed imports with reasons. Skip entries of another shape."""
     listed, failed = facts.get("environments"), facts.get("failed")
     plain = [each for each in listed[:MOST] if isinstance(each, dict)] if isinstance(listed, list) else []
     found = [_candidate({name: str(value)[:LONGEST] for name, value in each.items()}) for each in plain]
@@ -57,7 +57,7 @@ def _candidate(told: Mapping[str, str]) -> Candidate:
 
 
 def chosen_order(found: Iterable[Candidate]) -> list[Candidate]:
-    """Return candidates in the order in which they are tried: of each name the newest, of each class one, then more.
+    """Return the newest version of each candidate in the order of trials: one of each class first, then the rest.
 
     Without that, three of a first matrix would be three variants of one task.
     """

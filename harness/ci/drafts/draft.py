@@ -1,4 +1,4 @@
-"""The draft of a matrix, and its text."""
+"""Draft a matrix, and write its text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Range:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bundle:
-    """One value of the axis of what legs install differently."""
+    """One value of the `install` axis: requirements and extras that some legs install and others do not."""
 
     label: str
     requirements: tuple[str, ...] = ()
@@ -61,12 +61,12 @@ class Draft:
 
     @property
     def baseline(self) -> str | None:
-        """The Python beside which ranges are varied, one at a time: in the middle, where most wheels are."""
+        """Return the Python on which ranges are varied one at a time: `main`, else the middle one, with most wheels."""
         return (self.main or self.pythons[(len(self.pythons) - 1) // 2]) if self.ranges else None
 
 
 def of_project(project: Project) -> Draft:
-    """The Pythons and the versions of gymnasium and simulators that a project claims, one varied at a time."""
+    """Draft a matrix of the Pythons and the package versions that a project claims, one of them varied at a time."""
     return Draft(
         description=f"What {project.name} says it works with",
         pythons=project.pythons or (HOST,),

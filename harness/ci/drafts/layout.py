@@ -1,4 +1,4 @@
-"""The folder of a first matrix: one that setuptools does not take for a package of the project."""
+"""Choose the folder of a first matrix: one that setuptools does not take for a package of the project."""
 
 from __future__ import annotations
 

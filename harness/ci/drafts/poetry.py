@@ -1,4 +1,4 @@
-"""Reads `[tool.poetry]` as if it were a `[project]` table."""
+"""Read `[tool.poetry]` as if it were a `[project]` table."""
 
 from __future__ import annotations
 

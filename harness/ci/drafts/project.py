@@ -1,4 +1,4 @@
-"""What a project says of itself in pyproject.toml, or in the literals of an older setup.py."""
+"""Read the metadata of a project from pyproject.toml, or from the literals of an older setup.py."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class _Document(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
 
 
 def read(pyproject: str, setup: str, folder: str) -> Project:
-    """Read a project from the texts of its files, empty where it has none; `folder` names one that names itself not."""
+    """Read a project from the texts of its files, empty if missing. `folder` names a project without a name."""
     document = schema.load_toml(pyproject, _Document, "pyproject.toml")
     table, own = document.project, document.tool.get("poetry")
     if not table.name and isinstance(own, Mapping):
@@ -92,7 +92,7 @@ def _names_tests(tool: Mapping[str, Any]) -> bool:
 
 
 def registered(text: str) -> Iterator[str]:
-    """The environments that a module registers, by the literals of its calls."""
+    """Yield the ids of the environments that a module registers by calls with literals."""
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError):
@@ -106,7 +106,7 @@ def registered(text: str) -> Iterator[str]:
 
 
 def _pythons(table: _Table) -> tuple[str, ...]:
-    """Those that its classifiers name, else those that it allows; none where it says nothing."""
+    """Return the Pythons that the classifiers name, else those that `requires-python` allows. Empty without either."""
     named = {found[1] for line in table.classifiers if (found := _CLASSIFIER.fullmatch(line.strip()))}
     if not named and not table.requires_python:
         return ()
@@ -121,7 +121,7 @@ def _pythons(table: _Table) -> tuple[str, ...]:
 
 
 def _literals(setup: str) -> _Table:
-    """The arguments of `setup()` that stand in setup.py as they are."""
+    """Return the arguments of `setup()` that are literals in setup.py."""
     try:
         tree = ast.parse(setup)
     except (SyntaxError, ValueError):
@@ -146,7 +146,7 @@ def _extras(value: object) -> dict[str, tuple[str, ...]]:
 
 
 def _called(function: ast.expr) -> str | None:
-    """The last part of a function's name."""
+    """Return the last part of a function's name."""
     if isinstance(function, ast.Attribute):
         return function.attr
     return function.id if isinstance(function, ast.Name) else None

@@ -1,4 +1,4 @@
-"""Finds the extras and dependency groups that the tests of a project need, and the folder of its tests."""
+"""Find the extras and dependency groups that the tests of a project need, and the folder of its tests."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def suite(
     in_workflow: Iterable[str] = (),
     configured: bool = False,
 ) -> SuiteDraft | None:
-    """Return how to run the tests, None where there is no folder of tests.
+    """Return the settings that run the tests, None if there are no tests.
 
     `folders` are those of the project; `in_workflow` are extras that its own CI installs beside pytest, `configured`
     says that pytest's settings name where tests lie.

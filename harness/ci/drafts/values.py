@@ -1,4 +1,4 @@
-"""Chooses releases of a range as values of an axis: those that install without a build on the Python of the cells."""
+"""Choose releases of a range as values of an axis: those that install without a build on the Python of the cells."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_LEFT_OUT = 12
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Offer:
-    """A release that an index offers: what Pythons it is for, and the names of its wheels."""
+    """A release that an index offers, with the Pythons it is for and the names of its wheels."""
 
     version: str
     yanked: bool
@@ -68,7 +68,7 @@ def _allows(text: str, version: str) -> bool:
 
 
 def _values(wanted: Range, offers: Iterable[Offer]) -> tuple[str, ...]:
-    """Return the values that the range comes to."""
+    """Return the versions to which the range expands."""
     table = RangeTable(range=wanted.range, rule=wanted.rule)
     return expand_range(table, [(offer.version, offer.yanked) for offer in offers])
 

@@ -1,4 +1,4 @@
-"""The matrix of what the legs of a workflow really install, as far as their text tells."""
+"""Draft a matrix of the packages that the legs of a workflow really install, as far as its text shows."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _PYTHON = re.compile(r"3\.\d+(?:\.\d+)?")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Installed:
-    """What one leg comes to: package to requirement."""
+    """The content of one leg: its Python, its packages with their requirements, and its extras."""
 
     python: str
     packages: Mapping[str, Requirement]
     extras: tuple[str, ...]
 
     def pin(self, name: str) -> str | None:
-        """The version that a package is pinned to."""
+        """Return the version that a package is pinned to; None without a pin, or if the package has extras."""
         only = list(self.packages[name].specifier) if name in self.packages else []
         if len(only) != 1 or only[0].operator != "==" or self.packages[name].extras:
             return None
@@ -46,7 +46,7 @@ class _Installed:
 
 
 def of_legs(legs: Sequence[Leg], source: str) -> Draft | None:
-    """The draft of a matrix with the same combinations, None where no leg can be understood."""
+    """Return the draft of a matrix with the same combinations, None if no leg can be understood."""
     notes = [*_notes(legs)]
     found: list[_Installed] = []
     pythons = [_python(leg) for leg in legs]
@@ -108,12 +108,12 @@ def _packages(leg: Leg) -> dict[str, Requirement]:
 
 
 def _known(claim: Claim) -> Requirement | None:
-    """The requirement that a value stands for by its name, such as `numpy-version: ">=2.1"`."""
+    """Return the requirement that a value stands for by its name, such as `numpy-version: ">=2.1"`, if well known."""
     return claim.requirement if claim.requirement and canonicalize_name(claim.requirement.name) in WELL_KNOWN else None
 
 
 def _axes(found: Sequence[_Installed]) -> list[str]:
-    """Packages that every leg pins, not all to the same version."""
+    """Return the packages that every leg pins, not all to the same version."""
     return [
         name
         for name in found[0].packages
@@ -145,7 +145,7 @@ def _bundle(requirements: Sequence[str], extras: Sequence[str], common: Rest) ->
 
 
 def _distinctly(bundles: Sequence[Bundle]) -> list[Bundle]:
-    """Bundles of which those that differ have labels that do, too."""
+    """Return the bundles with new labels, so that different bundles have different labels."""
     known: dict[tuple[tuple[str, ...], tuple[str, ...]], Bundle] = {}
     for bundle in bundles:
         taken = {each.label.casefold() for each in known.values()}
@@ -160,7 +160,7 @@ def _numbered(label: str) -> Iterator[str]:
 
 
 def _label(line: str) -> str:
-    """`numpy-1.26.4` of `numpy==1.26.4`, `numpy-from1.21-below2` of `numpy<2,>=1.21`."""
+    """Return a requirement as a label: `numpy-1.26.4` or, for `numpy<2,>=1.21`, `numpy-from1.21-below2`."""
     made = Requirement(line)
     bounds = sorted(made.specifier, key=lambda each: (each.operator not in {">=", ">"}, str(each)))
     parts = [f"{_SIGNS[each.operator]}{each.version}" for each in bounds]
@@ -168,7 +168,7 @@ def _label(line: str) -> str:
 
 
 def _missing(values: Mapping[str, Sequence[str]], legs: Sequence[Mapping[str, str]]) -> Iterator[dict[str, str]]:
-    """Combinations that no leg is, named by the axes that have a choice."""
+    """Yield the combinations that no leg has, by the axes that have more than a single value."""
     for combination in product(*values.values()):
         named = dict(zip(values, combination, strict=True))
         if named not in legs:

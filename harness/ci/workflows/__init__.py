@@ -1,4 +1,4 @@
-"""Workflows of GitHub: the combinations that a matrix claims, and what its steps really install.
+"""Read workflows of GitHub: the combinations that a matrix claims, and the packages that its steps really install.
 
 Everything is read from the text; nothing is run.
 """

@@ -1,4 +1,4 @@
-"""The combinations of a `strategy.matrix`, by GitHub's rules.
+"""Compute the combinations of a `strategy.matrix`, by GitHub's rules.
 
 Those of the axes come first, without the excluded ones. An entry of `include` is then added to every one of them whose
 own values it leaves as they are; what an earlier entry has added it may replace. Only an entry that fits none is a
@@ -18,7 +18,7 @@ NOT_AXES = ("include", "exclude")
 
 
 class Unreadable(ValueError):
-    """The matrix is known to GitHub only when the workflow runs; says which part."""
+    """Error for a matrix that GitHub itself knows only when the workflow runs. The message names the part."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,7 +49,7 @@ class _Leg:
     replaced: list[Replaced] = field(default_factory=list)
 
     def add(self, index: int, entry: Mapping[str, Any]) -> None:
-        """Take the values of an entry that are no axis' own."""
+        """Add the values of an `include` entry, except those of the leg's axes. Note replaced values."""
         for name, value in entry.items():
             if name not in self.own:
                 before = self.added.get(name, value)
@@ -60,7 +60,7 @@ class _Leg:
 
 
 def combinations(matrix: object) -> tuple[Combination, ...]:
-    """Every combination, in GitHub's order; Unreadable where expressions stand for parts of it."""
+    """Return every combination, in GitHub's order. Raises Unreadable if an expression stands for a part of it."""
     if not isinstance(matrix, dict):
         message = f"matrix: {_quoted(matrix)} is known only when the workflow runs"
         raise Unreadable(message)
@@ -80,7 +80,7 @@ def combinations(matrix: object) -> tuple[Combination, ...]:
 
 
 def unmatched(matrix: Mapping[str, Any]) -> Iterator[int]:
-    """The entries of `exclude` that leave nothing out."""
+    """Yield the indexes of the entries of `exclude` that leave nothing out."""
     axes = {name: values for name, values in matrix.items() if name not in NOT_AXES}
     originals = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     for index, entry in enumerate(matrix.get("exclude") or []):

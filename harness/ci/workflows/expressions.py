@@ -1,4 +1,4 @@
-"""GitHub's expressions, `${{ ... }}`, as far as the values of a matrix decide them; the rest is `UNKNOWN`."""
+"""Evaluate GitHub's expressions, `${{ ... }}`, as far as the values of a matrix decide them; the rest is `UNKNOWN`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CONSTANTS = {"true": True, "false": False, "null": None}
 
 
 class _Unknown:
-    """What only GitHub knows: events, secrets, outputs of steps."""
+    """A value that only GitHub knows: an event, a secret, an output of a step."""
 
     def __repr__(self) -> str:
         return "UNKNOWN"
@@ -38,7 +38,7 @@ Contexts = Mapping[str, Any]
 
 
 def evaluate(expression: str, contexts: Contexts) -> Any:
-    """The value of an expression without its braces; UNKNOWN also where it cannot be read."""
+    """Return the value of an expression without its braces; UNKNOWN also if it cannot be read."""
     try:
         reader = _Reader(list(_tokens(expression)), contexts)
         value = reader.either()
@@ -59,12 +59,12 @@ def holds(condition: object, contexts: Contexts) -> bool | None:
 
 
 def substituted(text: str, write: Callable[[str, Any], str], contexts: Contexts) -> str:
-    """The text with each expression replaced by what `write` makes of it and of its value."""
+    """Return the text with each expression replaced by the result of `write`, called with it and its value."""
     return EMBEDDED.sub(lambda found: write(found[1], evaluate(found[1], contexts)), text)
 
 
 def text_of(value: Any) -> str:
-    """A value as GitHub writes it into a text."""
+    """Return a value as GitHub writes it into a text."""
     match value:
         case None:
             return ""
@@ -83,7 +83,7 @@ def truth(value: Any) -> bool:
 
 
 def names(text: str, context: str) -> frozenset[str]:
-    """The keys of a context that a text's expressions use; `*` where one takes the whole context."""
+    """Return the keys of a context that a text's expressions use; `*` if an expression takes the whole context."""
     found: set[str] = set()
     for expression in EMBEDDED.findall(text):
         found |= names_in(expression, context)
@@ -91,7 +91,7 @@ def names(text: str, context: str) -> frozenset[str]:
 
 
 def names_in(expression: str, context: str) -> frozenset[str]:
-    """The keys of a context that one expression, without its braces, uses."""
+    """Return the keys of a context that one expression, without its braces, uses."""
     without = re.sub(r"'(?:[^']|'')*'", lambda quoted: quoted[0] if _is_key(quoted, expression) else "''", expression)
     found = re.findall(rf"(?<![\w.-]){context}\b(?:\.([\w-]+)|\[\s*'((?:[^']|'')*)'\s*\])?", without)
     return frozenset(dotted or quoted or "*" for dotted, quoted in found)
@@ -105,7 +105,7 @@ def _is_key(quoted: re.Match[str], expression: str) -> bool:
 
 
 class _Unreadable(Exception):
-    """It is not one of GitHub's expressions."""
+    """Error for a text that is not one of GitHub's expressions."""
 
 
 def _tokens(expression: str) -> Iterator[tuple[str, str]]:
@@ -120,14 +120,14 @@ def _tokens(expression: str) -> Iterator[tuple[str, str]]:
 
 @dataclass
 class _Reader:
-    """Recursive descent; the methods stand from the loosest binding to the tightest."""
+    """An evaluator by recursive descent; its methods go from the loosest binding to the tightest."""
 
     tokens: Sequence[tuple[str, str]]
     contexts: Contexts
     at: int = field(default=0)
 
     def either(self) -> Any:
-        """`a || b`."""
+        """Evaluate `a || b`."""
         value = self.both()
         while self._take("||"):
             other = self.both()
@@ -138,7 +138,7 @@ class _Reader:
         return value
 
     def both(self) -> Any:
-        """`a && b`."""
+        """Evaluate `a && b`."""
         value = self.equal()
         while self._take("&&"):
             other = self.equal()
@@ -149,7 +149,7 @@ class _Reader:
         return value
 
     def equal(self) -> Any:
-        """`a == b`, `a != b`."""
+        """Evaluate `a == b` and `a != b`."""
         value = self.ordered()
         while sign := self._take("==", "!="):
             other = self.ordered()
@@ -158,7 +158,7 @@ class _Reader:
         return value
 
     def ordered(self) -> Any:
-        """`a < b` and the like."""
+        """Evaluate `a < b` and the like."""
         value = self.opposite()
         while sign := self._take("<", ">", "<=", ">="):
             other = self.opposite()
@@ -167,14 +167,14 @@ class _Reader:
         return value
 
     def opposite(self) -> Any:
-        """`!a`."""
+        """Evaluate `!a`."""
         if self._take("!"):
             value = self.opposite()
             return UNKNOWN if value is UNKNOWN else not truth(value)
         return self.single()
 
     def single(self) -> Any:
-        """A literal, a call, a value of a context, or something in parentheses."""
+        """Evaluate a literal, a call, a value of a context, or an expression in parentheses."""
         kind, text = self.tokens[self.at]
         self.at += 1
         if kind == "string":
@@ -194,7 +194,7 @@ class _Reader:
         return self._inside(self.contexts.get(text, UNKNOWN))
 
     def _inside(self, value: Any) -> Any:
-        """What `.name` and `[...]` after a value lead to."""
+        """Follow `.name` and `[...]` after a value, and return the inner value."""
         while sign := self._take(".", "["):
             if sign == ".":
                 key: Any = self.tokens[self.at][1]
@@ -235,7 +235,7 @@ def _item(value: Any, key: Any) -> Any:
 
 
 def _called(name: str, arguments: Sequence[Any]) -> Any:
-    """What a function gives, in a job in which nothing has failed so far."""
+    """Return the result of a function in a job in which nothing has failed so far, UNKNOWN if it has none."""
     if name in _STATUS:
         return _STATUS[name]
     function = _FUNCTIONS.get(name.lower())
@@ -262,7 +262,7 @@ def _nth(values: Sequence[Any], index: int) -> str:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Equal as GitHub compares: texts without their case, unlike types as numbers."""
+    """Return whether two values are equal as GitHub compares: texts without their case, unlike types as numbers."""
     if isinstance(one, dict | list) or isinstance(other, dict | list):
         return one is other
     one, other = _comparable(one, other)

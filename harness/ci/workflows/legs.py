@@ -1,4 +1,4 @@
-"""What each leg of a workflow claims by its matrix, and what its steps install.
+"""Find the versions that each leg of a workflow claims by its matrix, and the packages that its steps install.
 
 Steps are followed in their order: those whose `if` a leg's values turn off are left out, `pip`, `uv pip` and `conda`
 commands are read, setup actions are asked for their Python. What scripts, containers and other actions do with a value
@@ -31,7 +31,7 @@ _UNREADABLE = "?"
 
 
 class Fate(StrEnum):
-    """What becomes of a value that a matrix names."""
+    """The fate of a value that a matrix names."""
 
     INSTALLED = "installed"
     HANDED_ON = "handed on"
@@ -50,7 +50,7 @@ class Claim:
 
     @property
     def requirement(self) -> Requirement | None:
-        """What the value asks for if its name is a package's, such as `numpy-version: ">=2.1"`."""
+        """Return the value as a requirement, if its name is a package's, such as `numpy-version: ">=2.1"`."""
         specifiers = _specifiers(self.value) if _VERSION.fullmatch(self.value) else None
         try:
             return Requirement(f"{_package(self.name)}{specifiers}") if specifiers else None
@@ -60,7 +60,7 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Leg:
-    """One combination of one job: what it claims and what it installs, as far as that can be read.
+    """One combination of one job: its claims and the packages it installs, as far as they can be read.
 
     `extras` is None where the project itself is not installed; `unread` are files, addresses and the like.
     """
@@ -94,7 +94,7 @@ def leg(job: Mapping[str, Any], combination: Combination) -> Leg:
 
 @dataclass
 class _Followed:
-    """What is known after the steps so far."""
+    """The state of a leg after the steps so far."""
 
     values: Mapping[str, Any]
     python: str | None = None
@@ -108,16 +108,16 @@ class _Followed:
     # --- values ---
 
     def contexts(self, environment: Mapping[str, str]) -> dict[str, Any]:
-        """What expressions can be answered from."""
+        """Return the contexts that decide expressions: `matrix` and `env`."""
         return {"matrix": dict(self.values), "env": {name: unmarked(text) for name, text in environment.items()}}
 
     def variables(self, table: object, around: Mapping[str, str]) -> dict[str, str]:
-        """Environment variables with marks where they hold values of the matrix."""
+        """Return environment variables, with marks around values of the matrix."""
         own = table if isinstance(table, dict) else {}
         return {**around, **{str(name): self.filled(text_of(value), around) for name, value in own.items()}}
 
     def filled(self, text: str, environment: Mapping[str, str]) -> str:
-        """The text with its expressions replaced, each marked with the names that it took its value from."""
+        """Return the text with its expressions replaced, each marked with the names that it took its value from."""
 
         def write(expression: str, value: Any) -> str:
             marks = set(expressions.names_in(expression, "matrix"))
@@ -162,7 +162,7 @@ class _Followed:
         self.hand_on_names(_names(text), "a script")
 
     def install(self, found: shell.Install) -> None:
-        """Take over what a command installs; a package that is there already is not replaced without need."""
+        """Add or remove the packages of a command. An installed package is not replaced without need."""
         self.unread += found.files
         for word in found.words:
             if own := re.fullmatch(r"(?:\./?|\$?\{?\w*\}?/?dist/\*\S*)(?:\[([^]]*)\])?", word):
@@ -182,11 +182,11 @@ class _Followed:
                 self.packages[name] = requirement
 
     def hand_on(self, parts: Iterable[object], to: str) -> None:
-        """Note that what these parts of the workflow use is used, wherever it ends."""
+        """Note that these parts of the workflow hand on the matrix values that they use, with `to` as the receiver."""
         self.hand_on_names({name for text in _texts(list(parts)) for name in expressions.names(text, "matrix")}, to)
 
     def hand_on_names(self, names: Iterable[str], to: str) -> None:
-        """Note who was given values."""
+        """Note the first receiver of each value; `*` stands for all values."""
         for name in names:
             for each in self.values if name == "*" else [name]:
                 self.handed.setdefault(each, to)
@@ -194,7 +194,7 @@ class _Followed:
     # --- the end ---
 
     def claim(self, name: str, value: str, job: Mapping[str, Any]) -> Claim:
-        """What became of one value."""
+        """Return the claim of one value, with its fate."""
         reached = name in self.installing or "*" in self.installing
         instead = self.instead(name, value)
         if instead is not None and not (reached and instead == ""):
@@ -208,7 +208,7 @@ class _Followed:
         return Claim(name=name, value=value, fate=Fate.NEVER, why=_why_never(name, job))
 
     def instead(self, name: str, value: str) -> str | None:
-        """What is installed where the value says another version; "" for no version in particular."""
+        """Return words on the version installed instead of the value: "" for any version, None if the value fits."""
         if not _VERSION.fullmatch(value):
             return None
         package = _package(name)
@@ -226,7 +226,7 @@ def _steps(job: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _package(name: str) -> str:
-    """The package that an axis such as `gymnasium-version` speaks of."""
+    """Return the package that an axis such as `gymnasium-version` is about."""
     return canonicalize_name(re.sub(r"[-_.]?(?:version|ver)s?$", "", name, flags=re.IGNORECASE) or name)
 
 
@@ -251,7 +251,7 @@ def _why_never(name: str, job: Mapping[str, Any]) -> str:
 
 
 def _mentioned(job: Mapping[str, Any]) -> frozenset[str]:
-    """Names that conditions and names of steps and of the job use."""
+    """Return the matrix names used in the conditions of steps, and in the names of steps and of the job."""
     steps = _steps(job)
     conditions = (text_of(step.get("if")) for step in steps)
     inside = {name for condition in conditions for name in expressions.names_in(condition, "matrix")}
@@ -263,7 +263,7 @@ def _used(parts: Sequence[object]) -> frozenset[str]:
 
 
 def _texts(part: object) -> Iterator[str]:
-    """Every text inside a part of a workflow."""
+    """Yield every text inside a part of a workflow."""
     if isinstance(part, str):
         yield part
     inner = part.values() if isinstance(part, dict) else part if isinstance(part, list | tuple) else ()

@@ -1,4 +1,4 @@
-"""A workflow file of GitHub: its jobs that have a matrix, with what each of their legs claims and installs."""
+"""Read a workflow file of GitHub: the jobs that have a matrix, with the claims and the packages of each leg."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Job:
 
 
 def read(text: str, file: str) -> tuple[Job, ...]:
-    """Read a workflow; jobs without a matrix are left out."""
+    """Read a workflow. Jobs without a matrix are left out; BadInput is raised if no job is left."""
     with readable_yaml(text, file):
         loader = _Loader(text)
         try:
@@ -65,7 +65,7 @@ def _job(name: str, job: Mapping[str, Any]) -> Job:
 
 
 def _misread(part: object, name: str = "matrix") -> Iterator[str]:
-    """Versions that YAML takes for numbers, and shortens."""
+    """Yield a note for each version that YAML takes for a number and shortens, such as 3.10."""
     if isinstance(part, _Number) and part.written != f"{float(part):.15g}":
         yield f"{name}: {part.written} without quotes is the number {float(part):.15g}, which is what GitHub uses"
     if isinstance(part, list):

@@ -1,4 +1,4 @@
-"""What the commands of a step install, as far as their text tells."""
+"""Find the packages that the commands of a step install, as far as their text shows."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Install:
 
 
 def unmarked(text: str) -> str:
-    """The text without the marks that tell where its values come from."""
+    """Return the text without the marks that name the sources of its values."""
     return MARK.sub("", text)
 
 
 def commands(script: str) -> Iterator[list[str]]:
-    """The simple commands of a script, as words, without branches of an `if` that its text decides against."""
+    """Yield the simple commands of a script, as words, without branches of an `if` that its text decides against."""
     branches: list[_Branch] = []
     testing: list[list[str]] | None = None
     for words in _simple(script):
@@ -66,7 +66,7 @@ def commands(script: str) -> Iterator[list[str]]:
 
 @dataclass(slots=True)
 class _Branch:
-    """Where a script is in an `if`: whether this branch may run, and whether an earlier one surely has."""
+    """The current branch of an `if`: whether it may run, and whether an earlier branch surely has."""
 
     runs: bool = True
     settled: bool = False
@@ -78,7 +78,7 @@ class _Branch:
 
 
 def _test(words: Sequence[str]) -> bool | None:
-    """What `[ a = b ]` comes to, where it is all text."""
+    """Return the result of a test such as `[ a = b ]`, None unless it is all text."""
     inner = [unmarked(word) for word in words[1:] if word not in {"]", "]]"}]
     if words[:1] not in (["["], ["[["], ["test"]) or any("$" in word or "`" in word for word in inner):
         return None
@@ -95,7 +95,7 @@ def _test(words: Sequence[str]) -> bool | None:
 
 
 def _simple(script: str) -> Iterator[list[str]]:
-    """The commands one by one; a line that cannot be taken apart is left out."""
+    """Yield the commands one by one. A line that cannot be split into words is left out."""
     for line in re.sub(r"\\\r?\n", " ", script).splitlines():
         lexer = shlex.shlex(line, posix=True, punctuation_chars=";|&()")
         lexer.whitespace_split = True
@@ -114,7 +114,7 @@ def _simple(script: str) -> Iterator[list[str]]:
 
 
 def python_of(words: Sequence[str]) -> str | None:
-    """The Python that `uv venv --python` or `conda create python=` names."""
+    """Return the Python that `uv venv --python` or `conda create python=` names, None for other commands."""
     if list(words[:2]) == ["uv", "venv"]:
         named = [word for option, word in pairwise(words) if option in {"-p", "--python"}]
         named += [word.partition("=")[2] for word in words if word.startswith("--python=")]
@@ -126,7 +126,7 @@ def python_of(words: Sequence[str]) -> str | None:
 
 
 def install(words: Sequence[str]) -> Install | None:
-    """What a command installs or removes, if that is what it does."""
+    """Return the packages that a command installs or removes, None for other commands."""
     rest = _arguments(words)
     if rest is None:
         return None
@@ -150,7 +150,7 @@ def install(words: Sequence[str]) -> Install | None:
 
 
 def _arguments(words: Sequence[str]) -> tuple[str, Sequence[str]] | None:
-    """The verb of an installing command and what follows it."""
+    """Return the verb of an installing command and the words after it, None for other commands."""
     rest = list(words)
     while rest and (re.match(r"\w+=", rest[0]) or rest[0] in {"sudo", "time", "exec", "-E"}):
         rest.pop(0)

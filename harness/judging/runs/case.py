@@ -1,4 +1,4 @@
-"""Say what the probe runs of a case come to: its phases. All of it is pure.
+"""Fold the probe runs of a case into its phases. All of it is pure.
 
 while request := todo(asked, folded):
     folded = after(asked, folded, the reading of one more run)
@@ -34,7 +34,7 @@ BULKY = frozenset({"trajectory", "values", "pictures"})
 
 
 def phases(asked: Asked, folded: Folded, new: frozenset[str] = frozenset()) -> dict[Phase, PhaseRecord]:
-    """Return what each phase of a case came to; `new` are the runs that were not made before."""
+    """Return the record of each phase of a case. `new` names the runs that were not made before."""
     return {
         phase: _phase(phase, names, folded, new)
         for phase, names in asked.wanted.items()
@@ -43,7 +43,7 @@ def phases(asked: Asked, folded: Folded, new: frozenset[str] = frozenset()) -> d
 
 
 def case_record(case: Case, known: Mapping[Phase, PhaseRecord], runs: tuple[str, ...] = ()) -> CaseRecord:
-    """Return the record of a case, with those phases that are not known as not reached, or not asked for."""
+    """Return the record of a case. Phases without a record are not reached, or skipped if not asked for."""
     asked = wanted_of(case.checks, CASE_PHASES[-1])
     return CaseRecord(
         case=case.id,
@@ -108,7 +108,7 @@ def _findings(phase: Phase, names: tuple[str, ...], folded: Folded) -> Iterable[
 
 
 def _compare(loop: CheckRecord, repeat: CheckRecord) -> Iterable[Finding]:
-    """Yield the finding that the same seed gave another trajectory in a second process."""
+    """Yield a finding if the same seed gave another trajectory in a second process, or the loop failed there."""
     first, second = loop.facts.get("trajectory"), repeat.facts.get("trajectory")
     if repeat.outcome in FAILING:
         text = f"the same loop in a second process: {repeat.decisive}"

@@ -1,4 +1,4 @@
-"""How a check ended: what the cell said of it, and what the end of its process adds."""
+"""Judge how a check ended, from the reply of the cell and the end of its process."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ DRAWING_CODE = r"/(?:OpenGL|glfw)/"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ending:
-    """How a probe's process ended, as far as it matters to the check that was running then.
+    """The end of a probe's process, as far as it matters to the check that was running then.
 
-    `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason, `full` is
-    whether the disk that it wrote to had no room left, `least_room_mb` the least that was seen there, `lost` how the
-    display that it drew on ended. `shares_memory` is whether there was a /dev/shm to write to. `stacks` are what it
-    printed last, and faulthandler's.
+    `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason. `full` is
+    true if the disk that it wrote to had no room left, `least_room_mb` is the least room seen there. `lost` says how
+    the display that it drew on ended. `shares_memory` is true if there was a /dev/shm to write to. `stacks` are its
+    last output, and faulthandler's.
     """
 
     exit_code: int | None = None
@@ -68,12 +68,12 @@ class Ending:
 
     @property
     def afterwards(self) -> str:
-        """What was printed after the last line of the reply."""
+        """Return the output after the last line of the reply."""
         return self.stacks.partition(wire.LAST_WORDS)[2]
 
 
 def ending_of(reading: Reading) -> Ending:
-    """Say what the end of a probe run tells of the check that was running then."""
+    """Return the end of a probe run, as it matters to the check that was running then."""
     end, memory = reading.run.end, reading.run.request.memory_mb
     overran = STARTUP_SECONDS if end.timed_out else end.overran
     limit = f"needs more than the {memory} MB that its case allows; `memory_mb` of the case raises that"
@@ -92,12 +92,12 @@ def ending_of(reading: Reading) -> Ending:
 
 
 def phase_of(check: str) -> Phase:
-    """The phase that a check belongs to: the part of its name before the dot."""
+    """Return the phase that a check belongs to: the part of its name before the dot."""
     return Phase(check.partition(".")[0])
 
 
 def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
-    """Return whether no phase that this one needs is known to have ended otherwise than well."""
+    """Return whether all phases that this one needs passed, or have no outcome yet."""
     needed = NEEDS.get(phase)
     while needed:
         if known.get(needed, Outcome.PASSED) is not Outcome.PASSED:
@@ -107,7 +107,7 @@ def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
 
 
 def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -> CheckRecord:
-    """The record of one check; `undrawable` is why nothing can be drawn by OpenGL here (`machine.undrawable`)."""
+    """Return the record of one check. `undrawable` says why OpenGL cannot draw here (`machine.undrawable`)."""
     outcome, decisive, mask = _outcome(reply, ending, undrawable)
     shortage = ending.lost or _shortage(reply, decisive or "", ending) if outcome in FAILING else None
     if shortage:
@@ -125,7 +125,7 @@ def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str
 
 
 def found_beside(reply: ProbeReply, ending: Ending, followers: Iterable[str]) -> Iterator[Finding]:
-    """Yield what the end of a probe says besides its checks: of those that follow others, and of Python's own end.
+    """Yield findings about checks that follow others, and about the end of Python, besides the checks of a probe.
 
     A misleading check that was not reached is no finding: what it would refute stays unverified.
     """
@@ -147,7 +147,7 @@ def found_beside(reply: ProbeReply, ending: Ending, followers: Iterable[str]) ->
 
 
 def _last_gasp(ending: Ending, *, complete: bool) -> str | None:
-    """How Python ended after its last check, unless well."""
+    """Return how Python ended after its last check; None if it ended well."""
     if ending.overran is not None:
         return f"Python did not end within {ending.overran:g} s of the last check"
     if ending.signal or ending.exit_code:
@@ -190,12 +190,12 @@ def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
 
 
 def shot(record: CheckRecord) -> bool:
-    """Tell whether nobody knows who killed the process of a check, or a worker of it."""
+    """Return whether an unknown sender killed the process of a check, or a worker of it."""
     return record.outcome is Outcome.INFRA and SHOT in (record.decisive or "")
 
 
 def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
-    """Return what this machine was short of when a check failed or died, or who ended it; None if nothing shows it."""
+    """Return the shortage of this machine, or the kill, that made a check fail or die; None if nothing shows one."""
     killed = SIGKILLED.match(decisive)
     if killed:
         return f"{killed[1] or ''}{SHOT}"
@@ -212,19 +212,22 @@ def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
 
 
 def _made_up(reply: CheckReply, ending: Ending) -> bool:
-    """Tell whether a package only claims that a disk is full: none was, and no call of the system said so."""
+    """Return whether a package only claims that a disk is full: none was, and no system call said so."""
     if not reply.raised or reply.workers or (ending.least_room_mb or 0) < ROOMY_MB:
         return False
     return not reply.raised.type.endswith(("OSError", "IOError")) and "rrno" not in reply.raised.message
 
 
 def _code(reply: CheckReply) -> str:
-    """The code of what the cell observed, empty where it is no observation that says why."""
+    """Return the code of the cell's observation; empty if there is none."""
     return reply.observed.code if reply.observed else ""
 
 
 def _drawing(reply: CheckReply) -> str | None:
-    """What it failed at drawing with, or at getting ready for it: `pyglet`, empty for another way; None for neither."""
+    """Return the library that failed to draw, or to prepare for it: `pyglet`, or empty for any other.
+
+    None if the check did not fail at drawing.
+    """
     traceback = reply.raised.traceback if reply.raised else ""
     facts = reply.facts if phase_of(reply.check) is Phase.RENDER else {}
     loaded = _drawing_modules() & {*facts.get("loaded", ())}
@@ -247,7 +250,7 @@ def _drawing_code() -> re.Pattern[str]:
 
 
 def _draws(reply: CheckReply, ending: Ending) -> bool:
-    """Tell whether a check failed by drawing: with nothing to see, or in the code of a library that draws."""
+    """Return whether a check failed by drawing: with nothing to see, or in the code of a library that draws."""
     told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
     if phase_of(reply.check) is Phase.RENDER and (not reply.raised or _code(reply) == BLANK):
         return True
@@ -255,7 +258,7 @@ def _draws(reply: CheckReply, ending: Ending) -> bool:
 
 
 def _died(reply: CheckReply, ending: Ending) -> Said:
-    """A check that was started and never ended: its process died, or was ended."""
+    """Return the outcome of a check that started and never ended: its process died, or was ended."""
     child, mask = decisive_line.decisive_of_check(reply)
     if ending.trouble:
         return Outcome.INFRA, ending.trouble, None

@@ -1,4 +1,4 @@
-"""Why a check failed, in one line. What makes one of any text stands in `standalone/lines.py`."""
+"""Say in one line why a check failed. `standalone/lines.py` finds such a line in any text."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 
 
 def decisive_of_check(reply: CheckReply) -> tuple[str | None, str | None]:
-    """Say why a check failed, as the cell told it, and what hid that: (decisive, masked by).
+    """Return the reason why a check failed, as the cell reported it, and the line that hid it: (decisive, masked by).
 
     The first exception, signal or exit code of a worker comes before what its parent saw of it.
     """
@@ -49,7 +49,7 @@ def decisive_of_check(reply: CheckReply) -> tuple[str | None, str | None]:
 
 
 def observed_of_check(reply: CheckReply) -> Observed | None:
-    """Return what the cell observed that the decisive line of a check says; None where that is no sentence of ours."""
+    """Return the cell's observation behind the decisive line of a check; None if that line is not ours."""
     decisive, mask = decisive_of_check(reply)
     if mask is None:
         return reply.observed
@@ -64,7 +64,7 @@ def _told(reply: CheckReply) -> str | None:
 
 
 def exception_line(raised: Raised) -> str:
-    """Quote an exception as Python prints it, or the original that it was raised from."""
+    """Return an exception as Python prints it, or the original that it was raised from."""
     own = bounded(f"{raised.type}: {raised.message}" if raised.message.strip() else raised.type)
     chained = CAUSE in raised.traceback or CONTEXT in raised.traceback
     first = original(strip_ansi(raised.traceback).splitlines()) if chained else None
@@ -76,9 +76,9 @@ def _is_mask(raised: Raised) -> bool:
 
 
 def _worker_line(workers: Iterable[WorkerRecord], *, echo: bool) -> str | None:
-    """Return what the first worker that failed of itself says.
+    """Return the line of the first worker that failed by itself; None if there is none.
 
-    A worker that only lost its parent (a mask, SIGTERM) did not. An exit code counts where the parent saw no more
+    A worker that only lost its parent (a mask, SIGTERM) did not. An exit code counts only if the parent saw no more
     than an `echo` of a death: after an exception of the parent's own, workers are ended in many ways.
     """
     known = tuple(workers)

@@ -46,7 +46,7 @@ Wanted = Mapping[Phase, tuple[str, ...]]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Asked:
-    """Say what is wanted of a case: the checks of each phase, by an in-cell program of this digest for each.
+    """The checks of a case to run, by phase, and the digest of the in-cell program for each check.
 
     With `verify` each check has a process of its own, and a failure is confirmed.
     """
@@ -62,13 +62,13 @@ class Asked:
         return [check for names in self.wanted.values() for check in names]
 
     def seconds(self, check: str) -> float:
-        """Return the limit of a check."""
+        """Return the time limit of a check, in seconds."""
         return self.case.timeouts.get(phase_of(check), DEFAULT_SECONDS)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ended:
-    """Tell how a check ended, in which run, and what that run left behind; `passed_again` are runs to confirm."""
+    """The end of a check, its run, and the files of that run. `passed_again` tells which confirming runs passed."""
 
     record: CheckRecord
     reading: str
@@ -81,7 +81,7 @@ class Ended:
     passed_again: tuple[bool, ...] = ()
 
     def confirmed(self) -> CheckRecord:
-        """Return the record, flaky where a failure did not come again."""
+        """Return the record of the check: flaky if a failure did not come again."""
         passed = sum(self.passed_again)
         if not passed:
             return self.record
@@ -91,13 +91,13 @@ class Ended:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Folded:
-    """Hold all that the runs of a case showed so far.
+    """All that the runs of a case showed so far.
 
-    `ended` has each check that came to an end, `followed` names the run in which each check that follows another was
-    looked at (`missed` are those that were not, as the other one did not pass this time), `findings` has those of each
-    run, each with the check that it was made during, where it was one. `overran` and `shot` are checks that were tried
-    once and are due again, or have been; `again` is the request that has to be repeated: `taken_away` and `recompiled`
-    tell that this happened once, for an environment or byte code in pieces. `runs` names all runs that were heeded.
+    `ended` has each check that came to an end. `followed` names the run in which each check that follows another was
+    looked at; `missed` are those that were not, as the other one did not pass this time. `findings` has the findings of
+    each run, each with the check during which it was made, if any. `overran` and `shot` are checks that were tried once
+    and are due again, or have been. `again` is the request to repeat: `taken_away` and `recompiled` tell that this
+    happened once, for an environment or byte code in pieces. `runs` names all runs that count.
     """
 
     ended: Mapping[str, Ended] = field(default_factory=dict)
@@ -112,7 +112,7 @@ class Folded:
     runs: tuple[str, ...] = ()
 
     def reusable(self, conditions: str | None, *, failed_too: bool) -> Folded:
-        """Return what of it need not be measured again on a system of these conditions."""
+        """Return the part that need not be measured again on a system of these conditions."""
 
         def holds(ended: Ended) -> bool:
             outcome = ended.confirmed().outcome
@@ -127,7 +127,7 @@ class Folded:
 
 
 def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None) -> Folded:
-    """Take these runs, in their order, into what was known before."""
+    """Add these runs, in their order, to the results so far."""
     folded = before or Folded()
     for reading in readings:
         folded = after(asked, folded, reading)
@@ -135,7 +135,7 @@ def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None
 
 
 def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
-    """Take one more run into what is known."""
+    """Add one more run to the results so far."""
     request, told = reading.run.request, _Told(asked, folded, reading)
     current = {check for check, digest in reading.run.program.items() if digest == asked.program.get(check)}
     if not current or (asked.verify and len(request.limits) > 1):
@@ -171,7 +171,7 @@ def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
 
 
 def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> dict[str, Ended]:
-    """Return the checks of a run that confirms, with whether they passed in it."""
+    """Return the checks of a confirming run, each with whether it passed this time."""
     found = {}
     for check in request.limits:
         before, now = folded.ended.get(check), ended.get(check)
@@ -183,14 +183,14 @@ def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Told:
-    """Read one run of a case."""
+    """One run of a case, to be read."""
 
     asked: Asked
     folded: Folded
     reading: Reading
 
     def ended(self, replies: list[CheckReply]) -> dict[str, Ended]:
-        """Return how each of these checks ended; where nothing was tried, why, under the first one."""
+        """Return how each of these checks ended; if nothing was tried, the reason under the first one."""
         run = self.reading.run
         first = next(iter(run.request.limits))
         if not replies or self._python() != run.host.python:
@@ -228,9 +228,9 @@ class _Told:
         return str(self.reading.reply.facts.get("python", "")).removesuffix("+")
 
     def _not_tried(self, check: str) -> CheckRecord:
-        """Say why no package was tried: the probe ended before its first check, or another Python ran it.
+        """Return why no package was tried: the probe ended before its first check, or another Python ran it.
 
-        A package may be at fault all the same, where Python does not even start with what is installed.
+        A package may still be at fault, if Python does not even start with what is installed.
         """
         run, reply = self.reading.run, self.reading.reply
         told = SHOT if run.end.shot else run.end.killed or "; ".join(reply.problems) or self.reading.last_words
@@ -274,12 +274,12 @@ def beside(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding,
 
 
 def passed(ended: Ended | None) -> bool:
-    """Tell whether a check is known to have passed."""
+    """Return whether a check is known to have passed."""
     return ended is not None and ended.record.outcome is Outcome.PASSED
 
 
 def _compared(reply: CheckReply) -> bool:
-    """Tell whether a check that follows another one compared the case with its specification."""
+    """Return whether a check that follows another one compared the case with its specification."""
     return reply.check in MISLEADING and reply.outcome is not None
 
 

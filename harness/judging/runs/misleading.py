@@ -1,6 +1,6 @@
-"""Checks that compare a case with its own specification: what one that fails does to its phase, and what it shows.
+"""Judge checks that compare a case with its own specification: their effect on the phase, and what they show.
 
-Nothing is raised where such a check fails, so that the phase keeps the outcome of its other checks: the case misleads.
+Nothing is raised if such a check fails. The phase keeps the outcome of its other checks, and the case misleads.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ COUNTING = frozenset({Outcome.CRASHED, Outcome.TIMED_OUT, Outcome.INFRA})
 
 
 def settled(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
-    """Return the checks of a phase that its outcome is the worst of."""
+    """Return the checks that decide the outcome of a phase; it is the worst of theirs."""
     return tuple(check for check in checks if check.check not in MISLEADING or check.outcome in COUNTING)
 
 

@@ -1,4 +1,4 @@
-"""Errors that native code prints and no exception carries: what fails later because of them does not name them."""
+"""Find errors that native code prints and no exception carries: later failures due to them do not name them."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ def _error() -> re.Pattern[str]:
 
 
 def errors(log: str) -> tuple[str, ...]:
-    """Such lines of a log, each once."""
+    """Return the lines of native errors in a log, each once, at most `MOST`."""
     return tuple(dict.fromkeys(found[0].strip() for found in _error().finditer(log)))[:MOST]

@@ -1,4 +1,4 @@
-"""What a run of somebody's test suite means: pytest's exit code, its report, and how its process ended."""
+"""Judge a run of somebody's test suite by pytest's exit code, its report, and the end of its process."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Report:
 
     @classmethod
     def read(cls, junit: str) -> Report:
-        """Read a JUnit report. What a run leaves behind is not trusted: one that is no plain XML counts as none."""
+        """Read a JUnit report. Files of a run are not trusted: a report that is no plain XML counts as none."""
         try:
             root = ElementTree.fromstring(junit) if junit and "<!DOCTYPE" not in junit else None
         except ElementTree.ParseError:
@@ -58,7 +58,7 @@ class Report:
 
 
 def outcome_of(report: Report, ending: Ending, text: str) -> tuple[Outcome, str | None]:
-    """How a suite ended and the line that says why; `text` is all that the run printed."""
+    """Return the outcome of a suite and the line that says why. `text` is all that the run printed."""
     if ending.trouble:
         return Outcome.INFRA, ending.trouble
     if ending.overran is not None:
@@ -74,7 +74,7 @@ def outcome_of(report: Report, ending: Ending, text: str) -> tuple[Outcome, str 
 
 
 def _by_code(code: int, report: Report, text: str) -> tuple[Outcome, str | None]:
-    """Codes that are not pytest's own ended Python, whatever it was."""
+    """Return the outcome for an exit code. A code that is not pytest's own ended Python, whatever set it."""
     if code in {PASSED, NO_TESTS}:
         if code == PASSED and report.tests.get("passed"):
             return Outcome.PASSED, None
@@ -95,7 +95,7 @@ def _failure(report: Report, text: str) -> str:
 
 
 def _last(text: str) -> str:
-    """The last line that tells of an error, else the last one."""
+    """Return the last line that reports an error, else the last line."""
     lines = [line.strip() for line in text.splitlines() if line.strip(" =-_")]
     errors = [line for line in lines if line.startswith(("ERROR", "E  ", "INTERNALERROR>", "FAIL"))]
     told = (errors or lines or [decisive_line.SILENT])[-1]
@@ -103,7 +103,7 @@ def _last(text: str) -> str:
 
 
 def _message(element: ElementTree.Element) -> str:
-    """What pytest says of a failure; of an error at collection the text below says more."""
+    """Return pytest's message of a failure; for an error at collection, the line from the text below it."""
     message = (element.get("message") or "").strip()
     if message and message != "collection failure":
         return message.splitlines()[0]

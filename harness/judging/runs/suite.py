@@ -19,7 +19,7 @@ SOURCE = "$SUBJECT"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ended:
-    """Tell how the suite ended in a run, and whether it passed in those that were to confirm that."""
+    """The end of the suite in a run, and whether it passed in the runs that were to confirm that."""
 
     reading: Reading
     outcome: Outcome
@@ -32,14 +32,14 @@ class Ended:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Folded:
-    """Hold what the runs of a suite showed so far; `overran` is whether one ran out of time already."""
+    """The results of the runs of a suite so far. `overran` is true if one ran out of time already."""
 
     ended: Ended | None = None
     overran: bool = False
     runs: tuple[str, ...] = ()
 
     def reusable(self, conditions: str | None, *, failed_too: bool) -> Folded:
-        """Return what of it need not be measured again on a system of these conditions."""
+        """Return the part that need not be measured again on a system of these conditions."""
         if self.ended is None or self.ended.outcome in MEASURED_AGAIN:
             return Folded()
         measured_under = self.ended.reading.run.host.conditions
@@ -48,7 +48,7 @@ class Folded:
 
 
 def fold(readings: Iterable[Reading], before: Folded | None = None) -> Folded:
-    """Take these runs, in their order, into what was known before."""
+    """Add these runs, in their order, to the results so far."""
     folded = before or Folded()
     for reading in readings:
         folded = after(folded, reading)
@@ -56,13 +56,13 @@ def fold(readings: Iterable[Reading], before: Folded | None = None) -> Folded:
 
 
 def judged_again(readings: Iterable[Reading]) -> PhaseRecord | None:
-    """Return what the suite came to by these runs alone; None where they did not bring it to an end."""
+    """Return the phase of the suite by these runs alone; None if they did not bring it to an end."""
     folded = fold(readings)
     return phase(folded, reused=False) if folded.ended else None
 
 
 def after(folded: Folded, reading: Reading) -> Folded:
-    """Take one more run into what is known."""
+    """Add one more run to the results so far."""
     ended, runs = _ended(reading), (*folded.runs, reading.name)
     if reading.run.request.confirms:
         known, passed = folded.ended, ended.outcome is Outcome.PASSED
@@ -88,7 +88,7 @@ def todo(suite: Suite, folded: Folded, *, verify: bool) -> Request | None:
 
 
 def phase(folded: Folded, *, reused: bool) -> PhaseRecord:
-    """Return what the suite came to. Raises ValueError where it did not end."""
+    """Return the phase record of the suite. Raises ValueError if the suite did not end."""
     if folded.ended is None:
         message = "the suite did not end"
         raise ValueError(message)
@@ -143,7 +143,10 @@ def _judged(reading: Reading, report: Report) -> tuple[Outcome, str | None]:
 
 
 def _foreign(imports: str) -> tuple[Outcome, str] | None:
-    """Tell whether a module of the subject was imported from the copy after all: then something else was tested."""
+    """Return an infra outcome if a module of the subject was imported from the copy of its source; else None.
+
+    In that case, something other than the installed package was tested.
+    """
     for line in imports.splitlines():
         name, _, path = line.partition("\t")
         if path.startswith(f"{SOURCE}/"):
@@ -153,7 +156,7 @@ def _foreign(imports: str) -> tuple[Outcome, str] | None:
 
 
 def ending_of(reading: Reading) -> Ending:
-    """Say what the end of a suite's process tells; what a display that died has made of it says nothing."""
+    """Return the end of a suite's process. If its display died and it did not pass, that is the trouble."""
     end, request = reading.run.end, reading.run.request
     short = f"needs more than the {request.memory_mb} MB that the suite may have; `suite.memory_mb` raises that"
     lost = end.lost if end.exit_code != 0 else None

@@ -1,4 +1,4 @@
-"""One process at a time on one thing, also where the file system knows no `flock`."""
+"""Let one process at a time work on a thing, also where the file system has no `flock`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_FLOCK = frozenset({errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUP
 
 @contextmanager
 def exclusive(path: Path) -> Iterator[None]:
-    """Wait for the lock file, hold it, let it go; the file itself stays. Raises CouldNotTell once all is stopped."""
+    """Wait for the lock file, hold it in the block; the file itself stays. Raises CouldNotTell once all is stopped."""
     lock = _acquired(path, wait=True)
     if lock is None:
         message = "Interrupted: nothing is waited for any more."
@@ -50,7 +50,7 @@ class Claim:
 
 
 def claim(paths: list[Path], *, wait: bool) -> Claim | None:
-    """Hold all of these lock files, or none: None where somebody else holds one, and nobody waits for it."""
+    """Hold all of these lock files, or none; return None if somebody holds one of them and nobody waits for it."""
     held: list[BaseFileLock] = []
     for path in sorted(paths):
         lock = _acquired(path, wait=wait)
@@ -66,7 +66,7 @@ _marking = threading.Lock()
 
 
 def use(folder: Path) -> None:
-    """Mark a folder as used now, and by this process to its end: until then `unused` is not given it.
+    """Mark a folder as used now, and by this process until it ends; until then `unused` does not grant it.
 
     The mark is a lock on one byte of a file that all neighbours share, and goes with the process however that ends.
     """
@@ -83,9 +83,10 @@ def use(folder: Path) -> None:
 
 @contextmanager
 def alone(folder: Path) -> Iterator[bool]:
-    """Keep other processes from using a folder that this one uses: False where one does already, or nobody can tell.
+    """Keep other processes from using a folder that this process uses.
 
-    Who comes within the block waits for its end.
+    Yield False if another process uses it already, or nobody can tell. Processes that come within the block wait for
+    its end.
     """
     use(folder)
     descriptor, free = _marks.get(folder.parent / "in-use", -1), False
@@ -102,7 +103,7 @@ def alone(folder: Path) -> Iterator[bool]:
 
 @contextmanager
 def unused(folder: Path) -> Iterator[bool | None]:
-    """Keep others from using a folder within the block: False where somebody does, None where nobody can tell.
+    """Keep others from using a folder within the block; yield False if somebody uses it, None if nobody can tell.
 
     Not for a process that uses folders itself: its marks would go.
     """

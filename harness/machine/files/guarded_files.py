@@ -1,4 +1,4 @@
-"""Reads files that a cell, a cache, a user or another machine left: nothing about them is believed.
+"""Read files that a cell, a cache, a user or another machine left, and trust nothing about them.
 
 A file is read only if it is a regular file. No link is followed at its name, a FIFO or a device never blocks, and no
 more than a given number of bytes is read. Whatever else goes wrong, also while decoding, is one error: Unreadable.
@@ -40,14 +40,14 @@ def head(path: str | Path, most: int, *, follow: bool = False) -> bytes:
 
 
 def decoded(path: str | Path, most: int, decode: Callable[[bytes], T], *, follow: bool = False) -> T:
-    """Return what `decode` makes of the whole content. Raises Unreadable, whatever `decode` raises."""
+    """Return the whole content, decoded by `decode`. Raises Unreadable, whatever `decode` raises."""
     content = read(path, most, follow=follow)
     with understanding():
         return decode(content)
 
 
 def decoder(kind: type[T]) -> msgspec.json.Decoder[T]:
-    """Return what reads JSON as a type; no two are made at a time: msgspec crashes where such types share others."""
+    """Return the JSON decoder of a type. No two are made at a time: msgspec crashes where such types share others."""
     with _making:
         if kind not in _decoders:
             _decoders[kind] = msgspec.json.Decoder(kind)
@@ -73,7 +73,7 @@ def log_text(path: Path) -> str:
 
 
 class Folder:
-    """A folder held open: its files are found in it even where its name is given to something else since."""
+    """A folder held open: its files are found even if its name has been given to something else since."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)

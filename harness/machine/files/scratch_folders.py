@@ -1,4 +1,4 @@
-"""Folders for a while, and the removal of whatever a probe or a build left in them."""
+"""Make temporary folders, and remove whatever a probe or a build left in them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 @contextmanager
 def scratch_folder(parent: Path | None = None) -> Iterator[Path]:
-    """Make an empty folder, which goes with the block; where its parent was removed meanwhile, make that again."""
+    """Make an empty folder that is removed with the block; if its parent was removed meanwhile, make that again."""
     above = parent or Path(tempfile.gettempdir())
     try:
         made = tempfile.mkdtemp(prefix="simmatrix-", dir=above)

@@ -1,4 +1,4 @@
-"""Runs one command, watches it, and leaves nothing of it behind.
+"""Run one command, watch it, and leave nothing of it behind.
 
 Run by path with the host's own interpreter (`python -I -S .../supervisor/__main__.py`): standard library only, nothing
 of the rest of the package. `harness.machine.process` is the only caller and speaks to it through three descriptors:

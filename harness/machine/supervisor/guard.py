@@ -1,4 +1,4 @@
-"""Guard and keeper."""
+"""Run the guard and the keeper, the two processes above the command."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PATIENCE = 15.0  # seconds that the keeper has to end everything, once the harne
 
 
 def keep(order: dict[str, Any], early: bytes, parent: int) -> dict[str, Any]:
-    """The keeper's life; when it ends, so does what is left (by the namespace, or by the guard).
+    """Run the keeper and return its report; when it ends, so does what is left (by the namespace, or by the guard).
 
     When the guard dies, a namespace ends at once; without one the keeper is woken, in case it was stopped, and sees it.
     """
@@ -49,7 +49,7 @@ def keep(order: dict[str, Any], early: bytes, parent: int) -> dict[str, Any]:
 
 
 def guard(order: dict[str, Any], early: bytes) -> bytes:
-    """The guard's life: start the keeper, pass its report on, and end what it could not."""
+    """Run the guard: start the keeper, return its report, and end the processes that it could not."""
     prctl(PR_SET_CHILD_SUBREAPER, 1)
     if order["confined"]:
         ready_gpu()
@@ -75,7 +75,7 @@ def guard(order: dict[str, Any], early: bytes) -> bytes:
 
 
 def report_of(keeper: int, told: int) -> tuple[bytes, int]:
-    """Read what the keeper reports until its end: (report, status). One that is stopped is woken.
+    """Read the report of the keeper until its end: (report, status). A stopped keeper is woken.
 
     Once the harness is gone the keeper has a while to end everything; then it is killed.
     """
@@ -109,7 +109,7 @@ def stopped(pid: int) -> bool:
 
 
 def ended(pid: int) -> int:
-    """Wait for the end of a child, and return its status; woken where it was stopped on its way."""
+    """Wait for the end of a child, and return its status; wake it if it is stopped on its way."""
     while True:
         found, status = os.waitpid(pid, os.WUNTRACED)
         if not os.WIFSTOPPED(status):
@@ -118,7 +118,7 @@ def ended(pid: int) -> int:
 
 
 def failure(error: object) -> dict[str, Any]:
-    """The report where the supervisor is at fault, or what it was given."""
+    """Return the report for a fault of the supervisor, or of the order that it was given."""
     return {"killed": f"supervisor: {error}"}
 
 
@@ -135,7 +135,7 @@ def main() -> None:
 
 
 def received(text: bytes, size: int) -> bytes:
-    """What was read, and more until it is at least so long."""
+    """Read the order until at least `size` bytes are there, and return them; `text` was read before."""
     while len(text) < size:
         data = os.read(0, CHUNK)
         if not data:

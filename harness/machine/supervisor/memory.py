@@ -1,4 +1,4 @@
-"""Measures the memory of the processes below this one, and counts those that the kernel ended for want of memory."""
+"""Measure the memory of the processes below this one, and count those that the kernel ended for want of memory."""
 
 from __future__ import annotations
 

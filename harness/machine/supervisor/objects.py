@@ -1,4 +1,4 @@
-"""System V shared memory, semaphores and message queues: they belong to no process, and so outlive all of them."""
+"""Remove System V shared memory, semaphores and message queues, which belong to no process and so outlive all."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LISTS = {"shm": ("shmid", ("cpid",)), "msg": ("msqid", ("lspid", "lrpid")), "sem
 
 
 def table(kind: str) -> Iterator[dict[str, int]]:
-    """Every object of a kind, by the names that the kernel gives to its columns."""
+    """Yield every object of a kind, by the names that the kernel gives to its columns."""
     try:
         with open(f"/proc/sysvipc/{kind}") as file:
             names, *rows = [line.split() for line in file]
@@ -30,7 +30,7 @@ def present() -> set[tuple[str, int]]:
 
 
 def remove(ours: Callable[[int], bool], before: set[tuple[str, int]]) -> None:
-    """Remove what is new and was made, or used last, by one of our processes."""
+    """Remove objects that are new and were made, or last used, by one of our processes."""
     for kind, (column, users) in LISTS.items():
         for row in table(kind):
             number = row[column]
@@ -41,12 +41,12 @@ def remove(ours: Callable[[int], bool], before: set[tuple[str, int]]) -> None:
 
 
 def last_user(kind: str, number: int) -> tuple[int, ...]:
-    """The process that used a set of semaphores last: its list does not say."""
+    """Return the process that last used a set of semaphores: its list does not say. Empty for other kinds."""
     return (libc.semctl(number, 0, SEM_GETPID),) if kind == "sem" else ()
 
 
 def discard(kind: str, number: int) -> None:
-    """Remove one; whoever still has it in use keeps it until the end."""
+    """Remove an object; whoever still has it in use keeps it until the end."""
     if kind == "shm":
         libc.shmctl(number, IPC_RMID, None)
     elif kind == "msg":

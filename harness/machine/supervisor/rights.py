@@ -1,4 +1,4 @@
-"""Rights: what the command may not do to this machine, though whoever runs the harness may.
+"""Drop rights: the command may not do everything to this machine that the user of the harness may.
 
 The capabilities that it keeps are those of a container, less what reaches past its own files: without CAP_SYS_ADMIN it
 cannot take a mount away, without CAP_SYS_PTRACE it cannot read what belongs to a process with more rights. The network,
@@ -81,9 +81,10 @@ def drop_now() -> None:
 
 
 def stay_among_own() -> None:
-    """By Landlock: no look into the variables and memory of a process that is not below, and no signal to one.
+    """Forbid, by Landlock, to read variables and memory of processes that are not below, and to signal them.
 
-    A kernel before 6.12 knows no rules for signals; there, a rule for files that forbids nothing does the first.
+    A kernel before 6.12 has no rules for signals; there, a rule for files that forbids nothing protects variables and
+    memory.
     """
     version = libc.syscall(LANDLOCK_CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(LANDLOCK_VERSION))
     if version < FIRST_WITH_REFER:

@@ -1,4 +1,4 @@
-"""Namespaces and mounts: what the command sees of this machine, and what of its writes is kept from it."""
+"""Set up namespaces and mounts: the command's view of this machine, which keeps its writes away from the machine."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ def call(name: str, *arguments: Any) -> None:
 
 
 def prctl(option: int, value: int) -> None:
-    """prctl(2)."""
+    """Call prctl(2)."""
     call("prctl", option, ctypes.c_ulong(value), ctypes.c_ulong(0), ctypes.c_ulong(0), ctypes.c_ulong(0))
 
 
 def mount(source: str, target: str, kind: str | None, flags: int = 0, options: str = "") -> None:
-    """mount(2)."""
+    """Call mount(2)."""
     encoded = (os.fsencode(source), os.fsencode(target), kind.encode() if kind else None)
     call("mount", *encoded, ctypes.c_ulong(flags), os.fsencode(options))
 
 
 def umount(target: str) -> None:
-    """umount2(2), though something below may still be open."""
+    """Call umount2(2), though something below may still be open."""
     call("umount2", os.fsencode(target), MNT_DETACH)
 
 
@@ -82,7 +82,7 @@ class Layer:
             self.cover()
 
     def cover(self) -> None:
-        """Mount the overlay; `userxattr` is what a user namespace needs and an old kernel does not know."""
+        """Mount the overlay; `userxattr` is tried first: a user namespace needs it, an old kernel does not know it."""
         for path in (self.upper, self.work):
             os.makedirs(path, exist_ok=True)
         os.chmod(self.upper, os.stat(self.folder).st_mode & 0o7777)
@@ -94,7 +94,7 @@ class Layer:
             mount("overlay", self.folder, "overlay", 0, options)
 
     def written(self) -> Iterator[str]:
-        """What is new, changed or removed, relative to the folder; byte code apart."""
+        """Yield new, changed and removed paths, relative to the folder; byte code is left out."""
         for parent, folders, files in os.walk(self.upper):
             base = os.path.relpath(parent, self.upper)
             folders[:] = sorted(set(folders) - {"__pycache__"})
@@ -104,7 +104,7 @@ class Layer:
                     yield path
 
     def existed(self, path: str) -> bool:
-        """Return whether the sealed folder has it."""
+        """Return whether the sealed folder has this path."""
         try:
             os.stat(path, dir_fd=self.lower, follow_symlinks=False)
         except OSError:
@@ -112,7 +112,7 @@ class Layer:
         return True
 
     def remove(self) -> None:
-        """Take the layer away: its work folder is closed to everyone but us."""
+        """Remove the layer: its work folder is closed to everyone but us."""
         umount(self.folder)
         if self.in_memory:
             umount(self.scratch)
@@ -125,7 +125,7 @@ class Layer:
 
 
 def supply_shared_memory(scratch: str) -> None:
-    """Cover /dev with one that has all that is there and a folder `shm`; the machine's own stays as it is."""
+    """Cover /dev with a copy that has the same entries and a folder `shm`; the machine's own stays as it is."""
     os.makedirs(scratch)
     mount("tmpfs", scratch, "tmpfs", MS_NOSUID, "mode=755")
     for entry in os.scandir("/dev"):
@@ -145,7 +145,7 @@ def supply_shared_memory(scratch: str) -> None:
 
 
 def furnish(order: dict[str, Any]) -> list[Layer]:
-    """Mount what the command is to see: its own /proc and /dev/shm, and sealed folders covered."""
+    """Mount the command's view: its own /proc and /dev/shm, and covered sealed folders, whose layers are returned."""
     process, _, seal = order["sandbox"].partition("+")
     if not seal:
         return []

@@ -1,4 +1,4 @@
-"""The processes below this one: found through /proc, measured, ended."""
+"""Find the processes below this one through /proc, measure them and end them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SupervisorError(Exception):
 
 
 def descendants() -> dict[int, int]:
-    """Every living process below this one, with its resident bytes."""
+    """Return every living process below this one, with its resident bytes."""
     return {} if childless() else below(os.getpid(), processes())
 
 
@@ -34,7 +34,7 @@ def childless() -> bool:
 
 
 def processes() -> dict[int, list[tuple[int, int | None]]]:
-    """Every process of this machine by its parent: (pid, resident bytes, None for one that has ended)."""
+    """Return every process of this machine by its parent: (pid, resident bytes, None if it has ended)."""
     children: dict[int, list[tuple[int, int | None]]] = {}
     page = resource.getpagesize()
     for name in filter(str.isdigit, os.listdir("/proc")):
@@ -49,7 +49,7 @@ def processes() -> dict[int, list[tuple[int, int | None]]]:
 
 
 def below(root: int, children: dict[int, list[tuple[int, int | None]]]) -> dict[int, int]:
-    """The living ones among the processes below one, with their resident bytes."""
+    """Return the living processes below `root`, with their resident bytes."""
     found, parents = {}, [root]
     while parents:
         for pid, resident in children.get(parents.pop(), ()):
@@ -72,7 +72,7 @@ def reap(ended: dict[int, int]) -> None:
 
 
 def end_all(ended: dict[int, int]) -> int:
-    """Kill until nothing is left below this process; how many it took."""
+    """Kill until nothing is left below this process; return how many were killed. Raises SupervisorError after 5 s."""
     killed: set[int] = set()
     patience = time.monotonic() + STUCK
     while left := descendants():

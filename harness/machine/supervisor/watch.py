@@ -1,4 +1,4 @@
-"""The command from its start to its end: output, time and memory within their limits."""
+"""Watch the command from its start to its end: output, time and memory within their limits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def spawn(order: dict[str, Any], output: int) -> int:
-    """Start the command with everything it prints going to `output`; its pid."""
+    """Start the command with everything it prints going to `output`; return its pid."""
     told, trouble = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -219,7 +219,7 @@ class Watch:
             os.kill(self.pid, signal.SIGTERM)
 
     def clear(self) -> int:
-        """End what the command left behind, helpers that end by themselves apart; how many."""
+        """End the processes that the command left behind; return how many. Helpers may first end by themselves."""
         patience = time.monotonic() + STRAY_GRACE
         while not self.ending() and descendants() and time.monotonic() < patience:
             time.sleep(0.005)
@@ -261,7 +261,7 @@ def room(folder: str) -> int:
 
 
 def wakeup_on_child() -> int:
-    """A descriptor that can be read when a child has ended."""
+    """Return a descriptor that can be read when a child has ended."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.signal(signal.SIGCHLD, lambda *_: None)

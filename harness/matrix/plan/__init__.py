@@ -1,4 +1,4 @@
-"""A matrix multiplied into cells; and the one cell that `try` asks for.
+"""Multiply a matrix into cells, and plan the one cell that `try` asks for.
 
 Cells share what they have in common (questions, cases, variables), so that ten thousand of them are planned within a
 second or two.

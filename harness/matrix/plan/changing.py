@@ -1,4 +1,4 @@
-"""Single changes tried on planned cells: each makes a cell of its own of every cell that it fits."""
+"""Try single changes on planned cells: each makes a changed copy of every cell that it fits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNCHANGED = "the change leaves the cell as it is"
 
 @dataclass
 class Changing:
-    """The changes of a matrix, made to one cell after the other. `claim` refuses an id that is taken."""
+    """The changes of a matrix, applied to one cell after the other. `claim` refuses an id that is taken."""
 
     matrix: Matrix
     contents: Contents
@@ -33,7 +33,7 @@ class Changing:
         self.conditions = [condition(self.matrix, table.when) for table in self.matrix.change]
 
     def of(self, cell: Cell, combination: Combination) -> Iterator[Cell]:
-        """What the changes make of a cell."""
+        """Yield the changed copies of a cell; those equal to the cell itself are dropped."""
         for index, table in enumerate(self.matrix.change):
             if self.conditions[index].holds(combination) and (not table.cells or cellid.fits(table.cells, cell)):
                 self.fitting.add(index)
@@ -50,7 +50,7 @@ class Changing:
                     yield changed
 
     def stale(self, file: str) -> Iterator[str]:
-        """A line for each change that fits no cell."""
+        """Yield a line for each change that fits no cell."""
         for index, table in enumerate(self.matrix.change):
             if index not in self.fitting:
                 yield f'{file}: change[{index}] ("{table.name}") matches no cell'
@@ -86,7 +86,7 @@ class Changing:
 
 
 def _choice(table: ChangeTable) -> Choice:
-    """The change as the value of an axis after all others: what it adds comes last."""
+    """Return the change as the value of an axis after all others, so that its additions come last."""
     name = str(table.name)
     return Choice(axis="change", kind=Kind.BUNDLE, asked=name, text=name, label=name, changes=table)
 
@@ -98,7 +98,7 @@ def _besides(table: ChangeTable) -> Iterator[str]:
 
 
 def _expectation(table: ChangedTable, reason: str) -> Expectation | None:
-    """What is expected of a changed cell; None where that is nothing but to work."""
+    """Return the expectation for a changed cell; None if it is only expected to work."""
     if table == ChangedTable():
         return None
     return Expectation(

@@ -1,4 +1,4 @@
-"""The values of the axes as cells name them, and the conditions on them."""
+"""Make the values of the axes as cells name them, and compile the conditions on them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _values(matrix: Matrix, name: str, axis: Axis, expansion: Expansion | None) 
 
 
 def choices(matrix: Matrix, expansion: Expansion | None, host: str) -> dict[str, tuple[Choice, ...]]:
-    """Every axis with its values in order; `host` is the version that the Python `host` stands for."""
+    """Return every axis with its values in order; `host` is the version that the Python `host` stands for."""
     values = {name: _values(matrix, name, axis, expansion) for name, axis in matrix.axes.items()}
     return {name: _distinct_choices(matrix, name, each, host) for name, each in values.items()}
 
@@ -60,7 +60,7 @@ def _distinct_choices(matrix: Matrix, name: str, values: Iterable[Value], host: 
 
 
 def choice_of(name: str, kind: Kind, value: Value, host: str) -> Choice:
-    """One value of one axis; a ValueError where ids cannot name it."""
+    """Return one value of one axis. Raises ValueError if ids cannot name it."""
     asked = value.text
     match kind:
         case Kind.PYTHON:
@@ -79,7 +79,7 @@ def choice_of(name: str, kind: Kind, value: Value, host: str) -> Choice:
 
 
 class Condition(NamedTuple):
-    """A `when`: for each axis that it names, the position in a combination and the tests of which one must hold."""
+    """A compiled `when`: for each axis, its position in a combination and tests of which one must hold."""
 
     tests: tuple[tuple[int, tuple[Callable[[str], bool], ...]], ...]
 
@@ -89,7 +89,7 @@ class Condition(NamedTuple):
 
 
 def condition(matrix: Matrix, when: When) -> Condition:
-    """A `when` of the file, compiled."""
+    """Compile a `when` of the file."""
     positions = {name: position for position, name in enumerate(matrix.axes)}
     return Condition(
         tuple(

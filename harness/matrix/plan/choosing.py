@@ -1,4 +1,4 @@
-"""The combinations of a covering array, chosen of those that resolve: choose, ask, and choose again."""
+"""Choose the combinations of a covering array from those that resolve: choose, ask, and choose again."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Ask = Callable[[Sequence[Cell]], list[str | None]]
 
 
 def choose(candidates: Candidates, ask: Ask, say: Callable[[str], None]) -> Chosen:
-    """Find combinations that resolve and cover; what was found not to resolve is kept with the reason.
+    """Find combinations that resolve and cover; those found not to resolve are kept with the reason.
 
-    Of a combination that does not resolve the pins that have no part in it are set aside, so that one answer speaks of
+    A combination that does not resolve is reduced to the pins that have a part in that, so that one answer rules out
     many combinations.
     """
     with located(candidates.matrix.path, "strategy"):
@@ -41,7 +41,7 @@ def choose(candidates: Candidates, ask: Ask, say: Callable[[str], None]) -> Chos
 
 
 class _Search:
-    """Rows that were asked for, and the values that do not resolve together."""
+    """A search for rows: those that resolved, and the values found not to resolve together."""
 
     def __init__(self, candidates: Candidates, ask: Ask) -> None:
         self.candidates = candidates
@@ -56,7 +56,7 @@ class _Search:
             self.free = []  # without a pin, what is installed may bring what is to be absent
 
     def run(self, say: Callable[[str], None]) -> list[Row]:
-        """Choose, ask, and choose again until all that is chosen resolves; the rows in order, without the named."""
+        """Choose, ask, and choose again until all that is chosen resolves; return rows in order, without named ones."""
         ways = self.candidates.matrix.strategy.covering
         allowed = [self.candidates.row(each) for each in self.candidates.combinations.values()]
         named = [self.candidates.row(each) for each in self.candidates.named.values()]
@@ -91,7 +91,7 @@ class _Search:
         return tuple(choice for choice in part if choice.axis not in axes)
 
     def _set_aside(self, axis: str, failed: dict[Row, str], parts: dict[Row, Combination]) -> None:
-        """Where it fails without the pin of this axis, too, the pin has no part in it."""
+        """Drop the pin of this axis from each failed part that fails without it as well."""
         smaller = {row: self._without(parts[row], {axis}) for row in failed}
         distinct = {part: row for row, part in smaller.items()}
         asked = [(self.candidates.combination(row), part) for part, row in distinct.items()]
@@ -101,11 +101,11 @@ class _Search:
                 parts[row], failed[row] = part, reason
 
     def _answers(self, asked: Sequence[tuple[Combination, Combination]]) -> list[str | None]:
-        """Ask for combinations, each with the part of it whose pins are kept."""
+        """Ask whether combinations resolve, each with only the pins of its given part."""
         return self.ask([self._cell(whole, part) for whole, part in asked])
 
     def _cell(self, whole: Combination, part: Combination) -> Cell:
-        """A cell that is resolved only."""
+        """Return a cell that is only resolved, never run."""
         name, contents = self.candidates.matrix.name, self.candidates.contents
         question = contents.question(whole)
         gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_pin(choice)}
@@ -123,14 +123,14 @@ class _Search:
 
 
 def _ruling(matrix: Matrix) -> set[str]:
-    """The axes whose values decide whether a constraint holds."""
+    """Return the axes whose values decide whether a constraint applies."""
     tables: list[Changes] = [matrix, *(value.changes for axis in matrix.axes.values() for value in axis.values)]
     rules = [rule for table in tables for rule in (*table.constraints, *table.overrides, *table.build_constraints)]
     return {name for rule in rules for name in rule.when}
 
 
 def _is_pin(choice: Choice) -> bool:
-    """Whether a value is a pin alone: what fails without it fails with any. A pin of a pre-release also lets it in."""
+    """Return whether a value is only a pin, so that what fails without it fails with any. Pre-releases are not."""
     is_version = choice.kind is Kind.PACKAGE and choice.text != ABSENT and choice.changes is NO_CHANGES
     return is_version and not Version(choice.text).is_prerelease
 

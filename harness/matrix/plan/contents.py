@@ -1,4 +1,4 @@
-"""What cells are made of: questions, cases and surroundings, made once for all cells that share them."""
+"""Make the contents of cells: questions, cases and surroundings, made once for all cells that share them."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class _InBaseline(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """What the matrix, or one value of an axis, adds to cells: strings are plain, conditions compiled."""
+    """The additions of the matrix, or of one value of an axis, to cells: strings are plain, conditions compiled."""
 
     changes: Changes
     requirements: tuple[str, ...]
@@ -76,7 +76,7 @@ class _Part(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What a cell needs around its packages."""
+    """The needs of a cell besides its packages."""
 
     environment: Mapping[str, str]
     needs: tuple[str, ...]
@@ -121,14 +121,14 @@ class Contents:
         self.subjects: dict[tuple[tuple[str, ...], tuple[str, ...], bool], Subject] = {}
 
     def question(self, combination: Combination) -> Question:
-        """What is to be resolved; environment variables have no say in it."""
+        """Return the question to resolve; environment variables do not affect it."""
         key = tuple(choice for choice in combination if choice.kind not in {Kind.VARIABLE, *OF_SUBJECT})
         if key not in self.questions:
             self.questions[key] = self._question(combination)
         return self.questions[key]
 
     def subject(self, combination: Combination) -> Subject | None:
-        """The package under test with the extras and groups of a combination."""
+        """Return the package under test with the extras and groups of a combination."""
         if self.matrix.subject is None:
             return None
         chosen = {kind: [c.asked.split("+") for c in combination if c.kind is kind and c.asked] for kind in OF_SUBJECT}
@@ -145,14 +145,14 @@ class Contents:
         return self.subjects[key]
 
     def surroundings(self, combination: Combination) -> Surroundings:
-        """Variables, capabilities and files: the matrix's, then those of values, then the variable axes."""
+        """Return variables, capabilities and files: the matrix's, then those of values, then the variable axes."""
         key = tuple(c for c in combination if c.kind is Kind.VARIABLE or c.changes is not NO_CHANGES)
         if key not in self.surrounded:
             self.surrounded[key] = self._surroundings(combination)
         return self.surrounded[key]
 
     def change(self, choice: Choice, table: ChangeTable, combination: Combination) -> Change:
-        """What a change of the matrix does to the cell of a combination; `choice` stands for it."""
+        """Return what a `[[change]]` does to the cell of a combination; `choice` stands for the change."""
         part = self._parts((choice,))[-1]
 
         def holding(rules: Rules) -> tuple[str, ...]:
@@ -173,7 +173,7 @@ class Contents:
         )
 
     def cases(self, combination: Combination) -> tuple[Case, ...]:
-        """The cases that exist in a combination, none perhaps."""
+        """Return the cases that exist in a combination; there may be none."""
         parts = self._parts(combination)
         found = tuple(case for part in parts for case, when in part.cases if when.holds(combination))
         found = tuple(self._speaking(case, combination) if case.env and not case.api else case for case in found)
@@ -184,7 +184,7 @@ class Contents:
         return self.known_cases[key]
 
     def _speaking(self, case: Case, combination: Combination) -> Case:
-        """The case with the API that the requirements of a combination tell, as for `try`."""
+        """Return the case with the API that the requirements of a combination imply, as for `try`."""
         api = spoken(case.env or "", self.question(combination).requirements)
         if api is None:
             message = (
@@ -195,7 +195,7 @@ class Contents:
         return self.spoken.setdefault((id(case), api), replace(case, api=api))
 
     def places(self, choices: Iterable[Choice]) -> Iterator[tuple[Case, str]]:
-        """Every case with its place in the file, with an API of its own where one was found for it."""
+        """Yield every case with its place in the file, and with the API that was found for it, if any."""
         own = {number: case for (number, _), case in self.spoken.items()}
         yield from ((own.get(id(case), case), f"cases[{index}]") for index, (case, _) in enumerate(self.base.cases))
         for choice in choices:
@@ -258,7 +258,7 @@ class Contents:
         )
 
     def _brought(self, changes: Iterable[Changes]) -> dict[str, BringTable]:
-        """What a cell needs of the user; two things by one variable would be one."""
+        """Return what the user has to supply for a cell. Raises BadInput if one variable names two things."""
         found = {str(name): table for change in changes for name, table in change.bring.items()}
         variables = [str(table.variable) for table in found.values()]
         twice = next((one for one in variables if variables.count(one) > 1), None)
@@ -295,7 +295,7 @@ class Contents:
         )
 
     def _case(self, table: CaseTable) -> Case:
-        """A case; the modules of the subject may register its environment."""
+        """Return a case; the modules of the subject may register its environment."""
         return replace(_case(table), packages=(SELF,) if self.matrix.subject and table.env else ())
 
     def _when(self, table: CaseTable) -> Condition | _InBaseline:
@@ -307,7 +307,7 @@ class Contents:
 
 
 def index_settings(matrix: Matrix) -> IndexSettings:
-    """Where the packages of a matrix come from; relative find-links stay relative."""
+    """Return the places that a matrix's packages come from; relative find-links stay relative."""
     return IndexSettings(**msgspec.structs.asdict(matrix.index))
 
 

@@ -1,4 +1,4 @@
-"""Covering arrays: few rows of many, in which every combination of values of a few axes still occurs.
+"""Make covering arrays: few rows of many, in which every combination of values of a few axes still occurs.
 
 A row is a tuple of positions, one for each axis. `covertable` finds the rows; ours is the rule of what is allowed: a
 row that is not complete yet is kept only while some allowed row completes it, so that no search ends in a dead end
@@ -17,9 +17,9 @@ Part = tuple[tuple[int, int], ...]
 
 
 def covering(allowed: Sequence[Row], ways: int, *, given: Sequence[Row] = (), kept: Sequence[Row] = ()) -> list[Row]:
-    """Rows among those allowed that have every part of `ways` axes that the allowed ones have; the same every time.
+    """Choose allowed rows with every part of `ways` axes that the allowed rows have; the same rows every time.
 
-    Those given are among them; those kept are taken before others, as far as they are needed.
+    The result includes the rows in `given`. Rows in `kept` are taken before others, as far as they are needed.
     """
     from covertable import Controller  # type: ignore[import-untyped]  # noqa: PLC0415 - for `lock`, not every start
 
@@ -47,12 +47,12 @@ def covering(allowed: Sequence[Row], ways: int, *, given: Sequence[Row] = (), ke
 
 
 def parts(row: Row, ways: int) -> Iterator[Part]:
-    """Every part of a row that has so many axes."""
+    """Yield every part of a row that has this many axes."""
     return combinations(tuple(enumerate(row)), ways)
 
 
 def number_of_parts(sizes: Sequence[int], ways: int) -> int:
-    """Count the parts of `ways` axes of these sizes that there are."""
+    """Count the possible parts of `ways` axes, given the sizes of all axes."""
     counts = [1, *[0] * ways]
     for size in sizes:
         counts = [1, *(there + size * less for there, less in zip(counts[1:], counts, strict=False))]
@@ -60,7 +60,7 @@ def number_of_parts(sizes: Sequence[int], ways: int) -> int:
 
 
 def uncovered(rows: Iterable[Row], sizes: Sequence[int], ways: int) -> list[Part]:
-    """Parts of at most `ways` axes that no row has; of one that is listed, no larger one is."""
+    """Return the parts of at most `ways` axes that no row has; parts that contain a listed one are left out."""
     chosen = list(rows)
     missing: list[Part] = []
     known: set[Part] = set()
@@ -80,7 +80,7 @@ def _pieces(part: Part) -> Iterator[Part]:
 
 
 def _needed(rows: list[Row], ways: int, given: set[Row]) -> list[Row]:
-    """The rows without those, given ones apart, of which every part is in others, too."""
+    """Return the rows, dropping each (unless given) whose every part is in other rows as well."""
     times = Counter(part for row in rows for part in parts(row, ways))
     needed = []
     for row in rows:

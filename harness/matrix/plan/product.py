@@ -1,4 +1,4 @@
-"""The product of the axes: every combination becomes a cell, or is dropped for a reason."""
+"""Multiply the axes: every combination becomes a cell, or is dropped for a reason."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def expand(
     """Plan a matrix.
 
     `expansion` is what its ranges came to and what was chosen, where that is needed. `host_python` is the version that
-    `host` stands for, `sources` the texts of `matrixfile.sources(matrix)`, `breaks` the known API breaks, `recipes` how
-    packages that `overlay` names are repaired.
+    `host` stands for, `sources` the texts of `matrix_file.sources(matrix)`, `breaks` the known API breaks, `recipes`
+    how packages that `overlay` names are repaired.
     """
     axes, contents, sorted_out = _all(matrix, expansion, host_python, sources or {}, recipes)
     known = _candidates(matrix, axes, contents, sorted_out, breaks)
@@ -87,14 +87,14 @@ def candidates(
     breaks: Breaks = NO_BREAKS,
     recipes: Recipes = NO_RECIPES,
 ) -> Candidates:
-    """What the strategy of a matrix has to choose from."""
+    """Return the combinations that the strategy of a matrix can choose from."""
     return _candidates(matrix, *_all(matrix, expansion, host_python, sources, recipes), breaks)
 
 
 def _all(
     matrix: Matrix, expansion: Expansion | None, host_python: str, sources: Mapping[str, str], recipes: Recipes
 ) -> tuple[Axes, Contents, _SortedOut]:
-    """Every combination, sorted into what can be run and what cannot."""
+    """Return the axes, the contents, and every combination, sorted into those that can be run and those that cannot."""
     axes = choices(matrix, expansion, host_python)
     with located(matrix.path, "axes"):
         _check_size(axes)
@@ -135,7 +135,7 @@ def amount(count: int) -> str:
 
 
 def shortened(text: str, most: int = 120) -> str:
-    """Cut a text of many parts."""
+    """Cut a text to `most` characters."""
     return text if len(text) <= most else f"{text[:most]} ..."
 
 
@@ -151,7 +151,7 @@ def _candidates(matrix: Matrix, axes: Axes, contents: Contents, found: _SortedOu
 
 
 class _SortedOut:
-    """Combinations by id: those to run, those dropped with the reason; excludes that matched nothing."""
+    """Combinations by id: those to run, and those dropped with the reason; and excludes that matched nothing."""
 
     def __init__(self) -> None:
         self.planned: dict[str, Combination] = {}
@@ -201,7 +201,7 @@ def _sort_out(matrix: Matrix, axes: Mapping[str, tuple[Choice, ...]], contents: 
 def _combination(
     matrix: Matrix, axes: Mapping[str, tuple[Choice, ...]], asked: Mapping[str, str], host_python: str
 ) -> Combination:
-    """An included combination, of values that the axes list or of others."""
+    """Return an included combination; its values need not be listed by the axes."""
     return tuple(
         next((choice for choice in listed if choice.asked == asked[name]), None)
         or choice_of(name, matrix.axes[name].kind, Value(text=asked[name]), host_python)
@@ -230,7 +230,7 @@ def _id(matrix: Matrix, combination: Combination) -> str:
 
 
 class _Expected(NamedTuple):
-    """An `expect` of the file, compiled."""
+    """A compiled `expect` of the file."""
 
     place: str
     glob: str | None
@@ -246,7 +246,7 @@ class _Expected(NamedTuple):
 def _cells(
     matrix: Matrix, planned: Mapping[str, Combination], contents: Contents, changing: Changing
 ) -> tuple[tuple[Cell, ...], tuple[str, ...]]:
-    """The cells, what changes make of them behind each, and a line for each expectation that no cell met."""
+    """Return the cells, each followed by its changed copies, and a line for each expectation that fits no cell."""
     expected = [_expected(matrix, index, table) for index, table in enumerate(matrix.expect)]
     of_changed = [each for each in expected if each.of_changed]
     met: set[str] = set()
@@ -317,12 +317,12 @@ def _variants(matrix: Matrix, planned: Mapping[str, Combination]) -> tuple[froze
 
 
 def _file(matrix: Matrix) -> str:
-    """How documents, which name no folders of this machine, call the file."""
+    """Return the file's name for documents, which name no folders of this machine."""
     return PurePosixPath(matrix.path).name
 
 
 def _unused_cases(matrix: Matrix, cells: Iterable[Cell], places: Iterable[tuple[Case, str]]) -> Iterator[str]:
-    """A line for each case that exists in no cell."""
+    """Yield a line for each case that exists in no cell."""
     shared = {id(cell.cases): cell.cases for cell in cells}
     used = {id(case) for cases in shared.values() for case in cases}
     for case, place in places:

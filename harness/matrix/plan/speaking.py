@@ -1,4 +1,4 @@
-"""Which adapter an environment id means, and what is tried of a package when no environment is named.
+"""Find the adapter that an environment id means, and what to try of a package when no environment is named.
 
 An adapter that declares no ids needs its name before an id, or `--api`.
 """
@@ -15,7 +15,7 @@ from harness.standalone.adapters import adapters, package
 
 
 class Speaker(NamedTuple):
-    """The package that brings an API, what its environment ids look like, and a small one that it always has."""
+    """An API, the package that brings it, a pattern of its environment ids, and a small environment as example."""
 
     api: str
     package: str
@@ -37,19 +37,19 @@ def brings_models(api: str) -> bool:
 
 
 def speakers(requirements: Iterable[str]) -> tuple[Speaker, ...]:
-    """The adapters whose own package is asked for, in that order; gym and gymnasium apart."""
+    """Return the adapters whose own package is required, in that order, without gym and gymnasium."""
     rows = {row.package: row for row in declared()}
     return tuple(rows[name] for name in dict.fromkeys(map(required_name, requirements)) if name in rows)
 
 
 def spoken(env: str, requirements: Collection[str]) -> str | None:
-    """The API of an id without one, by what is asked for: gym or gymnasium where that is named, the first of both."""
+    """Return the API for an id that names none: gym or gymnasium, whichever is required first, else `meant`."""
     named = next((name for name in map(required_name, requirements) if name in FAMILY), None)
     return named or meant(env, requirements)
 
 
 def meant(env: str, requirements: Collection[str]) -> str | None:
-    """The API that an id without one can only mean, by what is asked for: None where it may be another's, too."""
+    """Return the only API that an id without one can mean, given the requirements; None if there may be others."""
     if any(required_name(text) in FAMILY for text in requirements):
         return None
     found = [row.api for row in speakers(requirements) if re.fullmatch(row.ids, env)]

@@ -1,4 +1,4 @@
-"""What a strategy leaves of all combinations: which are chosen, what is left out, and what no cell has.
+"""Apply a strategy to all combinations: choose some, and say what is left out and what no cell has.
 
 `baseline` and `boundaries` follow from the matrix alone. A covering array is made once, when the matrix is locked
 (`choosing`), and committed with the expansion.
@@ -36,7 +36,7 @@ WITHOUT_WEIGHT = {
 
 
 def baseline_combinations(matrix: Matrix, axes: Axes) -> frozenset[Combination]:
-    """The baselines of the strategy, and what differs from one of them in one axis."""
+    """Return the baselines of the strategy, and the combinations that differ from one in one axis."""
     found: set[Combination] = set()
     for named in matrix.strategy.baselines:
         base = _baseline(matrix, axes, named)
@@ -61,13 +61,13 @@ def _named(matrix: Matrix, choices: Sequence[Choice], asked: str) -> Choice:
 
 
 def _default(choices: Sequence[Choice]) -> Choice:
-    """The newest version; of names and variables the first."""
+    """Return the newest version; for names and variables, the first value."""
     versions = [choice for choice in choices if choice.kind in {Kind.PYTHON, Kind.PACKAGE} and choice.text != ABSENT]
     return max(versions, key=lambda choice: Version(choice.text)) if versions else choices[0]
 
 
 def _at_boundaries(axes: Axes, breaks: Breaks) -> Callable[[Combination], bool]:
-    """Return whether every package of a combination has the newest patch of a minor, or stands at a known API break."""
+    """Return a test: has each package of a combination the newest patch of a minor, or is it at an API break?"""
     kept: set[Choice] = set()
     for name, choices in axes.items():
         versions = {choice.text: choice for choice in choices if choice.text != ABSENT}
@@ -85,7 +85,7 @@ def _at_boundaries(axes: Axes, breaks: Breaks) -> Callable[[Combination], bool]:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidates:
-    """The combinations, by id, of which a strategy chooses; `excluded` are those left out before, with the reason."""
+    """The combinations that a strategy chooses from, by id; `excluded` were left out before, each with the reason."""
 
     matrix: Matrix
     axes: Axes
@@ -96,7 +96,7 @@ class Candidates:
 
     @cached_property
     def named(self) -> dict[str, Combination]:
-        """Those that `baseline` and `boundaries` choose."""
+        """Return the combinations that `baseline` and `boundaries` choose, by id."""
         strategy = self.matrix.strategy
         baseline = baseline_combinations(self.matrix, self.axes)
         at_boundary = _at_boundaries(self.axes, self.breaks) if strategy.boundaries else lambda _: False
@@ -108,12 +108,12 @@ class Candidates:
 
     @cached_property
     def places(self) -> dict[Choice, int]:
-        """Each value's position in its axis."""
+        """Return the position of each value in its axis."""
         return {choice: position for choices in self.axes.values() for position, choice in enumerate(choices)}
 
     @property
     def made_from(self) -> str:
-        """A hash of all that decides which combinations a covering array has, but for the index."""
+        """Return a hash of all that decides a covering array's combinations, except the index."""
         said: dict[str, Any] = {
             "axes": {
                 name: [(choice.asked, weight(choice.changes, NO_CHANGES)) for choice in choices]
@@ -126,22 +126,22 @@ class Candidates:
         return hashlib.sha256(msgspec.json.encode(said, enc_hook=_plain, order="deterministic")).hexdigest()
 
     def row(self, combination: Combination) -> Row:
-        """A combination as positions in its axes."""
+        """Return a combination as positions in its axes."""
         return tuple(self.places[choice] for choice in combination)
 
     def combination(self, row: Row) -> Combination:
-        """The values at positions."""
+        """Return the values at the positions of a row."""
         return tuple(choices[position] for position, choices in zip(row, self.axes.values(), strict=True))
 
     @cached_property
     def names(self) -> dict[tuple[str, ...], str]:
-        """The id of each combination, by its values as the file writes them."""
+        """Return the id of each combination, by its values as the file writes them."""
         return {tuple(choice.asked for choice in each): name for name, each in self.combinations.items()}
 
     def chosen(self, expansion: Expansion | None) -> dict[str, Combination]:
-        """The combinations that the strategy chooses; a covering array is taken from the expansion.
+        """Return the combinations that the strategy chooses; a covering array is taken from the expansion.
 
-        With one, what is known not to resolve is left out, whatever other strategy chooses it.
+        With a covering array, combinations known not to resolve are left out, whatever other strategy chooses them.
         """
         strategy = self.matrix.strategy
         if strategy.full:
@@ -196,7 +196,7 @@ class Candidates:
         )
 
     def left_out(self, chosen: Mapping[str, Combination], expansion: Expansion | None) -> Iterator[Dropped]:
-        """What the strategy leaves out, in a few lines however much it is."""
+        """Yield what the strategy leaves out, summed up in a few entries."""
         rest = {name: each for name, each in self.combinations.items() if name not in chosen}
         told = expansion.chosen if expansion and self.matrix.strategy.covering else None
         for entry in told.unresolvable if isinstance(told, Chosen) else ():
@@ -227,7 +227,7 @@ class Candidates:
         return f"{said}; each {every} is in some cell{self._but(missing)}"
 
     def _but(self, missing: Sequence[Part]) -> str:
-        """The values that are in no cell together: of parts that differ in the last value only, one phrase."""
+        """List the values that are together in no cell; parts that differ only in the last value share a phrase."""
         names = list(self.axes)
         phrases: dict[tuple[str, str], list[str]] = {}
         for part in missing:
@@ -243,7 +243,7 @@ def _has(combination: Combination, values: Mapping[str, str]) -> bool:
 
 
 def weight(table: msgspec.Struct, empty: msgspec.Struct = NO_CHANGES) -> dict[str, Any]:
-    """The part of a table that has a say in what resolves: keys that differ from those of an empty one.
+    """Return the keys of a table that affect resolution and differ from those of an empty table.
 
     A key that a later version of the harness knows, and the file does not have, changes nothing.
     """
@@ -252,7 +252,7 @@ def weight(table: msgspec.Struct, empty: msgspec.Struct = NO_CHANGES) -> dict[st
 
 
 def _plain(value: Any) -> Any:
-    """What msgspec does not know: our strings, tables and objects with slots."""
+    """Convert what msgspec does not know: our strings, tables and objects with slots."""
     if isinstance(value, str):
         return str.__str__(value)
     if isinstance(value, dict):

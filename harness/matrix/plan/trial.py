@@ -1,4 +1,4 @@
-"""The one cell that `try` asks for, without a matrix file."""
+"""Plan the one cell that `try` asks for, without a matrix file."""
 
 from __future__ import annotations
 
@@ -49,12 +49,11 @@ GYMNASIUM_1_UPLOADED = "2024-10-08"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Asked:
-    """What a command line asks for, as given; `python` is a version or `host`.
+    """The options of a `try` command line, as given; `python` is a version or `host`.
 
-    `brought` is the API that comes with what is asked for: that of environments of which nothing else tells it.
-    `interpreter` is the Python by its path, where that is asked for. `instant` is the cutoff where no `as_of` is: it
-    says when this was asked, and is none of the question.
-    `listed` are those of the requirements that a file lists: of them nobody asks whether each is exercised.
+    `brought` is the API to use for environments of which nothing else tells it. `interpreter` is the path of the
+    Python, if one is given. `instant` is the cutoff where no `as_of` is given: the time of asking, which is no part of
+    the cell's label. `listed` are requirements from a file: these need not be exercised one by one.
     """
 
     requirements: tuple[str, ...]
@@ -128,7 +127,7 @@ def _words(kind: type[Word], texts: Iterable[str], option: str) -> tuple[str, ..
 
 
 def _pins(requirements: Iterable[str]) -> dict[str, str]:
-    """The exact version of each package that is asked for by one."""
+    """Return the exact version of each package that is required by `==`."""
     found = {}
     for text in requirements:
         specifiers = list(parsed_requirement(text).specifier)
@@ -205,10 +204,10 @@ def _plain(case: Case) -> str:
 
 
 def cases_for(asked: Asked) -> tuple[Case, ...]:
-    """The cases of a trial: the environments asked for, else those that the requirements suggest.
+    """Return the cases of a trial: the environments asked for, else those that the requirements suggest.
 
-    gym and gymnasium bring CartPole, with MuJoCo Ant too, other adapters a small environment each; of a package without
-    an API that is known here, the modules that it installs are imported.
+    gym and gymnasium bring CartPole, and Ant if MuJoCo is asked for; other adapters bring a small environment each. If
+    no package has a known API, the modules that the packages install are imported.
     """
     imports = _words(ModuleName, asked.imports, "--import")
     api = named_api(asked)
@@ -235,7 +234,7 @@ def _import_case(*, imports: tuple[str, ...] = (), packages: tuple[str, ...] = (
 
 
 def named_api(asked: Asked) -> str | None:
-    """The API asked for, else that of the first requirement that is one."""
+    """Return the API asked for, else the first requirement that is itself an API (gym or gymnasium)."""
     if asked.api is not None:
         if asked.api not in APIS:
             message = f'--api: unknown API "{asked.api}"{suggestion(asked.api, APIS)}'
@@ -245,14 +244,14 @@ def named_api(asked: Asked) -> str | None:
 
 
 def unspoken(asked: Asked) -> str | None:
-    """The first environment asked for whose API nothing on the command line tells."""
+    """Return the first environment asked for whose API nothing on the command line tells; None if there is none."""
     if named_api(asked):
         return None
     return next((env for env in asked.envs if not api_of(env, None) and not meant(env, asked.requirements)), None)
 
 
 def _suggested(asked: Asked, api: str | None) -> dict[str, tuple[str, ...]]:
-    """Environments with their checks, of every adapter whose package is asked for; MuJoCo is in what is built on it."""
+    """Return environments with their checks for each required adapter; MuJoCo's only if it is the sole adapter."""
     envs = _of_family(asked, api) if api in FAMILY else {}
     names = {required_name(text) for text in asked.requirements}
     found = () if asked.imports else speakers(asked.requirements)
@@ -271,7 +270,7 @@ def _extras(asked: Asked, package: str) -> set[str]:
 
 
 def _of_family(asked: Asked, api: str) -> dict[str, tuple[str, ...]]:
-    """CartPole is drawn only where its drawing library is asked for, too."""
+    """Return the environments of gym or gymnasium; CartPole is drawn only if its drawing library is asked for."""
     names = set(map(required_name, asked.requirements))
     extras = _extras(asked, api)
     drawn = extras & DRAWING_EXTRAS or names & DRAWING_LIBRARIES
@@ -300,7 +299,7 @@ def _allows(asked: Asked, package: str, versions: str) -> bool:
 
 
 def _free(name: str, taken: Iterable[str]) -> str:
-    """The name, or the first of name-2, name-3, ... that is not taken."""
+    """Return the name, or the first of name-2, name-3, ... that is not taken."""
     known = {each.casefold() for each in taken}
     number, free = 1, name
     while free.casefold() in known:

@@ -1,4 +1,4 @@
-"""The byte code of an environment: each run writes its own, and only what was compiled apart from it is kept.
+"""Keep the byte code of an environment: each run writes its own, and only code that was compiled apart is kept.
 
 A run may leave anything as byte code, be it by intent or because a disk was full. So it writes into a folder that goes
 with it, and only the names of the sources that it needed are taken from there. Before the next run they are compiled
@@ -61,7 +61,7 @@ with open(made, "wb") as file:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Source:
-    """Whose byte code it is: the folders of an environment, its Python, and where its byte code is kept."""
+    """The environment that byte code belongs to: its folders, its Python, and where its byte code is kept."""
 
     folders: tuple[Path, ...]
     python: Path
@@ -70,7 +70,7 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lent:
-    """The folders of one run: `prefix` is its own, `compiled` that of all who import the same."""
+    """The folders of one run: `prefix` is its own, `compiled` is shared by all runs that import the same."""
 
     prefix: Path
     compiled: Path
@@ -92,7 +92,7 @@ class Lent:
 
 @contextmanager
 def lent(source: Source, shown: Path, trust: str) -> Iterator[Lent]:
-    """Lend a run a folder with the byte code that is kept, for an environment that it sees at `shown`.
+    """Yield a run's folders, filled with the kept byte code of an environment that the run sees at `shown`.
 
     `trust` is equal for runs that import the same.
     """
@@ -114,7 +114,7 @@ def lent(source: Source, shown: Path, trust: str) -> Iterator[Lent]:
 
 
 def forget(kept: Path) -> None:
-    """Let all byte code of an environment be compiled anew."""
+    """Delete all kept byte code of an environment, so that it is compiled anew."""
     with suppress(OSError):
         (kept / CODE).unlink(missing_ok=True)
     removed(kept / "compiled")
@@ -258,7 +258,7 @@ def _names(kept: Path) -> list[str]:
 
 
 def _swept(kept: Path) -> None:
-    """Remove what runs that were killed left behind."""
+    """Remove the folders that killed runs left behind, once these are a day old."""
     kept.mkdir(parents=True, exist_ok=True)
     for folder in kept.glob("simmatrix-*"):
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Finds files of an environment that changed since its install: by a failing disk, or by a probe that reached them.
+"""Find files of an environment that changed since its install: by a failing disk, or by a probe that reached them.
 
 Each file is held against the RECORD of its package. A quick look takes sizes, and hashes of Python code; a thorough
 one hashes every file.

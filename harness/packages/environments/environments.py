@@ -34,9 +34,9 @@ MOST_STAMP = 16 << 20
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Environment:
-    """An environment ready to be used. `installed` is what its metadata say, name to version.
+    """An installed environment, ready for use. `installed` maps package names to versions, from the metadata.
 
-    Its folder is named by its key, unless another process was using one there that would not do here.
+    Its folder is named by its key. A number follows where another process uses an unsuitable one there.
     """
 
     path: Path
@@ -60,9 +60,10 @@ class Wheel:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Stamp:
-    """Written last: an environment without it, with another key or linked in another way is made anew.
+    """The record of a complete environment, written last. Without it the environment is made anew.
 
-    `odd` are files that were not as RECORD has them in a fresh copy already.
+    So is an environment whose stamp has another key or another link mode. `odd` are files that were not as RECORD has
+    them in a fresh copy already.
     """
 
     key: str
@@ -75,14 +76,14 @@ class _Stamp:
 
 
 def mode() -> str:
-    """How files come into environments: hard links to uv's cache only where a sealed folder takes no write."""
+    """Return uv's link mode: `hardlink` into its cache, or `copy` where a folder cannot be sealed against writes."""
     return "copy" if process.sandbox_mode() == process.UNSEALED else "hardlink"
 
 
 def environment_key(interpreter: Interpreter, wheels: Iterable[Wheel], compiled: Iterable[str] = ()) -> str:
-    """What an environment is a pure function of: the interpreter, and name, version and mark of every wheel.
+    """Return the key of an environment, which depends on the interpreter and on each wheel's name, version and mark.
 
-    `compiled` are the marks of what is compiled in it (`warming.marks`).
+    `compiled` are the marks of what is compiled in it (`first_import.marks`).
     """
     marks = sorted((one.name, one.version, one.mark) for one in wheels)
     return digest("environment", interpreter.identity, marks, *compiled)
@@ -131,10 +132,10 @@ def on_top(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environ
 
 
 def _provided(key: str, make: Callable[[Path], _Stamp | Step]) -> Environment | Step:
-    """The environment that stands there, or is made now; it stays as long as this process.
+    """Return the environment of a key, made now if there is no usable one; it stays as long as this process.
 
-    One that does not do is made anew, unless another process uses it (whose files may be links where ours must be
-    copies): then it stays, and ours lies beside it.
+    An unusable one is replaced, unless another process uses it (whose files may be links where ours must be copies):
+    then it stays, and ours lies beside it.
     """
     return next(found for path in _places(key) if (found := _provided_at(path, make)))
 
@@ -164,7 +165,7 @@ def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environme
 
 
 def _places(key: str) -> Iterator[Path]:
-    """Where an environment may lie, the usual place first."""
+    """Yield the paths where an environment may lie, the usual one first, without those that were found damaged."""
     folder = cache_folder() / "environments"
     places = (folder / (f"{key}-{number}" if number else key) for number in count())
     return (place for place in places if place not in _left)
@@ -190,9 +191,9 @@ def stands(environment: Environment, *, thorough: bool = False) -> bool:
 
 
 def discard(environment: Environment, *, used: bool = False) -> None:
-    """Give an environment to nobody any more: the next one of its key is made anew; who uses it now keeps it.
+    """Withdraw an environment: the next one with its key is made anew, and current users keep this one.
 
-    The next one lies elsewhere where this process itself is using this one.
+    With `used`, this process itself uses it: then the next one lies in another folder.
     """
     if used:
         _left.add(environment.path)
@@ -210,7 +211,7 @@ _left: set[Path] = set()
 def wheels_of(
     lock: Lock, interpreter: Interpreter, question: Question, *, offline: bool = False, chain: tuple[str, ...] = ()
 ) -> tuple[Wheel, ...] | Step:
-    """The wheels of a lock, its sdists built first, or the step that failed."""
+    """Return the wheels of a lock, after building its sdists, or the step that failed."""
 
     def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> Environment | Step:
         return ensure(lock, interpreter, question, offline=offline, chain=chain)
@@ -240,7 +241,7 @@ def _built_here(lock: Lock) -> Iterator[Finding]:
 
 
 def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
-    """uv takes no notice of an upper bound in Requires-Python; pip does."""
+    """Yield a warning for each package that does not support this Python: pip refuses it, uv ignores an upper bound."""
     for one in site_packages.packages(path):
         asked = str(one.metadata["Requires-Python"]) if "Requires-Python" in one.metadata else ""
         with suppress(InvalidSpecifier):
@@ -261,7 +262,7 @@ def _stamp(path: Path) -> _Stamp | None:
 
 
 def _usable(path: Path) -> _Stamp | None:
-    """The stamp of an environment that stands as it was made, as far as a look at its metadata tells."""
+    """Return the stamp of an environment if its metadata show it as it was made; else None."""
     stamp = _stamp(path)
     if stamp is None or stamp.key != _key(path) or stamp.link_mode not in {mode(), "copy"}:
         return None
@@ -284,7 +285,7 @@ class _How:
 def _make(
     path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, how: _How
 ) -> _Stamp | Step:
-    """Make it in its own place, since scripts name their interpreter by path."""
+    """Make an environment in its final folder, since scripts name their interpreter by path; return its stamp."""
     names = {one.name for one in wheels}
     odd: Mapping[str, str] = {}
     link_mode = "copy" if first_import.recipes(names) else mode()  # what compiles there may not write through links
@@ -395,6 +396,6 @@ def _difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> Step | N
 
 
 def _known_hashes(folder: Path) -> frozenset[str]:
-    """Wheels that some environment here was made of, and so lie in uv's cache."""
+    """Return the hashes of wheels that environments here were made of: uv's cache holds these already."""
     stamps = (_stamp(path) for path in folder.iterdir()) if folder.exists() else ()
     return frozenset(sha256 for stamp in stamps if stamp for sha256 in stamp.hashes)

@@ -1,4 +1,4 @@
-"""Packages that compile at their first import: an install makes that import once, before its environment is sealed.
+"""Import packages that compile at their first import once, at the install, before their environment is sealed.
 
 Nothing that a probe writes is kept, so that each would compile again, and might find what another machine has.
 """
@@ -27,7 +27,7 @@ LIMITS = process.Limits(seconds=1800.0)
 
 
 class Recipe(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A package that compiles when its modules are imported for the first time, and what of Debian's that needs."""
+    """A package that compiles when its modules are first imported, and the Debian packages that this needs."""
 
     name: PackageName
     modules: Annotated[tuple[ModuleName, ...], msgspec.Meta(min_length=1)]
@@ -45,12 +45,12 @@ def _recipes(file: Path) -> tuple[Recipe, ...]:
 
 
 def recipes(names: Collection[str]) -> tuple[Recipe, ...]:
-    """Those of the packages that are among these."""
+    """Return the recipes of those of these packages that compile at their first import."""
     return tuple(one for one in _recipes(FILE) if one.name in names)
 
 
 def marks(names: Collection[str], question: Question) -> tuple[str, ...]:
-    """What an environment with these packages depends on besides its wheels; nothing where none compiles."""
+    """Return a digest of what compiles at import and its build variables, for the environment's key; else nothing."""
     found = recipes(names)
     made = [(str(one.name), [str(name) for name in one.modules]) for one in found]
     return (digest("warmed", made, question.build_variables),) if found else ()
@@ -127,7 +127,7 @@ def _said(completed: process.Completed, text: str) -> tuple[Outcome, str]:
 
 
 def _missing(names: Iterable[str]) -> Iterable[Finding]:
-    """What it may have failed for."""
+    """Yield a note on missing Debian packages, for lack of which the compiler may have failed."""
     missing = debian_packages.missing(tuple(names))
     if missing:
         yield Finding(check="install.system", level=Level.NOTE, text=missing)

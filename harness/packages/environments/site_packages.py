@@ -1,4 +1,4 @@
-"""What lies in an environment, read from the metadata in its site-packages without running it."""
+"""Read which packages lie in an environment from the metadata in its site-packages, without running it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def bounds(path: Path, name: str) -> tuple[SpecifierSet, ...]:
 
 
 def unheld(path: Path) -> tuple[tuple[str, str], ...]:
-    """Return what packages require that is not there, extras apart: who asks, and what. Raises Unreadable."""
+    """Return (package, requirement) pairs whose required package is missing, extras apart. Raises Unreadable."""
     here = versions(path)
     with understanding():
         return tuple(
@@ -59,7 +59,7 @@ def unheld(path: Path) -> tuple[tuple[str, str], ...]:
 
 
 class Installed(Distribution):
-    """A package that is installed, whose metadata are read as a file that anything may have happened to."""
+    """An installed package. Its metadata are read as untrusted data: anything may have happened to the file."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -77,12 +77,12 @@ class Installed(Distribution):
 
     @property
     def name(self) -> str:
-        """Its name. Raises Unreadable."""
+        """Return its name. Raises Unreadable."""
         return self._said("Name")
 
     @property
     def version(self) -> str:
-        """Its version. Raises Unreadable."""
+        """Return its version. Raises Unreadable."""
         return self._said("Version")
 
     def _said(self, key: str) -> str:
@@ -94,18 +94,18 @@ class Installed(Distribution):
 
 
 def packages(path: Path) -> Iterator[Installed]:
-    """Yield all that is installed, by the names of their folders."""
+    """Yield all installed packages, in the order of their folders' names."""
     for folder in folders(path):
         yield from (Installed(found) for found in sorted(folder.iterdir()) if found.name.endswith(KINDS))
 
 
 def folders(path: Path) -> Iterator[Path]:
-    """The site-packages of an environment: one."""
+    """Yield the site-packages folder of an environment."""
     return path.glob("lib/python*/site-packages")
 
 
 def plain(version: str) -> str:
-    """A version in its normal form, where it is one."""
+    """Return a version in its normal form, or as it is if it is no valid version."""
     try:
         return str(Version(version))
     except InvalidVersion:
@@ -113,7 +113,7 @@ def plain(version: str) -> str:
 
 
 def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
-    """Who requires what; a line of which uv makes something else than it says, being wrong, says nothing."""
+    """Yield (package, requirement) pairs. Invalid lines are skipped: uv reads them as something else than they say."""
     for one in packages(path):
         asker = canonicalize_name(one.name)  # which is read from a file each time
         for line in one.requires or ():

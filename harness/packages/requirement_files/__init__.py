@@ -1,4 +1,4 @@
-"""What requirement files ask for, from their text: one module per format, each `(text, source, ...) -> Parsed`.
+"""Read requirement files from their text: one module per format, each `(text, source, ...) -> Parsed`.
 
 A line that cannot be modelled is named by file and line in `Inputs.not_modelled`; one that is wrong is BadInput.
 """

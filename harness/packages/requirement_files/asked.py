@@ -1,4 +1,4 @@
-"""What a requirement file asks for, and how one requirement of it is read."""
+"""Hold the contents of a requirement file, and read one requirement of it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LONGEST_QUOTE = 200
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Inputs:
-    """What files ask for. `python` is a specifier (`>=3.9,<3.12`); `prerelease` None means not said.
+    """The contents of requirement files. `python` is a specifier (`>=3.9,<3.12`); `prerelease` None means not given.
 
     `not_modelled` are sentences that begin with file and line; `notes` say what was read differently than pip would.
     """
@@ -42,7 +42,7 @@ class Inputs:
     notes: tuple[str, ...] = ()
 
     def __add__(self, other: Inputs) -> Inputs:
-        """Both together; the later one decides where only one can."""
+        """Return both together; the later one decides where only one value is possible."""
         both = SpecifierSet(self.python or "") & SpecifierSet(other.python or "")
         index = IndexSettings(
             default=other.index.default or self.index.default,
@@ -75,7 +75,7 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Include:
-    """`-r FILE` or `-c FILE` in a file."""
+    """A reference to another file: `-r FILE` or `-c FILE`."""
 
     path: str
     constraint: bool
@@ -84,7 +84,7 @@ class Include:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Parsed:
-    """What a text asks for, and the files that it names."""
+    """The contents of a text, the files that it includes, and the extras and groups that it defines."""
 
     inputs: Inputs
     includes: tuple[Include, ...] = ()
@@ -121,7 +121,7 @@ def _unpinnable(url: str, name: str) -> str | None:
 
 
 def _archive_name(address: str) -> str:
-    """The package that a wheel's or an sdist's file name tells; empty when it tells none."""
+    """Return the package named by a wheel's or an sdist's file name; empty if it names none."""
     filename = unquote(PurePath(urlsplit(address).path).name)
     try:
         return (parse_wheel_filename if filename.endswith(".whl") else parse_sdist_filename)(filename)[0]
@@ -130,7 +130,7 @@ def _archive_name(address: str) -> str:
 
 
 def where_in(text: str, pattern: str, source: Source) -> str:
-    """File and line where the first match of a pattern ends."""
+    """Return the file and the line where the first match of a pattern ends; the file alone without a match."""
     match = re.search(pattern, text)
     return f"{source.name}:{text.count(chr(10), 0, match.end()) + 1}" if match else source.name
 
@@ -143,10 +143,10 @@ def check_number(count: int, source: Source) -> None:
 
 
 def shortened(text: str) -> str:
-    """Cut what a message quotes."""
+    """Shorten a text that a message quotes to `LONGEST_QUOTE` characters."""
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
 
 
 def quoted(value: str) -> str:
-    """A pattern for a TOML string that begins like the value; what follows a quote inside may be escaped."""
+    """Return a pattern for a TOML string that begins like the value; what follows a quote inside may be escaped."""
     return "[\"']" + re.escape(value.partition('"')[0])

@@ -1,4 +1,4 @@
-"""environment.yml."""
+"""Read conda's environment.yml."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def environment_yml(text: str, source: Source) -> Parsed:
 
 
 def _entries(node: yaml.Node | None) -> dict[str, yaml.Node]:
-    """The keys of a mapping that are texts; none of another node."""
+    """Return the entries of a mapping whose keys are scalars; nothing for any other node."""
     pairs = node.value if isinstance(node, yaml.MappingNode) else ()
     return {key.value: value for key, value in pairs if isinstance(key, yaml.ScalarNode)}
 

@@ -1,4 +1,4 @@
-"""Requirement files as a question: `-r FILE`, in each of the formats that people have.
+"""Read the files of `-r FILE`, in each of the supported formats.
 
 The format follows from the file's name, of another TOML file from its content. `-r pyproject.toml --extra mujoco
 --group dev` takes extras and dependency groups.
@@ -28,7 +28,7 @@ FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "u
 
 
 def read(paths: Sequence[Path], extras: Sequence[str] = (), groups: Sequence[str] = ()) -> Inputs:
-    """What several files ask for together, with the files that they include.
+    """Read several files, with the files that they include, and return their contents together.
 
     Raises BadInput for a file that is missing or wrong (file and line), and for an extra or a group of no file.
     """
@@ -44,7 +44,7 @@ def read(paths: Sequence[Path], extras: Sequence[str] = (), groups: Sequence[str
 
 
 def newest_python(requires: SpecifierSet | None, candidates: Iterable[str]) -> str | None:
-    """The newest of these versions that a requirement allows, a final release before any pre-release."""
+    """Return the newest of these versions that a requirement allows, a final release before any pre-release."""
     allowed = [Version(one) for one in candidates if requires is None or requires.contains(one, prereleases=True)]
     newest = max(allowed, key=lambda version: (not version.is_prerelease, version), default=None)
     return None if newest is None else str(newest)
@@ -79,7 +79,7 @@ def _text(path: Path) -> str:
 
 
 def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Inputs:
-    """The files that a file names with -r and -c, each once; all that a -c file requires are constraints."""
+    """Read the files that a file names with -r and -c, each once; requirements of a -c file become constraints."""
     found = Inputs()
     for include in includes:
         if "://" in include.path:

@@ -1,4 +1,4 @@
-"""requirements.txt."""
+"""Read pip's requirements.txt."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ QUOTED = re.compile(r"""'([^']*)'|"((?:[^"\\]|\\.)*)"|\\(.)""")
 
 
 def requirements_txt(text: str, source: Source) -> Parsed:
-    """Read pip's format."""
+    """Read a text in pip's format."""
     return read_lines(_logical(text), source)
 
 
@@ -54,7 +54,7 @@ def read_lines(lines: Iterable[tuple[int, str]], source: Source) -> Parsed:
 
 
 def _logical(text: str) -> Iterator[tuple[int, str]]:
-    """Lines with the number of their first part: continued ones joined, comments and blank ones gone."""
+    """Yield lines with the number of their first part: continued ones joined, comments and blank ones dropped."""
     start, parts = 0, list[str]()
     for number, line in enumerate([*text.removeprefix("\ufeff").splitlines(), ""], 1):
         start = start or number
@@ -74,7 +74,7 @@ _FLAGS = {"--no-index", "--pre", "--prefer-binary", "--require-hashes"}
 
 
 def _options(line: str, where: str) -> Iterator[tuple[str, str]]:
-    """Option and value pairs of a line: `-r x`, `-rx`, `--pre`, `--index-url=x`."""
+    """Yield the option and value pairs of a line: `-r x`, `-rx`, `--pre`, `--index-url=x`."""
     if UNQUOTED.sub("", line).strip():
         message = f"{where}: '{shortened(line)}' cannot be read: No closing quotation"
         raise BadInput(message)
@@ -113,6 +113,6 @@ def _option(option: str, value: str, source: Source, where: str) -> Inputs:
 
 
 def _more(options: str, where: str) -> Inputs:
-    """Options behind a requirement, hashes apart."""
+    """Return the options behind a requirement, except hashes, as not modelled."""
     others = [one for one in options.split(" --") if one and not one.startswith("hash")]
     return Inputs(not_modelled=tuple(f"{where}: --{one.strip()}: this option is not modelled" for one in others))

@@ -1,4 +1,4 @@
-"""pyproject.toml."""
+"""Read pyproject.toml."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ FILES = ("pyproject.toml", "setup.py", "setup.cfg")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class About:
-    """What pyproject.toml says of its project without a build; `extras` is None where only a build tells them."""
+    """The metadata of a project in its pyproject.toml; `extras` is None if only a build tells them."""
 
     name: str
     python: str
@@ -75,7 +75,7 @@ class About:
 
 
 def about(text: str, name: str = "pyproject.toml") -> About:
-    """Read what a project says of itself; `name` is the file's in messages."""
+    """Read the metadata of a project from its pyproject.toml; `name` is the file's in messages."""
     document = schema.load_toml(text, _Document, name)
     project = document.project
     told = bool(project.name) and "optional-dependencies" not in project.dynamic
@@ -116,7 +116,7 @@ def _grouped(table: Mapping[str, Any], groups: Iterable[str], source: Source) ->
 
 
 def _with_extras(project: str, optional: Mapping[Any, Sequence[str]], extras: Iterable[str]) -> list[str]:
-    """The lines of extras; one that names the project itself (`all = ["project[mujoco]"]`) stands for its extras."""
+    """Return the lines of extras; one that names the project itself (`all = ["project[mujoco]"]`) adds those extras."""
     lines: list[str] = []
     waiting = [canonicalize_name(extra) for extra in extras]
     for extra in waiting:
@@ -148,7 +148,7 @@ def _unread(text: str, source: Source, document: _Document) -> Iterator[str]:
 
 
 def _resolution(table: _Uv) -> Inputs:
-    """What `[tool.uv]` says of a resolution."""
+    """Return the resolution settings and the indexes of `[tool.uv]`, without explicit indexes."""
     indexes = [index for index in table.index if not index.explicit]
     return Inputs(
         constraints=table.constraint_dependencies,

@@ -1,4 +1,4 @@
-"""pylock.toml."""
+"""Read pylock.toml."""
 
 from __future__ import annotations
 

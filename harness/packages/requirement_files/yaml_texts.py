@@ -1,4 +1,4 @@
-"""Turns the errors of YAML readers into bad input that names the file and the line."""
+"""Turn the errors of YAML readers into bad input that names the file and the line."""
 
 from __future__ import annotations
 

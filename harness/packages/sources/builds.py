@@ -1,4 +1,4 @@
-"""Sdists turned into wheels, each once: in an environment of its own resolved build requirements, under the supervisor.
+"""Build wheels of sdists, each once: in an environment of resolved build requirements, under the supervisor.
 
 The store `wheels/KEY/` is keyed by all that decides a wheel: the sdist's hash, the build environment (which is itself
 keyed by interpreter and wheels) and the build variables. `wheels/requests/` remembers which key a request led to, so
@@ -47,15 +47,15 @@ class Place(Protocol):
 
     @property
     def path(self) -> Path:
-        """Its folder."""
+        """Return the environment's folder."""
 
     @property
     def python(self) -> Path:
-        """Its interpreter."""
+        """Return the environment's interpreter."""
 
     @property
     def key(self) -> str:
-        """What it is a pure function of."""
+        """Return the key that names everything the environment depends on."""
 
 
 Provide = Callable[[Lock, Question, tuple[str, ...]], Place | Step]
@@ -73,7 +73,7 @@ class Built:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tree:
-    """Source that lies in no sdist: what to call it, a hash of all that it holds, and how it is put below a folder."""
+    """A source tree that is no sdist: its name, a hash of all its content, and a function that puts it in a folder."""
 
     name: str
     mark: str
@@ -82,7 +82,10 @@ class Tree:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Job:
-    """One sdist, or what `unpack` puts below a folder, to build. `chain` are the packages whose builds wait for it."""
+    """One sdist to build, or a source tree that `unpack` puts below a folder.
+
+    `chain` are the packages being built, outermost first, this one last.
+    """
 
     pin: Pin
     interpreter: Interpreter
@@ -101,13 +104,13 @@ class _Job:
         return _request(self.pin, self.interpreter, self.question)
 
     def stopped(self, outcome: Outcome, decisive: str, log: str | None = None) -> _Stopped:
-        """Say how it ended, in a form that leaves all the functions between."""
+        """Return an exception that ends the job with this outcome, past all the functions between."""
         return _Stopped(Step(phase=Phase.INSTALL, outcome=outcome, decisive=bounded(decisive), log=log))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Bench:
-    """Where a job is worked on: a scratch folder, the unpacked source, what it wants to be built with."""
+    """The workplace of a job: a scratch folder, the unpacked source, and its `build-system` table."""
 
     job: _Job
     work: Path
@@ -152,7 +155,7 @@ def build(
 def build_tree(
     tree: Tree, interpreter: Interpreter, question: Question, provide: Provide, *, offline: bool = False
 ) -> Built | Step:
-    """Return the wheel of a source tree, as `build` does of an sdist; which version comes out, only the build tells."""
+    """Return the wheel of a source tree, as `build` does of an sdist; its version is unknown before the build."""
     pin = Pin(name=tree.name, version="", artifact=Artifact(filename="", sha256=tree.mark, source=""), hashes=())
     job = _Job(
         pin=pin,
@@ -180,7 +183,7 @@ def _done(job: _Job) -> Built | Step:
 
 
 def adopt(pin: Pin, interpreter: Interpreter, question: Question, key: str, wheel: Path) -> None:
-    """Take a wheel that was built on another machine for this Python as the answer to its request here."""
+    """Store a wheel that was built on another machine for this Python as the answer to its request here."""
     memory = _memory(_request(pin, interpreter, question))
     with exclusive(memory.with_suffix(".lock")):
         if remembered(memory) is None:
@@ -189,19 +192,19 @@ def adopt(pin: Pin, interpreter: Interpreter, question: Question, key: str, whee
 
 
 def _request(pin: Pin, interpreter: Interpreter, question: Question) -> str:
-    """All that is known of a build before its requirements are resolved."""
+    """Return a digest of all that a build depends on before its requirements are resolved."""
     inputs = (question.build_constraints, question.build_variables, question.only_binary)
     places = (question.index, question.snapshot)
     return digest("build", pin.artifact.sha256, interpreter.identity, *inputs, *places)
 
 
 def _memory(request: str) -> Path:
-    """Where it is remembered which key a request led to."""
+    """Return the file that remembers which key a request led to."""
     return cache_folder() / "wheels" / "requests" / f"{request}.txt"
 
 
 def remembered(memory: Path) -> Built | None:
-    """The wheel that a request led to before, if both are whole."""
+    """Return the wheel that a request led to before, if the remembered key and the wheel are whole."""
     try:
         key = guarded_files.text(memory, 100)
     except Unreadable:
@@ -210,7 +213,7 @@ def remembered(memory: Path) -> Built | None:
 
 
 def kept(key: str) -> Built | None:
-    """The wheel of a build, if it is in the store; one that is damaged is removed, and so built again."""
+    """Return the wheel of a build if it is in the store; a damaged one is removed, and so built again."""
     folder = cache_folder() / "wheels" / key
     use(folder)
     wheel = next(folder.glob("*.whl"), None)
@@ -225,7 +228,7 @@ def kept(key: str) -> Built | None:
 
 
 def _sound(wheel: Path) -> str:
-    """Return the SHA-256 of a wheel of which every file is whole. Raises anything where one is not."""
+    """Return the SHA-256 of a wheel if every file in it is whole. Raises any exception otherwise."""
     if wheel.is_symlink() or not wheel.is_file():
         message = "it is not a regular file"
         raise Unreadable(message)
@@ -277,7 +280,7 @@ def _built(bench: _Bench) -> Built:
 
 
 def _place(job: _Job, requires: Sequence[str]) -> Place:
-    """An environment with the build requirements, resolved under the question's own build constraints and cutoff."""
+    """Return an environment with the build requirements, resolved under the question's build constraints and cutoff."""
     asked = job.question
     question = Question(
         requirements=tuple(requires),
@@ -302,7 +305,7 @@ def _place(job: _Job, requires: Sequence[str]) -> Place:
 
 
 def _call(bench: _Bench, place: Place, hook: str, *arguments: str) -> Any:
-    """Call one hook of the backend in the build environment, sealed, with nothing of the user's settings in sight."""
+    """Call one hook of the backend in the build environment, sealed and hidden from the user's settings."""
     from pyproject_hooks import (  # noqa: PLC0415  (not needed by most commands)
         BackendUnavailable,
         BuildBackendHookCaller,
@@ -375,7 +378,7 @@ def _failure(job: _Job, completed: process.Completed, hook: str) -> _Stopped:
 
 
 def _fitting(job: _Job, folder: Path) -> None:
-    """Refuse what is not one wheel of this package, version and Python."""
+    """Refuse a build result that is not one wheel of this package, version and Python."""
     made = sorted(path.name for path in folder.iterdir())
     named = f"{job.title}: its build made {', '.join(made) or 'nothing'}"
     try:

@@ -1,4 +1,4 @@
-"""Source trees of a package under test: what state a folder or a repository is in, and clean copies of it.
+"""Read the state of a package's source tree, a folder or a repository, and make clean copies of it.
 
 Of a git checkout a copy holds what git tracks and what it does not ignore, as it lies there, with the history that
 tools read a version from. What tools leave behind never enters, unless git tracks it.
@@ -65,7 +65,7 @@ PROXIES = ("http_proxy", "https_proxy", "all_proxy", "no_proxy")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class State:
-    """What a source tree holds: a hash of it, the commit that it stands at, whether its files differ from that."""
+    """The state of a source tree: a hash of its content, its commit, and whether its files differ from that commit."""
 
     mark: str
     commit: str | None = None
@@ -92,7 +92,7 @@ class Repository:
 
     @property
     def mirror(self) -> Path:
-        """Where it is kept."""
+        """Return the folder of the local mirror."""
         return cache_folder() / "repositories" / digest("repository", self.address)
 
 
@@ -100,7 +100,7 @@ class Repository:
 
 
 def of_folder(folder: Path) -> State:
-    """The state of a folder, in a git checkout or not."""
+    """Return the state of a folder, in a git checkout or not."""
     with uv_command.scratch() as work:
         if _git(LOOK, work, str(folder)) is not None:
             files = sorted(_files(folder))
@@ -116,7 +116,10 @@ def of_folder(folder: Path) -> State:
 
 
 def of_repository(source: str, *, offline: bool = False) -> State:
-    """The state that a reference of a repository stands for now. Raises CouldNotTell, or BadInput if there is none."""
+    """Return the state that a reference of a repository points to now.
+
+    Raises CouldNotTell if the repository cannot be fetched, BadInput if it has no such reference.
+    """
     wanted = Repository.parse(source)
     use(wanted.mirror)
     commit = _commit(wanted) if offline or _is_commit(wanted.reference) else None
@@ -137,7 +140,7 @@ def of_repository(source: str, *, offline: bool = False) -> State:
 
 
 def text(source: str, commit: str | None, name: str) -> str:
-    """The text of a file of a folder, or of a repository at a commit; empty where there is none."""
+    """Return the text of a file in a folder, or in a repository at a commit; empty if there is none."""
     if not source.startswith(REPOSITORY):
         path = Path(source, name)
         return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
@@ -207,7 +210,7 @@ def _copy(folder: Path, target: Path, names: Iterable[Path]) -> None:
 
 
 def _listed(top: Path, below: Path = Path()) -> list[Path]:
-    """What a checkout holds besides leftovers, relative to it; the project lies in its folder `below`."""
+    """Return the files of a checkout without leftovers, relative to it; the project lies in its folder `below`."""
     with uv_command.scratch() as work:
         said = _git(LIST, work, str(top))
         if said is not None:
@@ -226,7 +229,7 @@ def _is_left(top: Path, name: Path, below: Path) -> bool:
 
 
 def _files(folder: Path, below: Path = Path()) -> Iterator[Path]:
-    """The files of a folder that is under no version control, relative to it, without what tools leave behind."""
+    """Yield the files of a folder under no version control, relative to it, without what tools leave behind."""
     for path in sorted((folder / below).iterdir()):
         name = below / path.name
         if path.is_symlink() or not path.is_dir():
@@ -259,7 +262,7 @@ def _hash(path: Path) -> str | None:
 
 
 def _git(script: str, work: Path, *arguments: str) -> str | None:
-    """Run git in `work`, where its answers go; None when it went well, else its last word."""
+    """Run a git script in `work`, where it writes its answers; return None on success, else its error line."""
     given = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
     given |= {name: value for name, value in os.environ.items() if name.lower() in PROXIES}
     given |= FIXED

@@ -1,4 +1,4 @@
-"""Wheels of repaired releases: the index's own, or built here from its sdist; mended, found by resolutions, locked.
+"""Make the wheels of repaired releases, from the index's wheel or its sdist, for resolutions to find and lock.
 
 They lie among the wheels that were built here, each in a folder of its own that a resolution is led to.
 """
@@ -24,7 +24,7 @@ from harness.packages.sources import builds, wheel_patch
 
 
 def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:
-    """As `uv.resolve`, with the repaired releases of the question to choose from."""
+    """Resolve as `resolver.resolve` does, with the repaired releases of the question to choose from."""
     led = _led(question, offline=offline)
     return (
         led if isinstance(led, Step) else _dated(resolver.resolve(led, interpreter, folder, offline=offline), question)
@@ -34,7 +34,7 @@ def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offli
 def restore(
     requirements: str, question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False
 ) -> Lock | Step:
-    """As `uv.restore`, with the repaired wheels that the lock holds made here."""
+    """Restore as `resolver.restore` does, after making the repaired wheels that the lock holds."""
     hashes = [mark for _, marks in locks.pinned(requirements).values() for mark in marks]
     led = _led(replace(question, overlay=overlay_recipes.used(question.overlay, hashes)), offline=offline)
     if isinstance(led, Step):
@@ -43,7 +43,7 @@ def restore(
 
 
 def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock | Step:
-    """The lock with its repaired wheels in their places, made anew where they are gone."""
+    """Return the lock with its repaired wheels in their places, made anew if they are gone."""
     made = {}
     pins = {pin.artifact.sha256: pin for pin in lock.pins if not Path(pin.artifact.source).is_file()}
     for repair in overlay_recipes.used(question.overlay, pins):
@@ -59,9 +59,9 @@ def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock |
 
 
 def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> Path | Step:
-    """The repaired wheel, made now or before; what gets in the way of that is never the fault of a package.
+    """Return the repaired wheel, made now or before; a failure to make it is never blamed on a package.
 
-    Raises index.UnknownPackage where no place has a package of its name.
+    Raises index.UnknownPackage if no place has a package of its name.
     """
     folder = _folder(repair)
     with exclusive(folder.with_name("requests") / f"{folder.name}.lock"):
@@ -77,7 +77,7 @@ def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> 
 
 
 def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes] | Step:
-    """File name and content of the repaired wheel."""
+    """Return the file name and the content of the repaired wheel."""
     take = _fetched if repair.python is None else _built
     original = take(repair, settings, offline=offline)
     if isinstance(original, Step):
@@ -94,7 +94,7 @@ def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[st
 
 
 def _fetched(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str] | Step:
-    """File name and content of the index's own wheel."""
+    """Return the file name and the content of the index's own wheel."""
     try:
         artifact = index.find(repair.name, repair.origin, settings, offline=offline)
         with uv_command.scratch() as folder:
@@ -105,7 +105,7 @@ def _fetched(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple
 
 
 def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str] | Step:
-    """File name and content of the wheel that the index's sdist builds, and who built it."""
+    """Return the file name and the content of the wheel built from the index's sdist, and which Python built it."""
     builder = _builder(repair)
     if builder is None:
         told = f"its repaired wheel is built by a Python {repair.python}, and there is none here"
@@ -132,7 +132,7 @@ def _failed(repair: Repair, told: str, outcome: Outcome = Outcome.INFRA) -> Step
 
 
 def _builder(repair: Repair) -> Interpreter | None:
-    """The newest Python here that can build it."""
+    """Return the newest CPython here that can build the release; None if there is none."""
     allowed = SpecifierSet(repair.python or "")
     found = [
         one
@@ -143,7 +143,7 @@ def _builder(repair: Repair) -> Interpreter | None:
 
 
 def _led(question: Question, *, offline: bool) -> Question | Step:
-    """The question with the folders of its repaired wheels among the places to look at."""
+    """Return the question with the folders of its repaired wheels among its find-links."""
     links = []
     for repair in overlay_recipes.fitting(question.overlay, question):
         try:
@@ -158,7 +158,7 @@ def _led(question: Question, *, offline: bool) -> Question | Step:
 
 
 def _dated(answer: Lock | Step, question: Question) -> Lock | Step:
-    """The lock in which a repaired wheel is as old as what it was made of: so it did not escape the cutoff."""
+    """Return the lock with repaired wheels as old as their originals, so that they did not escape the cutoff."""
     if isinstance(answer, Step) or not question.overlay:
         return answer
     known = {repair.wheel: repair for repair in question.overlay}
@@ -166,7 +166,7 @@ def _dated(answer: Lock | Step, question: Question) -> Lock | Step:
 
 
 def _as_made(pin: Pin, known: Mapping[str, Repair]) -> Pin:
-    """A pin of the repaired wheel where it may be one: the index has another, or a wheel of the same name."""
+    """Return a pin of the repaired wheel alone if its hash is allowed; the index may have another or a namesake."""
     repair = next((known[mark] for mark in pin.hashes if mark in known), None)
     if repair is None:
         return pin
@@ -176,5 +176,5 @@ def _as_made(pin: Pin, known: Mapping[str, Repair]) -> Pin:
 
 
 def _folder(repair: Repair) -> Path:
-    """Where the repaired wheel lies, and nothing else."""
+    """Return the folder that holds the repaired wheel and nothing else."""
     return cache_folder() / "wheels" / digest("overlay", repair.wheel)

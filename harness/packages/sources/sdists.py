@@ -1,4 +1,4 @@
-"""What lies in an sdist: its source, unpacked safely, and what it asks to be built with."""
+"""Read an sdist: unpack its source safely, and find what it asks to be built with."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def unpack(archive: Path, folder: Path) -> Path:
 
 
 def build_system(source: Path) -> BuildSystem:
-    """Read what builds the source. Raises BadSdist."""
+    """Read the `build-system` table of the source, or the legacy default if it has none. Raises BadSdist."""
     file = source / "pyproject.toml"
     try:
         content = guarded_files.text(file, MOST, follow=True)
@@ -95,7 +95,7 @@ def _texts(plain: object, wrong: str) -> tuple[str, ...]:
 
 
 def requires_dist(wheel: Path) -> tuple[str, ...]:
-    """Requirements in a wheel's own metadata, as they are written there, valid or not."""
+    """Return the requirements in a wheel's own metadata as they are written there, valid or not."""
     with zipfile.ZipFile(wheel) as file:
         name = next(name for name in file.namelist() if name.endswith(".dist-info/METADATA"))
         headers = HeaderParser().parsestr(file.read(name).decode("utf-8", "replace"))

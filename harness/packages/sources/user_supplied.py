@@ -1,4 +1,4 @@
-"""What no index has and the user brings: a vendor's archive, a research project's checkout.
+"""Copy software that the user supplies because no index has it: a vendor's archive, a research project's checkout.
 
 A cell gets a clean copy, kept in the cache by what it holds: the user's own folder is never written to.
 """
@@ -25,7 +25,7 @@ WHOLE = "copied"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Source:
-    """What is there of something to be brought: what it holds now, and where that was found."""
+    """Software that the user supplies: the entry that asks for it, its place, and its present state."""
 
     bring: Bring
     source: str
@@ -33,14 +33,14 @@ class Source:
 
 
 def absent(bring: Bring) -> str | None:
-    """What to do where nothing was brought, in a sentence; None where something was."""
+    """Say what to do if the user supplied nothing, in a sentence; None if something was supplied."""
     if _source(bring):
         return None
     return f"{bring.name} is not here, and {bring.variable} names no place of it: {bring.say}"
 
 
 def looked_at(bring: Bring, *, offline: bool = False) -> Source:
-    """What was brought, as it is now. Raises BadInput where there is nothing at the place that was named."""
+    """Return the supplied software in its present state. Raises BadInput if nothing lies at the named place."""
     source = _source(bring)
     if source.startswith(checkouts.REPOSITORY):
         state = checkouts.of_repository(source, offline=offline)
@@ -57,7 +57,7 @@ def looked_at(bring: Bring, *, offline: bool = False) -> Source:
 
 
 def copied(source: Source) -> Path:
-    """Where the copy for cells lies, made now or before. Raises BadInput for a file that is no archive."""
+    """Return the folder of the copy for cells, made now or before. Raises BadInput for a file that is no archive."""
     folder = cache_folder() / "brought" / digest("brought", source.found.mark)
     use(folder)
     with exclusive(folder.with_suffix(".lock")):
@@ -73,7 +73,7 @@ def copied(source: Source) -> Path:
 
 
 def python_path(source: Source, copy: Path) -> tuple[str, ...]:
-    """The folders of a copy that modules are imported from."""
+    """Return the folders of a copy that modules are imported from; missing ones are left out."""
     places = (copy / folder for folder in source.bring.python_path)
     return tuple(str(place) for place in places if place.is_dir())
 

@@ -1,4 +1,4 @@
-"""A wheel with lines of its metadata repaired: to the byte the same wherever it is made.
+"""Repair metadata lines of a wheel: the result is the same to the byte wherever it is made.
 
 It is written anew: files in order, not compressed (zlib differs between machines), times fixed, and the requirements
 in its metadata in order (gym's setup.py takes them from a set).
@@ -29,7 +29,7 @@ class Unrepairable(Exception):
 
 
 def mended(wheel: bytes, repair: Repair) -> bytes:
-    """The wheel with its metadata repaired and its RECORD right. Raises Unrepairable."""
+    """Return the wheel with its metadata repaired and its RECORD corrected. Raises Unrepairable."""
     with zipfile.ZipFile(io.BytesIO(wheel)) as archive:
         entries = {info.filename: info for info in archive.infolist() if not info.is_dir()}
         contents = {name: archive.read(info) for name, info in entries.items()}
@@ -47,12 +47,12 @@ def mended(wheel: bytes, repair: Repair) -> bytes:
 
 
 def sha256(content: bytes) -> str:
-    """Its hash, as locks write it."""
+    """Return the SHA-256 of the content, as locks write it."""
     return hashlib.sha256(content).hexdigest()
 
 
 def _metadata(text: str, repair: Repair) -> str:
-    """Every edit must find a line: a recipe that does nothing is wrong."""
+    """Return the edited metadata. Raises Unrepairable if an edit finds no line: a recipe that does nothing is wrong."""
     head, blank, body = text.partition("\n\n")
     lines = head.split("\n")
     for edit in repair.edits:
@@ -66,7 +66,7 @@ def _metadata(text: str, repair: Repair) -> str:
 
 
 def _in_order(lines: list[str]) -> Iterator[str]:
-    """Other fields as they are, then extras and requirements in order."""
+    """Yield the other fields as they are, then extras and requirements in sorted order."""
     many = [line for line in lines if line.partition(":")[0] in SORTED]
     yield from (line for line in lines if line and line not in many)
     yield from sorted(many)
@@ -74,7 +74,7 @@ def _in_order(lines: list[str]) -> Iterator[str]:
 
 
 def _quoted(name: str) -> str:
-    """A name as a CSV file has it."""
+    """Return a name as a CSV file quotes it."""
     return '"' + name.replace('"', '""') + '"' if re.search(r'[,"]', name) else name
 
 

@@ -1,13 +1,13 @@
-"""What was measured, as one plain JSON document: the cells of reports and their locks, without all that explains them.
+"""Combine reports into one plain JSON document of measured cells and their locks, without explanations.
 
-The standard library alone, with `standalone`, as the hook that builds our wheel runs it, too. `layer` reads a report,
-`combined` puts layers on one another, and `lock_text` gives a lock again to the byte. The document:
+It uses the standard library and `standalone` alone, because the hook that builds our wheel runs it, too. `layer` reads
+a report, `combined` puts layers on one another, and `lock_text` restores a lock to the byte. The document:
 
     {"schema": 1, "generated": "...Z", "machines": {ID: {"os", "libc", "glibc", "architecture", "gl", "gpu"}},
      "cells": [...], "locks": {SHA-256: [[name, version], ...]}, "hashes": {"name==version": [SHA-256 of files]},
      "taken": {SHA-256: {name: [places in its hashes]}}}
 
-`taken` says which of a release's files a lock holds, where those are not all of them.
+`taken` says which files of a release a lock holds, if it does not hold all of them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,11 @@ class Layer:
 
 
 def layer(report: Plain, text: Callable[[str], str | None]) -> Layer:
-    """Return what a report document measured; `text` reads a file that the document names, None if it is gone."""
+    """Return the measured cells of a report document as a layer.
+
+    `text` returns the content of a file that the document names, None if it is gone. Cells whose verdict says nothing
+    of the packages are left out.
+    """
     cells = [cell for cell in report["cells"] if cell["verdict"] not in UNTOLD and cell["machine"] and cell["measured"]]
     texts = {name: text(name) for name in {cell["lock"] for cell in cells if cell["lock"]}}
     named = {name: _sha256(content) for name, content in texts.items() if content and _is_lock(content)}
@@ -64,7 +68,7 @@ def layer(report: Plain, text: Callable[[str], str | None]) -> Layer:
 
 
 def combined(layers: Iterable[Layer]) -> dict[str, Any]:
-    """The layers as one document: of a cell measured twice on one machine the newer measurement stands."""
+    """Return the layers as one document. If a cell was measured twice on one machine, the newer result counts."""
     generated = ""
     machines: dict[str, Plain] = {}
     locks: dict[str, str] = {}
@@ -88,7 +92,7 @@ def combined(layers: Iterable[Layer]) -> dict[str, Any]:
 
 
 def again(document: Plain) -> Layer:
-    """A document as a layer, so that others can be put upon it."""
+    """Return a document as a layer, so that it can be combined with others."""
     return Layer(
         generated=document["generated"],
         machines=document["machines"],
@@ -98,7 +102,7 @@ def again(document: Plain) -> Layer:
 
 
 def lock_text(document: Plain, sha256: str) -> str:
-    """A lock of the document as hash-pinned requirements, as they were measured."""
+    """Return a lock of the document as hash-pinned requirements, as they were measured."""
     taken = document["taken"].get(sha256, {})
     lines = []
     for name, version in document["locks"][sha256]:
@@ -109,7 +113,7 @@ def lock_text(document: Plain, sha256: str) -> str:
 
 
 def packed(document: Plain) -> bytes:
-    """The document compressed, equal for equal documents."""
+    """Compress the document; equal documents give equal bytes."""
     buffer = io.BytesIO()
     with gzip.GzipFile(filename="", mode="wb", compresslevel=9, fileobj=buffer, mtime=0) as file:
         file.write(json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode())
@@ -117,13 +121,13 @@ def packed(document: Plain) -> bytes:
 
 
 def unpacked(content: bytes) -> dict[str, Any]:
-    """What was packed."""
+    """Return the document from the bytes that `packed` made."""
     document: dict[str, Any] = json.loads(gzip.decompress(content))
     return document
 
 
 def packed_reports(reports: Mapping[str, Plain]) -> bytes:
-    """Return whole reports as one zip file, without what lies in files beside them; equal for equal reports."""
+    """Return whole reports as one zip file, without the files beside them; equal for equal reports."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name, report in sorted(reports.items()):
@@ -135,7 +139,7 @@ def packed_reports(reports: Mapping[str, Plain]) -> bytes:
 
 
 def _alone(report: Plain) -> dict[str, Any]:
-    """Return a report that names no files."""
+    """Return a report without the names of its files."""
     cells = []
     for cell in report["cells"]:
         cases = [{**case, "frames": [], "evidence": {}} for case in cell["cases"]]
@@ -227,7 +231,11 @@ def _pins(text: str) -> Iterator[tuple[str, str, list[str]]]:
 
 
 def _locks(texts: Mapping[str, str]) -> dict[str, Any]:
-    """Locks as pairs, the hashes of each release once, and what of these a lock does not hold."""
+    """Return the `locks`, `hashes` and `taken` of the document.
+
+    Locks become pairs of name and version. The hashes of each release are written once, and `taken` lists those that a
+    lock holds if it does not hold all.
+    """
     read = {sha: list(_pins(text)) for sha, text in texts.items()}
     known: dict[str, set[str]] = {}
     for name, version, hashes in (pin for pins in read.values() for pin in pins):

@@ -1,7 +1,7 @@
-"""What follows from measured combinations and was not measured itself; told apart from them wherever it is shown.
+"""Infer combinations that probably work from measured ones; they are marked as inferred wherever they are shown.
 
-Little follows. A version between two that work with all the rest alike, on the same Python and machine, is likely to
-work, too, where nothing was seen of it; so is a Python between two.
+Little can be inferred. A version probably works if it lies between two that work with everything else equal, on the
+same Python and machine, and if nothing was measured with it. The same holds for a Python between two.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ PYTHON = "python"
 
 
 class Inferred(msgspec.Struct, frozen=True, kw_only=True):
-    """What was not measured: `versions` and `python` as asked, `why` a sentence, `from_cells` what it follows from.
+    """A combination that was not measured but probably works, on `python`.
 
-    `kind` is `between`: two that work lie around it.
+    `why` is a sentence, `from_cells` are the cells that it follows from. `kind` is `between`: it lies between two
+    combinations that work.
     """
 
     kind: str
@@ -34,7 +35,7 @@ class Inferred(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def inferred(cells: Sequence[Known], query: Query) -> list[Inferred]:
-    """What follows about a question that nothing measured answers."""
+    """Return the combinations inferred for a question that no measurement answers."""
     return [*_versions_between(cells, query), *_pythons_between(cells, query)]
 
 
@@ -42,7 +43,10 @@ def inferred(cells: Sequence[Known], query: Query) -> list[Inferred]:
 
 
 def _versions_between(cells: Sequence[Known], query: Query) -> Iterator[Inferred]:
-    """A pinned version of one package that no cell holds, beside all else that was asked for, between two that work."""
+    """Yield a pinned version that lies between two versions that work.
+
+    No cell may hold it together with everything else that was asked for.
+    """
     seen = bool(fitting(cells, Query(wanted=query.wanted)))
     for place, wanted in enumerate(() if seen else query.wanted):
         pinned = _pin(wanted)
@@ -62,12 +66,12 @@ def _versions_between(cells: Sequence[Known], query: Query) -> Iterator[Inferred
 
 
 def _near(low: Version, high: Version) -> bool:
-    """Whether two releases make no great difference by their own account: of one major version, or of one 0.x."""
+    """Return whether two releases should be compatible by their numbers: the same major version, or the same 0.x."""
     return low.major == high.major and (low.major > 0 or low.minor == high.minor)
 
 
 def _pythons_between(cells: Sequence[Known], query: Query) -> Iterator[Inferred]:
-    """A Python on which nothing was measured, between two on which the same versions work."""
+    """Yield a Python without measurements that lies between two on which the same versions work."""
     if query.python is None or fitting(cells, replace(query, needs=(), env=None)):
         return
     asked = Version(query.python)
@@ -84,7 +88,7 @@ def _pythons_between(cells: Sequence[Known], query: Query) -> Iterator[Inferred]
 
 
 def _neighbours(cells: Sequence[Known], query: Query, axis: str) -> Iterator[tuple[Known, Known]]:
-    """Cells that work and differ in one axis alone, without another one between them that does not."""
+    """Yield pairs of working cells that differ in one axis only, with no other cell between them."""
 
     def place(one: Known) -> Version:
         return Version(one.minor if axis == PYTHON else str(one.version(axis)))
@@ -96,7 +100,7 @@ def _neighbours(cells: Sequence[Known], query: Query, axis: str) -> Iterator[tup
 
 
 def _pin(wanted: Wanted) -> Version | None:
-    """The one version that was asked for, if it is one."""
+    """Return the version if exactly one is asked for (`==`), else None."""
     parts = list(wanted.versions)
     if len(parts) == 1 and parts[0].operator == "==" and not parts[0].version.endswith("*"):
         return Version(parts[0].version)
@@ -104,7 +108,7 @@ def _pin(wanted: Wanted) -> Version | None:
 
 
 def _alike(cells: Iterable[Known], apart_from: str) -> list[list[Known]]:
-    """Cells of one matrix and machine that differ in one axis and in nothing else that was chosen."""
+    """Group cells of one matrix and machine that differ in one axis and in nothing else that was chosen."""
     groups: dict[Any, list[Known]] = {}
     for one in cells:
         cell = one.cell
@@ -120,7 +124,7 @@ def _plain(cell: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _rest(one: Known, apart_from: str) -> str:
-    """What was chosen besides, in words."""
+    """Return the other chosen versions in words, such as `Python 3.11, mujoco 3.3.7`."""
     chosen = {"Python": one.minor} if apart_from != PYTHON else {}
     chosen |= {name: version for name, version in one.chosen.items() if name != apart_from}
     return ", ".join(f"{name} {version}" for name, version in chosen.items())

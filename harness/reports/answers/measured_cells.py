@@ -1,6 +1,6 @@
-"""Measured cells, out of the document of `distilling`, and which of them a question is about.
+"""Find the measured cells that a question is about, in the document made by `digest`.
 
-A package counts for a cell only where a case ran it: what merely lay in the lock says nothing.
+A package counts for a cell only if a case ran it. A package that only lies in the lock proves nothing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ WAYS = "MUJOCO_GL"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Wanted:
-    """A package that was asked for, and which versions of it."""
+    """A package that was asked for, and its allowed versions."""
 
     name: str
     versions: SpecifierSet
@@ -38,7 +38,7 @@ class Wanted:
 
     @classmethod
     def of(cls, text: str) -> Wanted:
-        """From a requirement; its extras say nothing of what was measured. Raises ValueError."""
+        """Parse a requirement; its extras are ignored. Raises ValueError, also for an address or a marker."""
         found = parsed_requirement(text)
         if found.url or found.marker:
             message = f'"{text}" has {"an address" if found.url else "a marker"}; name a package, or `name>=version`'
@@ -46,13 +46,13 @@ class Wanted:
         return cls(name=required_name(text), versions=found.specifier, text=text)
 
     def fits(self, version: str | None) -> bool:
-        """Tell whether a version is one of those."""
+        """Return whether a version is allowed."""
         return version is not None and self.versions.contains(version, prereleases=True)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Query:
-    """A question: packages, a Python (`3.11` or `3.11.7`), phases that have to have passed, an environment."""
+    """A question: packages, a Python (`3.11` or `3.11.7`), phases that must have passed, an environment."""
 
     wanted: tuple[Wanted, ...]
     python: str | None = None
@@ -61,19 +61,19 @@ class Query:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of the packages."""
+        """Return the names of the packages."""
         return tuple(one.name for one in self.wanted)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """A measured cell, and what its lock holds; `axes` and requirements where it has none."""
+    """A measured cell with the versions in its lock; without a lock, the versions that the cell asks for count."""
 
     cell: Plain
     pins: Mapping[str, str]
 
     def version(self, name: str) -> str | None:
-        """Return the version of a package, if it was there, or asked for where nothing could be locked."""
+        """Return the installed version of a package, or the version asked for if nothing could be locked."""
         return self.pins.get(name) or (None if self.pins else self._asked.get(name))
 
     @cached_property
@@ -86,22 +86,22 @@ class Known:
 
     @cached_property
     def requirements(self) -> tuple[Requirement, ...]:
-        """Return what the cell asks for."""
+        """Return the parsed requirements of the cell."""
         return tuple(map(parsed_requirement, self.cell["requirements"]))
 
     @cached_property
     def python(self) -> str:
-        """Return the version, in full where it is known."""
+        """Return the Python version, in full if it is known."""
         return str(self.cell["python"] or self.cell["axes"].get("python", ""))
 
     @property
     def minor(self) -> str:
-        """Return a version such as `3.11`."""
+        """Return the Python version without its last part, such as `3.11`."""
         return ".".join(self.python.split(".")[:2])
 
     @property
     def works(self) -> bool:
-        """Return whether all that was tried works, and no silent issue is left open."""
+        """Return whether everything that was tried works, with no silent issue left open."""
         return plainly_good(self.cell["verdict"], self.cell["unverified"]) and bool(self.pins)
 
     @cached_property
@@ -112,15 +112,16 @@ class Known:
 
     @property
     def chosen(self) -> dict[str, str]:
-        """Return packages that the matrix chose a version of, as they were there, or were asked for."""
+        """Return the packages whose version the matrix chose: the version installed, or asked for."""
         return {name: version for name in sorted(self.named) if name != "python" and (version := self.version(name))}
 
     @cached_property
     def exercised(self) -> frozenset[str]:
-        """Return the packages that a case ran: never one that was only installed beside.
+        """Return the packages that a case ran, without those that were only installed.
 
-        Where the cell noted what it ran, that counts; else what the matrix names and what the cases imported. A
-        package that brings environments of its own counts only where somebody asked for it by name or by its API.
+        If the cell noted the packages that it ran, these count; else those that the matrix names and those that the
+        cases imported. A package that brings environments of its own counts only if somebody asked for it by name or by
+        its API.
         """
         noted = {name for case in self.cell["cases"] for name in case.get("exercised", ())}
         spoken = {case["api"].replace("_", "-") for case in self.cell["cases"]}
@@ -131,17 +132,17 @@ class Known:
 
     @property
     def about(self) -> frozenset[str]:
-        """Return the packages that a red cell says something of: those it names or ran."""
+        """Return the packages that a red cell says something about: those it names or ran."""
         return self.named | self.exercised
 
     @property
     def variables(self) -> dict[str, str]:
-        """Return those that were set for their own sake."""
+        """Return the environment variables that are set for their own sake: all but `MUJOCO_GL`."""
         return {name: value for name, value in self.cell["environment"].items() if name != WAYS}
 
 
 def known(document: Plain) -> list[Known]:
-    """Return the cells of a document with their versions."""
+    """Return the cells of a document, each with the versions in its lock."""
     pins = {sha: dict(map(tuple, lock)) for sha, lock in document["locks"].items()}
     return [Known(cell=cell, pins=pins.get(cell["lock"], {})) for cell in document["cells"]]
 
@@ -150,12 +151,12 @@ def known(document: Plain) -> list[Known]:
 
 
 def fitting(cells: Iterable[Known], query: Query) -> list[Known]:
-    """Return cells about all that was asked for, whatever became of them."""
+    """Return the cells that are about everything asked for, whatever their verdict."""
     return [one for one in cells if _holds(one, query) and _of_python(one, query.python) and _has(one, query.env)]
 
 
 def good(cells: Iterable[Known], query: Query) -> list[Known]:
-    """Return those that ran all that was asked for, work, and passed what was needed."""
+    """Return the fitting cells that ran every package asked for, work, and passed the needed phases."""
     return [one for one in fitting(cells, query) if ran(one, query) and works(one, query) and passed(one, query)]
 
 
@@ -165,7 +166,10 @@ def ran(one: Known, query: Query) -> bool:
 
 
 def works(one: Known, query: Query) -> bool:
-    """Return whether a cell is plainly good; where an environment was asked for, whether that one is."""
+    """Return whether a cell is plainly good.
+
+    For a question about one environment, it is enough that this environment works.
+    """
     if query.env is None or one.works or one.cell["verdict"] != PARTIAL:
         return one.works
     cases = [case for case in one.cell["cases"] if _is(case, query.env)]
@@ -178,7 +182,7 @@ def some_work(one: Known) -> bool:
 
 
 def case_works(case: Plain) -> bool:
-    """Return whether one environment of a cell was run and all that was tried of it passed."""
+    """Return whether one environment of a cell was run, and everything tried with it passed."""
     fine = {PASSED, "skipped", "unavailable"}
     ends = case["phases"]
     silent = any(map(is_silent, case.get("unverified", ())))
@@ -198,18 +202,18 @@ def _has(one: Known, env: str | None) -> bool:
 
 
 def _is(case: Plain, env: str) -> bool:
-    """Tell whether a case is of an environment, its id with or without its namespace."""
+    """Return whether a case uses an environment, given by its id with or without its namespace."""
     return env == case["env"] or env == (case["env"] or "").partition(":")[2]
 
 
 def passed(one: Known, query: Query) -> bool:
-    """Tell whether all that was needed passed: in the environment asked for, if one was."""
+    """Return whether all needed phases passed, in the environment asked for if there is one."""
     cases = [case["phases"] for case in one.cell["cases"] if query.env and _is(case, query.env)]
     return all(phases.get(phase) == PASSED for phases in cases or [one.cell["phases"]] for phase in query.needs)
 
 
 def is_silent(name: str) -> bool:
-    """Return whether what was not verified is a silent known issue."""
+    """Return whether an unverified item is a silent known issue."""
     return name.startswith(PREFIX)
 
 

@@ -34,14 +34,14 @@ AT_A_TIME = 8
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Listed:
-    """Versions of a package that an index has: all of them, and the newest that is neither yanked nor a pre-release."""
+    """The versions of a package in an index; `newest` is neither yanked nor, if possible, a pre-release."""
 
     versions: tuple[str, ...] = ()
     newest: str | None = None
 
 
 def check_cells(cells: Iterable[Cell], say: Say, *, offline: bool = False) -> None:
-    """Refuse what cells ask for and no index has; one expected to be unresolvable is passed over. Raises BadInput."""
+    """Refuse requirements of cells that no index has, except in cells expected to be unresolvable. Raises BadInput."""
     questions = {id(cell.question): cell.question for cell in cells if not _is_expected(cell)}
     found: dict[IndexSettings, dict[str, None]] = {}
     for one in questions.values():
@@ -52,7 +52,7 @@ def check_cells(cells: Iterable[Cell], say: Say, *, offline: bool = False) -> No
 
 
 def check(requirements: Iterable[str], say: Say, index: IndexSettings = NOTHING, *, offline: bool = False) -> None:
-    """Refuse requirements that the index cannot serve; say so where it cannot be asked. Raises BadInput."""
+    """Refuse requirements that the index cannot serve; print a note if it cannot be asked. Raises BadInput."""
     wanted: dict[str, list[Requirement]] = {}
     for one in filter(None, map(_parsed, requirements)):
         if not one.url:
@@ -89,7 +89,7 @@ def _wrong(name: str, asked: Iterable[Requirement], listed: Listed | None) -> It
 
 
 def nearest(name: str) -> str | None:
-    """Return the name of a package that was measured, or is well known here, and is written almost alike."""
+    """Return the most similarly spelt name of a measured or well-known package, or None."""
     from harness.standalone.keys import MODULES  # noqa: PLC0415 - start-up
 
     return next(iter(get_close_matches(name, sorted({*MODULES, *measured_names()}), n=1, cutoff=0.75)), None)
@@ -103,7 +103,7 @@ def measured_names() -> set[str]:
 
 
 def _parsed(text: str) -> Requirement | None:
-    """Return a requirement, None where it is none: whoever needs it says so."""
+    """Return the parsed requirement, or None if it is invalid: the code that needs it reports the error."""
     try:
         return parsed_requirement(text)
     except ValueError:
@@ -111,7 +111,7 @@ def _parsed(text: str) -> Requirement | None:
 
 
 def _pinned(one: Requirement) -> str | None:
-    """Return the one version that a requirement allows, if it names it."""
+    """Return the version that a requirement pins, or None."""
     exact = [part.version for part in one.specifier if part.operator in {"==", "==="} and "*" not in part.version]
     return exact[0] if len(one.specifier) == 1 and exact else None
 
@@ -121,7 +121,10 @@ def _all_fit(asked: Iterable[Requirement], listed: Listed | None) -> bool:
 
 
 def _fits(one: Requirement, listed: Listed | None) -> bool:
-    """Return whether a release satisfies a requirement; local versions come from indexes of their own."""
+    """Return whether some release satisfies a requirement.
+
+    The local part of a version is ignored: such releases come from other indexes.
+    """
     if listed is None:
         return False
     plain = SpecifierSet(",".join(str(part).partition("+")[0] for part in one.specifier if part.operator != "==="))
@@ -132,7 +135,10 @@ def _fits(one: Requirement, listed: Listed | None) -> bool:
 
 
 def _answers(names: Sequence[str], settings: IndexSettings, *, offline: bool) -> dict[str, Listed | None]:
-    """Ask the index about packages: a package that it lacks is None, one that it did not answer for is left out."""
+    """Ask the index about packages and return the answers by name.
+
+    A package that the index lacks maps to None. A package that it did not answer for is left out.
+    """
     if not names:
         return {}
     from harness.packages import index  # noqa: PLC0415 - start-up
@@ -165,14 +171,14 @@ MOST_LISTED = 16 << 20
 
 
 class _Memory:
-    """Earlier listings of packages by an index, in the cache folder."""
+    """Package listings of an index from earlier runs, in the cache folder."""
 
     def __init__(self, settings: IndexSettings) -> None:
         places = sha256(repr(combined(settings)).encode()).hexdigest()[:12]
         self._folder = store.cache_folder() / "releases" / places
 
     def load(self, name: str) -> Listed | None:
-        """Return what was listed, None where nothing was."""
+        """Return the stored listing, or None if there is none."""
         try:
             listed = guarded_files.decoded(self._folder / f"{name}.json", MOST_LISTED, json.loads)
             return Listed(versions=tuple(map(str, listed)))
@@ -180,5 +186,5 @@ class _Memory:
             return None
 
     def keep(self, name: str, listed: Listed) -> None:
-        """Keep a listing."""
+        """Store a listing."""
         store.write_atomic(self._folder / f"{name}.json", json.dumps(listed.versions).encode())

@@ -1,4 +1,4 @@
-"""Packages that were never measured together: what is measured of each, and the command that would try them."""
+"""Describe packages that were never measured together: the results of each part, and what to try."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from harness.reports.answers.recommending import Combination, Plain, combination
 
 
 class Half(msgspec.Struct, frozen=True, kw_only=True):
-    """One part of the packages as it was measured: its newest good combination; None where none works.
+    """One part of the packages with its newest good combination; None if none works.
 
     `installed` are releases that were only in locks: they were never run.
     """
@@ -26,7 +26,7 @@ class Half(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Apart(msgspec.Struct, frozen=True, kw_only=True):
-    """Packages that were never measured together: each part as it was measured, and a command for `try`."""
+    """Packages that were never measured together: the results of each part, and the requirements for `try`."""
 
     halves: tuple[Half, ...]
     requirements: tuple[str, ...]
@@ -34,7 +34,7 @@ class Apart(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def apart(document: Plain, cells: Sequence[Known], query: Query) -> Apart | None:
-    """Return what is known of packages that no cell is about together; None where one is, whatever its versions."""
+    """Return the results of packages that no cell combines; None if some cell does, whatever its versions."""
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
     about = [one for one in fitting(cells, Query(wanted=free)) if one.cell["lock"] is None or _ran_all(one, query)]
     if len(query.wanted) < 2 or about:
@@ -57,7 +57,7 @@ def _ran_all(one: Known, query: Query) -> bool:
 
 
 def _largest(cells: Sequence[Known], query: Query) -> tuple[str, ...]:
-    """Return the most packages of which some cell is good, those named first before others."""
+    """Return the largest group of packages for which some cell is good, preferring those named first."""
     for count in range(len(query.names) - 1, 1, -1):
         for wanted in itertools.combinations(query.wanted, count):
             if newest(cells, Query(wanted=wanted)):
@@ -66,7 +66,7 @@ def _largest(cells: Sequence[Known], query: Query) -> tuple[str, ...]:
 
 
 def _common_python(cells: Sequence[Known], query: Query) -> str | None:
-    """Return the newest Python on which each of the packages has a good cell; None where there is none."""
+    """Return the newest Python on which each of the packages has a good cell, or None."""
     pythons = [{one.minor for one in good(cells, Query(wanted=(wanted,)))} for wanted in query.wanted]
     common = set.intersection(*filter(None, pythons)) if any(pythons) else set()
     return max(common, key=Version, default=None)
@@ -81,7 +81,7 @@ def _half(document: Plain, cells: Sequence[Known], query: Query, names: Sequence
 
 
 def _requirements(query: Query, halves: Sequence[Half]) -> list[str]:
-    """Return what to try: what was asked for, at the versions that were measured where none was asked for."""
+    """Return the requirements to try, with the measured version where none was asked for."""
     found = {
         name: version for half in halves if half.combination for name, version in half.combination.versions.items()
     }

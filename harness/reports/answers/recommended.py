@@ -1,4 +1,4 @@
-"""The answer of `recommend`: what was measured and works, what works in part, what nobody measured together."""
+"""Build the answer of `recommend`: combinations that work, work in part, or were never measured together."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Nearby(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Partly(msgspec.Struct, frozen=True, kw_only=True):
-    """A combination of which some environments work: those, and why the others do not."""
+    """A combination in which only some environments work: their names, and why the others fail."""
 
     combination: Combination
     verdict: str
@@ -44,12 +44,13 @@ class Partly(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Recommended(msgspec.Struct, frozen=True, kw_only=True):
-    """The document of `recommend --json`: what was measured, what only follows, and what does not work.
+    """The document of `recommend --json`: measured combinations, inferred ones, and those that do not work.
 
-    `found` is how many combinations there are, of which `measured` has the newest. `doubtful` work, and a silent known
-    issue that no check has shown or refuted fits them; of `partly` some environments work. `apart` says that the
-    packages were never measured together. `unknown` are packages of which nothing was measured, `installed` releases
-    that were only in locks and never run. `next` is a command that would measure what was asked for.
+    `found` is the number of combinations that work, `measured` has the newest of them. Those in `doubtful` work, too,
+    but a silent known issue fits them that no check has shown or refuted. In `partly` only some environments work.
+    `apart` is set if the packages were never measured together. `unknown` are packages without any measurement,
+    `installed` releases that were only in locks and never run. `next` is a command that would measure what was asked
+    for.
     """
 
     schema: int = 1
@@ -74,7 +75,7 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
 def recommended(
     document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int, next_: str
 ) -> Recommended:
-    """Return all that the measured cells say about a question."""
+    """Return everything that the measured cells say about a question; `limit` bounds the lists of combinations."""
     found = recommending.combinations(document, cells, query)
     found.sort(key=lambda one: bool(one.repaired or one.brought))  # what anybody can install goes first
     together = None if found else apart(document, cells, query)
@@ -99,14 +100,14 @@ def recommended(
 
 
 def _only_installed(cells: Sequence[Known], name: str) -> tuple[str, ...]:
-    """Return releases of a package that no case ever ran, where that is all there is of it."""
+    """Return the releases of a package that were only installed; empty if some cell is about the package."""
     return () if any(name in one.about for one in cells) else installed(cells, name)
 
 
 def _doubtful(
     document: Mapping[str, Any], cells: Sequence[Known], query: Query, found: Sequence[Combination]
 ) -> list[Combination]:
-    """Return what works where a silent known issue is left open, unless what is plainly good is newer."""
+    """Return combinations that work with a silent known issue left open, unless a plainly good one is newer."""
     fits = [one for one in fitting(cells, query) if ran(one, query) and one.cell["verdict"] == "works"]
     open_ = [one for one in fits if passed(one, query) and any(map(is_silent, one.cell["unverified"]))]
     made = recommending.combined(document, open_, query)
@@ -115,7 +116,7 @@ def _doubtful(
 
 
 def _partly(document: Mapping[str, Any], cells: Sequence[Known], query: Query) -> list[Partly]:
-    """Return what works in part, the newest first: of each combination the cell with the most working environments."""
+    """Return combinations that work in part, newest first, each by the cell with the most working environments."""
     fits = [one for one in fitting(cells, query) if ran(one, query) and one.cell["verdict"] in {PARTIAL, MISLEADS}]
     fits = [one for one in fits if some_work(one)]
     made = []
@@ -139,7 +140,7 @@ def _partly(document: Mapping[str, Any], cells: Sequence[Known], query: Query) -
 def _newer(
     document: Mapping[str, Any], cells: Sequence[Known], query: Query, found: Sequence[Combination]
 ) -> list[Combination]:
-    """Return the newest combination on other Pythons, where it is newer and was not measured on the one asked for."""
+    """Return the newest combination on other Pythons, if it is newer and was not measured on the Python asked for."""
     if query.python is None or not found:
         return []
     anywhere = Query(wanted=query.wanted, needs=query.needs, env=query.env)
@@ -152,7 +153,7 @@ def _newer(
 
 
 def _nearby(document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int) -> Nearby | None:
-    """Return what works where less is asked for: the first such question that has an answer."""
+    """Return good combinations for the first relaxed question that has any, or None."""
     for where, other in recommending.relaxed(query):
         found = recommending.combinations(document, cells, other, limit=limit)
         if found:

@@ -1,4 +1,4 @@
-"""The answer of `recommend` in words: first what to install, then why, at most a few traps, and what to type next."""
+"""Write the answer of `recommend` in words: what to install, why, at most a few traps, and the next command."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ LONGEST = 200
 def lines(
     answer: Recommended, machines: Mapping[str, Any], names: Iterable[str], width: int, *, whole: bool
 ) -> list[str]:
-    """Return the answer, wrapped; `whole` leaves nothing out."""
+    """Return the answer as wrapped lines; `whole` leaves nothing out."""
     said = [*_answer(answer, machines, whole=whole), *_traps(answer, whole=whole), "", "next", *_next(answer)]
     said = [*_unknown(answer, names), *said]
     return [line for text in said for line in wrapped(text, width)]
 
 
 def paste(one: Combination) -> str:
-    """Return the line that somebody pastes: requirements, and as a comment the Python and what has to be set."""
+    """Return a line to copy: requirements, with the Python and the variables to set as a comment."""
     shown = {name: value for name, value in one.settings.items() if (name, value) != VIRTUAL}
     minor = ".".join(one.python.split(".")[:2])
     notes = [f"Python {minor}", *(f"{name}={value}" for name, value in shown.items())]
@@ -41,7 +41,7 @@ def paste(one: Combination) -> str:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Return a line wrapped at spaces; what somebody pastes is never broken."""
+    """Wrap a line at spaces; lines meant for copying are never broken."""
     if len(text) <= width or "  # Python" in text or text.lstrip().startswith(("simmatrix ", "uv ")):
         return [text]
     indent = " " * (len(text) - len(text.lstrip()) + 2)
@@ -84,7 +84,7 @@ def _answer(answer: Recommended, machines: Mapping[str, Any], *, whole: bool) ->
 
 
 def _first(one: Combination, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
-    """Yield the combination to take, and what it rests on."""
+    """Yield the combination to take, and the evidence for it."""
     yield paste(one)
     passed = ", ".join(phase for phase in CASE_PHASES if one.phases.get(phase) == "passed")
     yield f"  passed {passed} in {_some(one.environments, whole=whole)}"
@@ -115,7 +115,7 @@ def _others(others: Sequence[Combination], found: int, machines: Mapping[str, An
 
 
 def _doubtful(found: Iterable[Combination]) -> Iterator[str]:
-    """Yield combinations that work, and that a silent known issue fits."""
+    """Yield combinations that work but that a silent known issue fits."""
     for one in found:
         yield paste(one)
         yield f"  it ran, but {', '.join(one.unverified)} fits it, and no check has shown or refuted that"

@@ -1,7 +1,7 @@
-"""Which versions work together: known-good combinations of packages, out of the document of `distilling`.
+"""Find known-good combinations of packages in the document made by `digest`.
 
-What was measured and what only follows from it are told apart: a `Combination` has cells that work, an `Inferred` has
-none, and says between which it lies.
+Measured and inferred results are kept apart. A `Combination` has cells that work. An `Inferred` has none, and names the
+two cells between which it lies.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ NUMPY = "numpy"
 
 
 class Combination(msgspec.Struct, frozen=True, kw_only=True):
-    """Versions that work together, as measured. `python`, `cell`, `lock` and what follows are those of one cell.
+    """Versions that work together, as measured. The fields from `cell` on belong to one of the `cells`.
 
-    `beside` are versions of other packages that were chosen, with which all of it works, too; `settings` are variables
-    that have to be set for it, `repaired` releases that no resolver accepts as the index has them.
+    `beside` are versions of other chosen packages with which all of it works, too. `settings` are variables that must
+    be set for it, `repaired` are releases that no resolver accepts as the index has them.
     """
 
     versions: dict[str, str]
@@ -57,17 +57,20 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def combinations(document: Plain, cells: Iterable[Known], query: Query, limit: int | None = None) -> list[Combination]:
-    """Return what works, the newest first, by what was asked for in the order in which it was; the first `limit`."""
+    """Return the combinations that work, newest first; at most `limit`.
+
+    They are compared by the packages in the order in which these were asked for.
+    """
     return combined(document, good(cells, query), query, limit)
 
 
 def combined(document: Plain, found: Iterable[Known], query: Query, limit: int | None = None) -> list[Combination]:
-    """Return cells as combinations, one for equal versions of what was asked for, the newest first."""
+    """Merge cells with equal versions of the packages asked for into combinations, newest first; at most `limit`."""
     return [combination(document, versions, alike) for versions, alike in grouped(found, query)[:limit]]
 
 
 def grouped(found: Iterable[Known], query: Query) -> list[tuple[dict[str, str], list[Known]]]:
-    """Return cells by their versions of what was asked for, the newest first."""
+    """Group cells by their versions of the packages asked for, newest first."""
     groups: dict[tuple[str, ...], list[Known]] = {}
     for one in found:
         groups.setdefault(tuple(str(one.version(name)) for name in query.names), []).append(one)
@@ -82,12 +85,12 @@ def newest(cells: Iterable[Known], query: Query) -> list[Known]:
 
 
 def newness(versions: Iterable[str]) -> tuple[Version, ...]:
-    """By which the newest of several combinations is the greatest."""
+    """Return a sort key for versions: the newest combination has the greatest key."""
     return tuple(Version(version) for version in versions)
 
 
 def combination(document: Plain, versions: dict[str, str], found: Sequence[Known]) -> Combination:
-    """Return cells with the same versions of what was asked for as one combination."""
+    """Merge cells with the same versions of the packages asked for into one combination."""
     best = max(found, key=_merit)
     cell = best.cell
     alike = [one for one in found if _plainness(one) == _plainness(best)]
@@ -115,7 +118,10 @@ def combination(document: Plain, versions: dict[str, str], found: Sequence[Known
 
 
 def pinned(one: Known, asked: Iterable[str]) -> Iterator[str]:
-    """Yield what to install for a cell: what was asked for, the rest that it names, and the numpy that they share."""
+    """Yield the requirements to install for a cell.
+
+    These are the packages asked for, the others that the cell names, and the numpy that they share, all pinned.
+    """
     extras: dict[str, set[str]] = {}
     for each in one.requirements:
         extras.setdefault(canonicalize_name(each.name), set()).update(each.extras)
@@ -132,19 +138,22 @@ def public(version: str) -> str:
 
 
 def beside(found: Iterable[Known], one: Known, asked: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Versions of what else the matrix of one cell chose, in all that were found."""
+    """Return the versions in these cells of the other packages that the matrix of `one` chose."""
     names = [name for name in one.chosen if name not in {*asked}]
     held = {name: {other.chosen[name] for other in found if name in other.chosen} for name in names}
     return {name: tuple(sorted(versions, key=Version, reverse=True)) for name, versions in held.items()}
 
 
 def _plainness(one: Known) -> tuple[bool, ...]:
-    """Return whether nothing has to be done that nobody expects: repairs, folders brought, variables."""
+    """Return whether a cell needs nothing unusual, one flag each: repairs, folders brought, variables, a change."""
     return not one.cell["repairs"], not one.cell.get("brought"), not one.variables, not one.cell.get("base")
 
 
 def _merit(one: Known) -> tuple[Any, ...]:
-    """Return how well a cell stands for equal ones: plain, verified, little else beside, the newest Python."""
+    """Return a sort key for the cell that best represents equal ones.
+
+    The greatest is plain, well verified, with few other packages, and on the newest Python.
+    """
     verified = sum(one.cell["phases"].get(phase) == PASSED for phase in CASE_PHASES)
     return (
         _plainness(one),
@@ -160,7 +169,7 @@ def _merit(one: Known) -> tuple[Any, ...]:
 
 
 def relaxed(query: Query) -> Iterator[tuple[str, Query]]:
-    """The same question with less asked, and in words what it then is, the least change first."""
+    """Yield less strict questions, each with its description in words, the least change first."""
     if query.needs:
         yield f"where nothing is said of {' and '.join(query.needs)}", replace(query, needs=())
     if query.env:

@@ -1,8 +1,8 @@
-"""The measured results that are at hand: those that come with the harness, other people's, and this store's own.
+"""Load the measured results: those that come with the harness, other people's, and this store's own.
 
-A wheel carries those behind `reports/` as one compressed file, a checkout has `reports/` itself. `HARNESS_RESULTS`
-(`DIR[:DIR]`) names folders of reports to be put upon them, and what this store measured lies on top. What the document
-holds stands in `distilling`.
+A wheel carries the results of `reports/` as one compressed file, a checkout has `reports/` itself. Reports in the
+folders that `HARNESS_RESULTS` (`DIR[:DIR]`) names are put on top of them, and then the results of this store. `digest`
+describes the document.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NAME = "report.json"
 
 
 def load() -> dict[str, Any]:
-    """Everything at hand; of a cell measured twice on one machine the newer measurement stands. Raises BadInput."""
+    """Return all results. If a cell was measured twice on one machine, the newer result counts. Raises BadInput."""
     more = [*map(_report, files_of_others()), *_own()]
     return digest.combined([digest.again(shipped()), *more]) if more else shipped()
 
@@ -56,12 +56,12 @@ def _distilled() -> bytes:
 
 
 def report_files() -> list[Path]:
-    """Return the reports of a checkout; a wheel has none."""
+    """Return the report files of a checkout; a wheel has none."""
     return sorted((PACKAGE.parent / "reports").glob(f"*/{NAME}"))
 
 
 def files_of_others() -> list[Path]:
-    """Return the reports that the user names. Raises BadInput."""
+    """Return the report files in the folders that `HARNESS_RESULTS` names. Raises BadInput."""
     files: list[Path] = []
     for folder in (Path(name) for name in os.environ.get(VARIABLE, "").split(os.pathsep) if name):
         found = sorted({*folder.glob(NAME), *folder.glob(f"*/{NAME}")})
@@ -83,7 +83,7 @@ def _report(path: Path) -> Layer:
 
 
 def _renamed(cells: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the cells of a report with the ids of today."""
+    """Return the cells of a report with ids in today's format."""
     names = {
         cell["id"]: cellid.newer(cell["id"], cell["axes"], cell["requested_python"] if cell.get("base") else None)
         for cell in cells
@@ -105,7 +105,7 @@ def _text(folder: Path, name: str) -> str | None:
 
 
 def _own() -> Iterator[Layer]:
-    """What this store measured, judged and diagnosed as of now; no store is made where there is none."""
+    """Yield this store's results, judged and diagnosed as of now; a store that does not exist is not created."""
     if not (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
         return
     from harness.reports import document  # noqa: PLC0415 - start-up

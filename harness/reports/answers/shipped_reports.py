@@ -1,7 +1,7 @@
-"""The reports that come with the harness and those that `HARNESS_RESULTS` names: found by name, opened one by one.
+"""Find and open the reports that come with the harness and those that `HARNESS_RESULTS` names.
 
-A checkout has them in `reports/`. A wheel has them as one file, of which those asked for are unpacked into the cache
-folder, without frames and logs.
+A checkout has them in `reports/`. A wheel has them as one file. A report that is asked for is unpacked from it into the
+cache folder, without frames and logs.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def names() -> list[str]:
 
 
 def path(name: str) -> Path | None:
-    """Return the `report.json` of a report; None where there is none of this name."""
+    """Return the `report.json` of a report, or None if no report has this name."""
     files = [*result_index.files_of_others(), *result_index.report_files()]
     found = next((file for file in files if file.parent.name == name), None)
     return found or _unpacked(name)
@@ -41,7 +41,7 @@ def path(name: str) -> Path | None:
 
 @cache
 def load(name: str) -> tuple[Document, Path] | None:
-    """Return a report and its file; None where there is none of this name."""
+    """Return a report and its file, or None if no report has this name."""
     file = path(name)
     return (document.read(given_files.read_content(file), str(file)), file) if file else None
 
@@ -52,7 +52,7 @@ def every() -> Iterator[tuple[Document, Path]]:
 
 
 def _unpacked(name: str) -> Path | None:
-    """Return a report of the wheel as a file in the cache folder."""
+    """Unpack a report of the wheel into the cache folder and return its file, or None if the wheel lacks it."""
     if not PACKED.is_file():
         return None
     with zipfile.ZipFile(PACKED) as archive:

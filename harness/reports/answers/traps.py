@@ -1,7 +1,6 @@
-"""Known traps: measured combinations that do not work, by cause, with the package that decides.
+"""Find known traps: measured combinations that do not work, by cause, with the package that decides.
 
-Versions that were asked for are no trap by themselves where the same versions work elsewhere: then what differs there
-decides, and is named.
+Versions that work elsewhere are no trap by themselves. Then the difference between the cells decides, and is named.
 """
 
 from __future__ import annotations
@@ -20,11 +19,11 @@ WORKS = "works"
 
 
 class Red(msgspec.Struct, frozen=True, kw_only=True):
-    """Combinations that do not work, for one cause: `causes` are signatures, `line` is what one of them says.
+    """Combinations that do not work, for one cause: `causes` are signatures, `line` is the decisive line of one cell.
 
-    `deciding` are the versions of packages, of Python or of variables that make the difference to cells which work
-    with the same versions of what was asked for; where there is no such cell, it has nothing, and what else the cells
-    asked for may be at fault. `beside` are the versions of that.
+    `deciding` are the versions of packages, of Python or of variables that differ from working cells with the same
+    versions of the packages asked for. It is empty if there is no such cell: then other packages that the cells asked
+    for may be at fault. `beside` are their versions.
     """
 
     versions: tuple[dict[str, str], ...]
@@ -41,9 +40,11 @@ class Red(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def red(cells: Sequence[Known], query: Query) -> list[Red]:
-    """Return what fits and does not work, by its cause: first versions of which none work together, then the newest.
+    """Return the traps for a question by cause, those with the newest release first.
 
-    Left out is what the same lock does elsewhere (then it is no matter of versions), and what a matrix broke itself.
+    Versions that work in another cell are listed apart from those that never work together. Left out are failures with
+    a lock that works elsewhere (then versions are not the cause), and cells with nothing but environments of the
+    matrix's own.
     """
     asked = fitting(cells, query)
     fine = {one.cell["lock"] for one in cells if one.works}
@@ -64,14 +65,14 @@ def red(cells: Sequence[Known], query: Query) -> list[Red]:
 
 
 def _weight(one: Red) -> tuple[Any, ...]:
-    """Return by how much a trap matters: of the newest release first, then what no other package decides."""
+    """Return a sort key for traps: the greatest has the newest release, then no other package that decides."""
     others = {*one.deciding, *([] if one.deciding else one.beside)} - {"Python"}
     first, *rest = newness(one.versions[0].values())
     return first, not others, not one.deciding, tuple(rest)
 
 
 def _by_cause(reds: Sequence[Known]) -> list[list[Known]]:
-    """Return red cells in groups: of one known issue, else of what a matrix says of their line, else of the line."""
+    """Group red cells by known issue, else by the reason that a matrix gives for their line, else by the line."""
     said: dict[Any, set[str]] = {}
     for one in reds:
         said.setdefault(_line(one), set()).update(filter(None, [one.cell.get("reason")]))
@@ -84,7 +85,7 @@ def _by_cause(reds: Sequence[Known]) -> list[list[Known]]:
 
 
 def _line(one: Known) -> tuple[str | None, str]:
-    """Return the phase and the line, without what differs between two lines about the same."""
+    """Return the phase and the decisive line, its line numbers and versions masked."""
     return one.cell["phase"], CHANGING.sub("…", one.cell["decisive"] or "")
 
 
@@ -111,7 +112,7 @@ def _red(found: Sequence[Known], query: Query, twins: Sequence[Known]) -> Red:
 
 
 def _others(found: Iterable[Known], asked: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the versions of what else red cells name, newest first."""
+    """Return the versions of the other packages that red cells name, newest first."""
     held: dict[str, set[str]] = {}
     for one in found:
         for name, version in one.chosen.items():
@@ -124,7 +125,7 @@ def _others(found: Iterable[Known], asked: Iterable[str]) -> dict[str, tuple[str
 
 
 def _deciding(found: Sequence[Known], query: Query, twins: Sequence[Known]) -> dict[str, tuple[str, ...]]:
-    """Return what red cells have and their nearest green twins have not; nothing where they have no twins."""
+    """Return the values that red cells have and their nearest green twins have not; empty if they have no twins."""
     held: dict[str, set[str]] = {}
     for one in found:
         alike = [twin for twin in twins if _asked(twin, query) == _asked(one, query)]
@@ -134,7 +135,7 @@ def _deciding(found: Sequence[Known], query: Query, twins: Sequence[Known]) -> d
 
 
 def _difference(one: Known, twin: Known, asked: Iterable[str]) -> dict[str, str]:
-    """Return what a red cell was measured with, and a green one was not: packages it names, variables, Python."""
+    """Return how a red cell differs from a green one: packages it names, variables, Python."""
     mine = {name: version for name, version in one.chosen.items() if name not in asked}
     differs = {name: version for name, version in mine.items() if twin.version(name) != version}
     gone = {name: "absent" for name in twin.chosen if name not in asked and name not in one.pins and one.pins}

@@ -1,4 +1,4 @@
-"""Write the answer of `try`: which of the packages asked for were run, what of them passed, and what to type next."""
+"""Write the answer of `try`: which packages were run, which phases passed, and what to type next."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_IDS = 3
 
 
 def answer(judged: Assessed) -> str:
-    """Return one line for what works; else the line that says why, and the next command to type.
+    """Return one line if it works; else also the line that says why not, and the next command to type.
 
     The first words name the packages that were run.
     """
@@ -77,7 +77,7 @@ def _not_run(judged: Assessed) -> Iterable[str]:
 
 
 def _typed(record: CellRecord, names: Sequence[str], env: str | None = None, *, all_of_it: bool = False) -> str:
-    """The command that tries these packages, beside all that was asked for or alone."""
+    """Return the command that tries these packages, alone or with everything that was asked for."""
     asked = record.cell.question.requirements
     texts = [text for text in asked if all_of_it or required_name(text) in names]
     words = ["simmatrix", "try", *texts, *(name for name in names if name not in map(required_name, texts))]
@@ -88,7 +88,7 @@ def _typed(record: CellRecord, names: Sequence[str], env: str | None = None, *, 
 
 
 def _named(judged: Assessed) -> list[str]:
-    """The packages that the first words name: those asked for that were run, or tried where nothing came so far."""
+    """Return the packages for the first words: those asked for that were run; all of them if nothing was run."""
     record = judged.record
     asked = list(record.cell.asked) or list(dict.fromkeys(map(required_name, record.cell.question.requirements)))
     ran = exercised(record)
@@ -102,14 +102,14 @@ def _versions(record: CellRecord, names: Sequence[str]) -> str:
 
 
 def _known(failure: Signature) -> Iterable[str]:
-    """Cause and remedy of a known failure, and where more is said; a mask is none, and what it hides is not known."""
+    """Yield cause, remedy and a reference of a known failure; a mask is shown as hiding the cause."""
     yield f"{'hides why' if failure.masks else 'cause'}: {failure.cause}"
     yield f"remedy: {changes.in_words(failure.remedy.plain)}"
     yield from (f"see: {reference}" for reference in failure.references[:1])
 
 
 def _tried(judged: Assessed) -> str:
-    """Name the phases that passed, and of which tasks: never more than that."""
+    """Name the phases that passed, never more than these, and their tasks; then the failed phase, and notes."""
     record = judged.record
     passed = {case.case: tuple(p.phase for p in case.phases if p.outcome is Outcome.PASSED) for case in record.cases}
     parts = []
@@ -138,13 +138,13 @@ def _tried(judged: Assessed) -> str:
 
 
 def _doubts(judged: Assessed) -> Iterable[str]:
-    """Yield what is said of each silent known issue that no check has shown or refuted."""
+    """Yield a note for each silent known issue that no check has shown or refuted."""
     names = (name.removeprefix(PREFIX) for name in judged.unverified if name.startswith(PREFIX))
     return (f"a known issue without an error is not excluded: {name}" for name in names)
 
 
 def _registered_by(record: CellRecord) -> Iterable[str]:
-    """Say what had to be imported before an environment was there."""
+    """Yield the import that was needed to register an environment."""
     modules = (import_fact(case, "registered_by") for case in record.cases)
     for name in filter(None, dict.fromkeys(modules)):
         module, _, function = str(name).partition(":")
@@ -152,14 +152,14 @@ def _registered_by(record: CellRecord) -> Iterable[str]:
 
 
 def _undrawn(record: CellRecord) -> Iterable[str]:
-    """Say of environments that no check of drawing was asked for."""
+    """Yield a note if environments were run and no check that renders was asked for."""
     checks = [check for case in record.cell.cases if case.env for check in case.checks]
     if checks and not any(check.startswith(f"{Phase.RENDER}.") for check in checks):
         yield "render was not tried, since nothing that draws was asked for"
 
 
 def _skipped(record: CellRecord) -> Iterable[str]:
-    """Say which phases have no meaning for an environment, and why."""
+    """Yield each phase that does not apply to an environment, with the reason."""
     phases = (phase for case in record.cases for phase in case.phases if phase.outcome is Outcome.SKIPPED)
     told = {phase.phase: reason(phase) for phase in phases if phase.phase in {Phase.VECTOR, Phase.RENDER}}
     yield from (f"{name} does not apply: {why}" for name, why in told.items() if why)

@@ -1,4 +1,4 @@
-"""Cells that are not green, by cause: one broken release reads as one line, with the cells that it broke in words."""
+"""Group cells that are not green by cause: one broken release reads as one line, with its cells in words."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ Held = Mapping[str, set[str | None]]
 
 
 def troubles(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Trouble, ...]:
-    """One per cause, those of most cells first: a known failure, else what the matrix says of it, else the line."""
+    """Return one entry per cause, those of most cells first.
+
+    A cause is a known failure, else the reason that the matrix gives, else the decisive line.
+    """
     groups: dict[tuple[str, ...], list[Reason]] = {}
     for why, found in verdict_reasons.reasons(cells):
         groups.setdefault(_cause(why, found[0]), []).append((why, found))
@@ -44,7 +47,7 @@ def troubles(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Trouble, 
 
 
 def _cause(why: Explanation, cell: CellEntry) -> tuple[str, ...]:
-    """Equal for two reasons of one cause."""
+    """Return a key that is equal for two reasons of one cause."""
     if why.causes:
         return "known", why.causes[0].signature
     if cell.expectation and cell.as_expected:
@@ -89,7 +92,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
 
 
 def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellEntry]:
-    """What `run --repair` made of these cells: each with the remedy that it found, which is proven by that."""
+    """Return the cells that `run --repair` made of these and that work: each proves the remedy that it found."""
     places = {(cell.id, cell.machine) for cell in found}
     return [
         cell
@@ -100,7 +103,10 @@ def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellE
 
 
 def _neighbours(found: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple[str, str]:
-    """Return cells that work and have what the remedy of these asks for: one that differs only in that, one in more."""
+    """Return the labels of two working cells that have the versions that the remedy of these asks for.
+
+    The first differs from one of these cells only in that, the second in more. Each is empty if there is none.
+    """
     alone: list[tuple[Version, str]] = []
     together: list[tuple[Version, str]] = []
     for cell in found:
@@ -121,7 +127,7 @@ def _neighbours(found: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple
 
 
 def _wanted(remedy: Mapping[str, Any]) -> list[Requirement]:
-    """Return what a remedy asks for, where it asks for versions of packages and nothing else."""
+    """Return the requirements of a remedy; empty if it asks for anything but versions of packages."""
     if not {*remedy} <= {"text", "requirements", "constraints"}:
         return []
     return [*map(parsed_requirement, (*remedy.get("requirements", ()), *remedy.get("constraints", ())))]
@@ -133,7 +139,7 @@ def _has(installed: Mapping[str, str], wanted: Requirement) -> bool:
 
 
 def _also(explanations: Iterable[Explanation]) -> Iterable[Cause]:
-    """What fits some of the cells after the deepest cause, once each."""
+    """Return the known failures that fit some of the cells after the deepest cause, once each."""
     found: dict[str, Cause] = {}
     for one in (one for why in explanations for one in why.causes[1:]):
         before = found.get(one.signature)
@@ -145,17 +151,17 @@ def _also(explanations: Iterable[Explanation]) -> Iterable[Cause]:
 
 
 def _named(labels: Sequence[str]) -> str:
-    """A few cells by their names, with the machine where not all agree on it."""
+    """Return the names of a few cells, with the machine where not all agree; empty for more than `NAMED` cells."""
     return ", ".join("`" + label.replace(" on ", "` on `") + "`" for label in labels) if len(labels) <= NAMED else ""
 
 
 def which(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
-    """Return which cells these are: a few by their names, more by the values of their axes."""
+    """Describe these cells: a few by their names, more by the values of their axes."""
     return _named([*dict.fromkeys(cellid.label(cell.id) for cell in found)]) or where(found, cells, axes)
 
 
 def where(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
-    """Which cells of a matrix these are: `all 12 cells with mujoco 4.0.0`; of changed ones the first names."""
+    """Describe these cells of a matrix: `all 12 cells with mujoco 4.0.0`; of changed cells the first names."""
     labels = tuple(dict.fromkeys(cellid.label(cell.id) for cell in found))
     if any(cell.base for cell in found):
         return f"{_named(labels[:NAMED])} and {number(len(labels) - NAMED, 'more cell')}"
@@ -170,7 +176,7 @@ def where(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence
 
 
 def _telling(axes: Sequence[str], held: Held, planned: Sequence[Mapping[str, str]]) -> list[str]:
-    """Axes without those that say nothing more, tried from the one of most values on."""
+    """Return the axes that are needed to describe the cells; redundant axes with most values are dropped first."""
     told = list(axes)
     for axis in sorted(axes, key=lambda axis: -len(held[axis])):
         fewer = [one for one in told if one != axis]
@@ -184,7 +190,7 @@ def _inside(axes: Iterable[str], held: Held, planned: Iterable[Mapping[str, str]
 
 
 def _values(held: Sequence[str], every: Sequence[str]) -> str:
-    """`1.0, 1.2`, or `1.0 to 1.4` for versions one after the other; of many values that are none, the first."""
+    """Return `1.0 or 1.2`, or `1.0 to 1.4` for consecutive versions; of many values that are no versions, the first."""
     start = every.index(held[0])
     versions = all(map(_parsed, held))
     if versions and len(held) >= RANGE and tuple(every[start : start + len(held)]) == tuple(held):
@@ -194,7 +200,7 @@ def _values(held: Sequence[str], every: Sequence[str]) -> str:
 
 
 def in_order(values: Iterable[str]) -> tuple[str, ...]:
-    """Versions by age, after what is none (`absent`) in the order it comes."""
+    """Sort versions by age, after values that are no versions (`absent`), which keep their order."""
     distinct = dict.fromkeys(values)
     return tuple(sorted(distinct, key=lambda value: (_parsed(value) is not None, _parsed(value) or Version("0"))))
 

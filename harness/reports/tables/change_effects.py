@@ -1,4 +1,4 @@
-"""Compare a cell with what a change made of it."""
+"""Compare a cell with the cell that a change made of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from harness.reports.tables.table_types import Effect
 
 
 def effect(before: CellEntry, after: CellEntry) -> Effect:
-    """Compare a cell with what a change made of it, both on one machine."""
+    """Return the effect of a change on a cell: compare the cells before and after it, both on one machine."""
     does = works(before), works(after)
     if any(cell.verdict in UNTOLD and not well for cell, well in zip((before, after), does, strict=True)):
         return Effect.UNTOLD
@@ -32,18 +32,21 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
 
 
 def works(cell: CellEntry) -> bool:
-    """Return whether all of it that was asked for passed, and no silent issue is left open."""
+    """Return whether everything that was asked for passed, and no silent issue is left open."""
     return fulfilled(cell.verdict, cell.phases, cell.unverified)
 
 
 def _failed(cell: CellEntry) -> set[tuple[str, str]]:
-    """Checks that failed, by case; a step of the host stands for all of them."""
+    """Return the failed checks by case; without any, the failed phases (steps of the host) under an empty case."""
     found = {(case.case, check) for case in cell.cases for check, how in case.checks.items() if how in FAILING}
     return found | {("", phase) for phase, how in cell.phases.items() if how in FAILING and not found}
 
 
 def proven(cells: Iterable[CellEntry]) -> tuple[CellEntry, ...]:
-    """The cells, a remedy being proven where the cell that it makes of this one was measured here, too, and works."""
+    """Return the cells with the proven remedies marked.
+
+    A remedy is proven if the cell that it makes of this one was measured on the same machine, too, and works.
+    """
     found = tuple(cells)
     cured = {
         (cell.base, cell.machine, name): cell.id

@@ -1,4 +1,4 @@
-"""The known failures that count in a cell of a document, and what it failed of."""
+"""Select the known failures that count in a cell of a document, and identify its failure."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def nameable(cell: CellEntry) -> tuple[str, ...]:
 
 
 def failure(cell: CellEntry) -> Failure | None:
-    """Return what a cell failed of; None where it works, or nothing was told of its packages."""
+    """Return the failure of a cell; None if it works, or if its result says nothing of its packages."""
     return identity.failure(cell, (one.signature for one in counted(cell)))
 
 

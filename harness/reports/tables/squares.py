@@ -1,4 +1,4 @@
-"""The small table of a matrix: its main cells over two axes, with the tasks and the Pythons that were tried."""
+"""Build the small table of a matrix: its main cells over two axes, with the tasks and Pythons tried."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ TRIED = CASE_PHASES[1:]
 
 
 def tried(case: CaseEntry) -> bool:
-    """Return whether an environment was tried: something of it passed after the import, or failed."""
+    """Return whether an environment was tried: some phase passed after the import, or failed."""
     ended = {*case.phases.values()}
     ran = any(case.phases.get(phase) is Outcome.PASSED for phase in TRIED)
     return case.env is not None and (ran or bool(ended & FAILING))
 
 
 def passed(case: CaseEntry) -> bool:
-    """Return whether all that was asked of an environment passed, as far as this machine can tell."""
+    """Return whether everything asked of an environment passed, as far as this machine can tell."""
     return tried(case) and {*case.phases.values()} <= PASSING and not case.misleads
 
 
@@ -40,7 +40,7 @@ def tasks(cells: Iterable[CellEntry]) -> tuple[int, int]:
 
 
 def measured(cell: CellEntry) -> bool:
-    """Return whether there is anything to show of a cell; what was never run leaves its square empty."""
+    """Return whether there is anything to show of a cell; a cell that never ran leaves its square empty."""
     return bool(cell.measured)
 
 
@@ -48,7 +48,7 @@ def measured(cell: CellEntry) -> bool:
 
 
 def default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, str] | None:
-    """Choose the first two axes that vary, Python last, the one of more values down; None where nothing varies."""
+    """Choose the first two axes that vary: Python last, the one with more values down; None if nothing varies."""
     values = {axis: {cell.axes.get(axis) for cell in cells} for axis in axes}
     varying = [axis for axis in axes if len(values[axis]) > 1]
     if len(axes) < 2 or not varying:
@@ -61,7 +61,7 @@ def default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, 
 
 
 def pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[str]) -> Pivot:
-    """Sort the main cells of a matrix into squares; `cells` are all of it."""
+    """Sort the main cells of a matrix into squares; `cells` are all cells of the matrix."""
     down, across = axes
     shown = [cell for cell in cells if cell.role is Role.MAIN and measured(cell)]
     rows, columns = (cause_groups.in_order(cell.axes.get(axis, NOTHING) for cell in shown) for axis in axes)
@@ -84,7 +84,7 @@ def _place(cell: CellEntry, axes: tuple[str, str]) -> tuple[str, str]:
 
 
 class _Beside:
-    """Cells that are no main ones, by the cell that they stand beside on the same machine."""
+    """Variants and changed cells, by the main cell that they belong to on the same machine."""
 
     def __init__(self, cells: Iterable[CellEntry], axes: tuple[str, str]) -> None:
         self.axes = axes
@@ -97,16 +97,16 @@ class _Beside:
                 self.variants.setdefault((_place(cell, axes), cell.requested_python, cell.machine), []).append(cell)
 
     def of(self, cell: CellEntry) -> list[CellEntry]:
-        """Return the cell under side conditions and with changes."""
+        """Return the variants and the changed cells of a main cell."""
         return [*self.sides(cell), *self.changed.get((cell.id, cell.machine), ())]
 
     def sides(self, cell: CellEntry) -> list[CellEntry]:
-        """Return the cell under side conditions."""
+        """Return the variants of a main cell, which are the same cell under side conditions."""
         return self.variants.get((_place(cell, self.axes), cell.requested_python, cell.machine), [])
 
 
 def _parts(cells: Sequence[CellEntry], machine: str, beside: _Beside) -> list[Square]:
-    """One entry per verdict: those about the packages worst first, then those that say nothing about them."""
+    """Return one entry per verdict, the worst first; verdicts that say nothing about the packages come last."""
     groups: dict[Verdict, list[CellEntry]] = {}
     for cell in cells:
         if (cell.machine or NOTHING) == machine:
@@ -145,12 +145,12 @@ def _red(cell: CellEntry) -> bool:
 
 
 def _minor(cell: CellEntry) -> str:
-    """`3.11` of a Python that ran, else what was asked for."""
+    """Return the Python that ran, such as `3.11`, else the Python asked for."""
     return ".".join(cell.python.split(".")[:2]) if cell.python else cell.requested_python
 
 
 def _differences(groups: Sequence[Sequence[CellEntry]], known: set[str]) -> list[tuple[str, ...]]:
-    """Return the values by which each group differs from the others; none where only Python does."""
+    """Return the axis values by which each group differs from the others; empty if only Python does."""
     if len(groups) < 2:
         return [() for _ in groups]
     values = [{axis: {cell.axes.get(axis, NOTHING) for cell in group} for axis in group[0].axes} for group in groups]

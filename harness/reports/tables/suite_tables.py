@@ -1,4 +1,4 @@
-"""The package's own tests in the cells of a matrix: how many passed, and which differ from the neighbouring cell."""
+"""Summarise the package's own tests: how many passed in each cell, and which differ in the neighbouring cell."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from harness.reports.tables.table_types import SuiteChange
 
 
 def tests(cell: CellEntry) -> str:
-    """`812 of 830 passed, 7 failed`; of a suite that did not get that far how it ended, and the known issue."""
+    """Return `812 of 830 passed, 7 failed`; of a suite that counted no tests, how it ended and the known issue."""
     suite = cell.suite
     if suite is None:
         return ""
@@ -29,7 +29,7 @@ def _known(suite: SuiteEntry) -> str:
 
 
 def changes(cells: Sequence[CellEntry], axes: Sequence[str]) -> Iterator[SuiteChange]:
-    """Yield each cell whose tests fail, with the tests that end otherwise in the cell beside it."""
+    """Yield each cell whose tests fail, with the tests that end differently in a neighbouring cell."""
     for cell in cells:
         suite = cell.suite
         if suite is None or suite.outcome in {Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE}:
@@ -54,7 +54,7 @@ def _failed(cell: CellEntry) -> set[str]:
 
 
 def _neighbours(cell: CellEntry, others: Sequence[CellEntry], axes: Sequence[str]) -> Iterator[CellEntry]:
-    """Yield, for each axis, the cell with the value before (else after) and the same on all others; Python last."""
+    """Yield, for each axis, the cell with the value before (else after) and all others equal; Python last."""
     for axis in sorted(axes, key=lambda name: name == "python"):
         alike = {
             one.axes.get(axis, NOTHING): one

@@ -1,4 +1,4 @@
-"""The types of the tables that are made from a report document: plain data, ready to be presented in any form."""
+"""Define the tables that are made from a report document: plain data, ready to be shown in any form."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from harness.model import Role, Verdict
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
-    """One cell as the list shows it: on one machine, or on all those that found the same.
+    """One cell in the list: on one machine, or on all machines with the same result.
 
-    `versions` stand in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working
-    cell could not show; `hidden_by` what hid it; `expected` a sentence on the expectation, where there is need of one;
-    `repaired` the releases that nobody gets as they are here; `known` is the signature of the cause, where one is.
+    `versions` are in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working cell
+    could not show; `hidden_by` names what hid it; `expected` is a sentence on the expectation, if one is needed;
+    `repaired` are releases that were patched for this cell; `known` is the signature of the cause, if there is one.
     `passed` of `tried` tasks passed, `suite` says the same of the package's own tests; `frames` are a picture of each
     task by its name.
     """
@@ -86,17 +86,17 @@ class Pivot:
 
     @cached_property
     def parts(self) -> tuple[Square, ...]:
-        """The entries of all squares."""
+        """Return the entries of all squares."""
         return tuple(one for squares in self.squares for square in squares for one in square)
 
     @cached_property
     def machines(self) -> list[str]:
-        """The machines that any square is of, sorted."""
+        """Return the machines in all squares, sorted."""
         return sorted({one.machine for one in self.parts})
 
     @cached_property
     def pythons(self) -> tuple[str, ...]:
-        """The Pythons that any square is of, as they come."""
+        """Return the Pythons in all squares, in the order in which they appear."""
         return tuple(dict.fromkeys(python for one in self.parts for python in one.pythons))
 
 
@@ -114,7 +114,7 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Cause:
-    """A known failure that fits cells, and its remedy in words, which a machine can apply or not.
+    """A known failure that fits cells, its remedy in words, and whether a machine can apply that.
 
     `proofs` are the cells that the remedy cured, each with its lock.
     """
@@ -140,7 +140,7 @@ class Effect(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Attempt:
-    """A change tried on a cell: where it stood before and stands after, each in words, and what the change did."""
+    """A change tried on a cell: the result before and after in words, and the effect."""
 
     cell: str
     before: str
@@ -157,7 +157,7 @@ class Attempt:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Explanation:
-    """Why cells are not green: those with the same reason together."""
+    """A reason why cells are not green, with all the cells that share it."""
 
     verdict: Verdict
     phase: str

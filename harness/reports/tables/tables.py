@@ -1,4 +1,4 @@
-"""Regroups the report document into tables: plain data, ready to be presented in any form."""
+"""Regroup the report document into tables: plain data, ready to be presented in any form."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ORDER = ("reproducibility", "API conformance", "rendering", "deprecations", "oth
 
 
 def report(document: Document, pivot: tuple[str, str] | None = None) -> Report:
-    """Return all that a presentation shows; `pivot` names the axes of the small table, down and across."""
+    """Return the tables of a report; `pivot` names the axes of the small table, down and across."""
     matrices = {name: document.matrices.get(name) or _guessed(document.cells, name) for name in _names(document)}
     check_pivot(pivot, [matrix.axes for matrix in matrices.values()])
     return Report(
@@ -45,7 +45,7 @@ def report(document: Document, pivot: tuple[str, str] | None = None) -> Report:
 
 
 def check_pivot(pivot: Sequence[str] | None, axes: Sequence[Sequence[str]]) -> None:
-    """Refuse two names that are not axes of one of the matrices; `axes` are those of each."""
+    """Refuse two names that are not axes of one matrix; `axes` has those of each matrix. Raises BadInput."""
     if pivot and not any(set(pivot) <= set(names) for names in axes):
         known = sorted({name for names in axes for name in names})
         message = f"--pivot {' '.join(pivot)}: takes two axes of one matrix; known here: {', '.join(known) or 'none'}"
@@ -57,7 +57,7 @@ def _names(document: Document) -> tuple[str, ...]:
 
 
 def _guessed(cells: Iterable[CellEntry], name: str) -> MatrixEntry:
-    """The axes of a matrix that the document does not describe: those of its cells."""
+    """Return an entry for a matrix that the document does not describe: the axes are those of its cells."""
     return MatrixEntry(axes=tuple(dict.fromkeys(axis for cell in cells if cell.matrix == name for axis in cell.axes)))
 
 
@@ -101,7 +101,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
 
 
 def _tasks(cells: Iterable[CellEntry]) -> tuple[Task, ...]:
-    """Return each environment with the phases asked of it, and in how many of the cells that tried it it passed."""
+    """Return each environment with its phases, in how many cells it was tried, and in how many it passed."""
     seen: dict[tuple[str, str, str], list[CaseEntry]] = {}
     for case in (case for cell in cells for case in cell.cases):
         seen.setdefault((case.case, case.env or "", case.api), []).append(case)
@@ -123,7 +123,7 @@ def _reached(case: CaseEntry, phase: Phase) -> bool:
 
 
 def _drawing(cell: CellEntry) -> Iterator[tuple[str, str]]:
-    """Yield the renderer of a cell with frames, and the variables that a user has to set; each with its heading."""
+    """Yield the renderer of a cell with frames, and the variables that a user must set, each with its heading."""
     drawn = [case for case in cell.cases if case.frames]
     for words in dict.fromkeys(context(case) for case in drawn if case.drawn):
         yield "renderer", words
@@ -131,7 +131,7 @@ def _drawing(cell: CellEntry) -> Iterator[tuple[str, str]]:
 
 
 def context(case: CaseEntry) -> str:
-    """What drew the frames of a case, in words."""
+    """Describe the renderer that drew the frames of a case."""
     return ", ".join(
         case.drawn[part] for part in ("api", "renderer", "vendor", "version", "device") if part in case.drawn
     )
@@ -154,7 +154,7 @@ def _rows(cells: Iterable[CellEntry], columns: Sequence[str], machines: Sequence
 
 
 def _urgency(row: Row) -> int:
-    """Sort what fails first, then what says nothing of the packages, then what works."""
+    """Return a sort key: unexpected results, other failures, results that say nothing of the packages, then green."""
     if row.as_expected is False:
         return 0
     return 3 if row.verdict is Verdict.WORKS else 2 if row.verdict in UNTOLD else 1
@@ -191,13 +191,13 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
 
 
 def _repaired(repair: RepairEntry) -> str:
-    """Return what was changed of a release, and why."""
+    """Describe the changes made to a release, and the reason."""
     changes = ", ".join(f"`{edit.field}: {edit.old}` to `{edit.new}`" for edit in repair.edits)
     return f"{repair.package} {repair.version}, {changes}: {repair.reason}"
 
 
 def _version(cell: CellEntry, column: str) -> str:
-    """What is installed, else what was asked for."""
+    """Return the installed version, else the version asked for."""
     if column == "python":
         return cell.python or cell.requested_python
     asked = cell.axes.get(column, cell.environment.get(column, NOTHING))
@@ -205,7 +205,7 @@ def _version(cell: CellEntry, column: str) -> str:
 
 
 def _why(cell: CellEntry) -> str:
-    """The decisive line, with the environment it came from where there are others; or what could not be shown."""
+    """Return the decisive line, with its environment if there are others; of a working cell what is not verified."""
     if cell.unverified and cell.verdict is Verdict.WORKS:
         reasons = dict.fromkeys(case.decisive for case in cell.cases if case.decisive)
         return f"not verified: {', '.join(cell.unverified)}" + (f" ({'; '.join(reasons)})" if reasons else "")
@@ -220,7 +220,7 @@ def _why(cell: CellEntry) -> str:
 
 
 def _findings(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Remark, ...]:
-    """Return the findings, equal ones together: those on reproducibility first, then those of most cells."""
+    """Group equal findings and sort them: first by kind (reproducibility first), then those of most cells."""
     groups: dict[tuple[str, str, str], list[tuple[str, CellEntry]]] = {}
     for cell in cells:
         for finding in cell.findings:
@@ -243,7 +243,7 @@ def _kind(check: str) -> str:
 
 
 def _dropped(gone: Iterable[tuple[str, str, int]]) -> tuple[Remark, ...]:
-    """(reason, id or pattern, how many combinations), equal reasons together, those of most combinations first."""
+    """Group (reason, id or pattern, how many combinations) by reason, those of most combinations first."""
     groups: dict[str, list[tuple[str, int]]] = {}
     for reason, name, count in gone:
         groups.setdefault(reason, []).append((cellid.label(name), count))
@@ -255,7 +255,7 @@ def _dropped(gone: Iterable[tuple[str, str, int]]) -> tuple[Remark, ...]:
 
 
 def _grouped(said: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
-    """(text, what it is about, cell id), equal ones together, those of most cells first."""
+    """Group (text, what it is about, cell id) by text and subject, those of most cells first."""
     groups: dict[tuple[str, str], list[str]] = {}
     for text, about, cell_id in said:
         groups.setdefault((about, text), []).append(cellid.label(cell_id))

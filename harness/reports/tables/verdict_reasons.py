@@ -1,4 +1,4 @@
-"""Why cells are not green, in words: reasons, known causes, what hid them, and the changes that were tried."""
+"""Explain in words why cells are not green: reasons, known causes, what hid them, and changes that were tried."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOTHING = "-"
 
 
 def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[CellEntry]]]:
-    """One per reason, with the results that have it, for every cell that needs one."""
+    """Yield each reason with the results that have it, for all cells that need an explanation."""
     groups: dict[tuple[Any, ...], list[CellEntry]] = {}
     results: Counter[str] = Counter()
     locks: dict[str, str] = {}
@@ -45,7 +45,7 @@ def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[Cell
 
 
 def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
-    """The known failures of cells that have the same."""
+    """Yield the known failures of cells that all have the same ones."""
     for place, one in enumerate(counted(cells[0])):
         proofs = [proof for cell in cells if (proof := counted(cell)[place].proof)]
         yield Cause(
@@ -59,7 +59,7 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
 
 
 def told(cell: CellEntry) -> dict[str, Any]:
-    """The deepest cause of a failure that is known, and its remedy."""
+    """Return the fields of a row on the deepest known cause and its remedy; empty if no cause is known."""
     deepest = next(iter(counted(cell)), None)
     if deepest is None:
         return {}
@@ -69,7 +69,7 @@ def told(cell: CellEntry) -> dict[str, Any]:
 
 
 def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
-    """The changes that were tried, each with the cell that it was tried on, on the same machine."""
+    """Yield each change that was tried, with the cell that it was tried on, on the same machine."""
     known = {(cell.id, cell.machine): cell for cell in cells}
     for after in cells:
         if after.change is None or after.base is None or after.verdict is Verdict.NOT_RUN:
@@ -91,14 +91,14 @@ def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
 
 
 def _stands(cell: CellEntry) -> str:
-    """Where a cell stands: its verdict, the phase, and the line that says why."""
+    """Describe the result of a cell: its verdict, the phase, and the decisive line."""
     where = f" in {failed_in(cell)}" if failed_in(cell) else ""
     line = f": {cell.decisive}" if cell.decisive and cell.verdict is not Verdict.WORKS else ""
     return f"{word(cell.verdict)}{where}{line}"
 
 
 def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str, ...]:
-    """Each cell once; with the machines that found this, where others found something else."""
+    """Return each cell once; with the machines that found this, if others found something else."""
     machines: dict[str, list[str]] = {}
     for cell in cells:
         machines.setdefault(cell.id, []).append(cell.machine or NOTHING)
@@ -109,12 +109,12 @@ def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str
 
 
 def hidden_by(cell: CellEntry) -> tuple[str, ...]:
-    """What stood before the causes of its failures, each with the check."""
+    """Return the errors that hid the causes of a cell's failures, each with its check."""
     return tuple(dict.fromkeys(f"{mask} ({check})" for case in cell.cases for check, mask in case.masked.items()))
 
 
 def expectation(cell: CellEntry) -> str:
-    """The expectation in a sentence, with its reason."""
+    """Return a sentence on the expectation of a cell, with its reason; empty if it was not judged."""
     expect = cell.expectation
     if cell.as_expected is None:
         return ""
@@ -145,5 +145,5 @@ def doubted(cell: CellEntry) -> bool:
 
 
 def failed_in(cell: CellEntry) -> str:
-    """Where it failed; what is not to be had here failed nowhere."""
+    """Return the phase in which a cell failed; empty for a cell that is unavailable on this machine."""
     return "" if cell.verdict is Verdict.UNAVAILABLE else cell.phase or ""

@@ -1,4 +1,4 @@
-"""Pages in words about a matrix: a template of its author's, every figure in it from the report document."""
+"""Render a page that a matrix's author wrote: a template in words, with every figure from the report document."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from harness.reports.text import camera_pages, report_markdown
 def render(template: str, document: Document, report: Report) -> str:
     """Fill a template with `document`, `report` and functions that find cells. Raises BadInput for a wrong template.
 
-    `cell("LABEL")` is the cell of this label, `cells(AXIS="VALUE", ...)` those with these values (a list is any of
-    them) but for changed ones, `case(CELL, "ID")` one of its cases, `effect("LABEL_with-NAME")` what a change did,
-    `changed("LABEL", "NAME")` the cell that a change of this name makes of that cell;
-    `CELL | camera_pairs` is what became of its cameras, `rendering` and `advising` know how devices are chosen,
-    `VERSIONS | in_order` is what it says.
+    `cell("LABEL")` is the cell of this label. `cells(AXIS="VALUE", ...)` are the unchanged cells with these values (a
+    list means any of them). `case(CELL, "ID")` is one of its cases. `effect("LABEL_with-NAME")` is the effect of a
+    change, `changed("LABEL", "NAME")` the cell that a change of this name makes of that cell. `CELL | camera_pairs` are
+    the results of its cameras. `rendering` and `advising` have the rules by which devices are chosen. `VERSIONS |
+    in_order` sorts versions by age.
     """
     from jinja2 import StrictUndefined, TemplateError  # noqa: PLC0415 - start-up
     from jinja2.sandbox import SandboxedEnvironment  # noqa: PLC0415
@@ -52,7 +52,7 @@ def render(template: str, document: Document, report: Report) -> str:
 
 
 class _Cells:
-    """The cells of a document; of one measured on several machines the latest measurement."""
+    """The cells of a document; of a cell measured on several machines, the latest measurement."""
 
     def __init__(self, cells: Sequence[CellEntry]) -> None:
         latest: dict[str, CellEntry] = {}

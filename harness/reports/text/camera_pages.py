@@ -1,6 +1,7 @@
-"""What became of a camera on each pair of devices, by either way to the picture; its cases are `c0g1-tensor`, `-cpu`.
+"""Collect the results of a camera on each pair of devices, by either way to the picture.
 
-One way leaves pictures on the GPU, the other copies them to the host: the known way round where the first one fails.
+The cases are named `c0g1-tensor` and `c0g1-cpu`. The first way leaves pictures on the GPU, the second copies them to
+the host, which is the known workaround if the first fails.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ NO_PICTURE, NO_CAMERA, BLACK = "isaacgym.no_picture", "isaacgym.no_camera", "ren
 
 
 class Seen(StrEnum):
-    """What came of one way to the picture."""
+    """The result of one way to the picture."""
 
     OK = "ok"
     ERROR = "CUDA error"
@@ -47,9 +48,9 @@ ENDS = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Way:
-    """One way to the picture: what came of it, why, and what native code printed besides.
+    """One way to the picture: its result, the reason, and what native code printed besides.
 
-    `error` is CUDA's number where the picture is None and a buffer could not be mapped or imported.
+    `error` is CUDA's number if the picture is None and a buffer could not be mapped or imported.
     """
 
     seen: Seen = Seen.UNTOLD
@@ -58,13 +59,13 @@ class Way:
     error: int | None = None
 
     def __str__(self) -> str:
-        """The class in words: `error 101`, `black`."""
+        """Return the result in words: `error 101`, `black`."""
         return f"error {self.error}" if self.seen is Seen.ERROR else self.seen.value
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pair:
-    """A compute device and a graphics device, and both ways on them."""
+    """A compute device and a graphics device, with the results of both ways."""
 
     compute: int
     graphics: int
@@ -73,14 +74,17 @@ class Pair:
 
     @property
     def proven(self) -> bool | None:
-        """Whether copying mends what tensors do not give on the same devices; None where there is nothing to mend."""
+        """Return whether copying works where tensors fail.
+
+        None if tensors do not fail on these devices, or copying has no result there.
+        """
         if self.tensor.seen not in BAD or self.cpu.seen in {Seen.UNTOLD, Seen.ABSENT}:
             return None
         return self.cpu.seen is Seen.OK
 
 
 def pairs(cell: CellEntry) -> tuple[Pair, ...]:
-    """Every pair of devices that a cell has cases for, in their order."""
+    """Return every pair of devices that a cell has cases for, in their order."""
     native = {
         case.case: tuple(one.text for one in cell.findings if one.check.endswith(".native") and case.case in one.cases)
         for case in cell.cases
@@ -94,7 +98,7 @@ def pairs(cell: CellEntry) -> tuple[Pair, ...]:
 
 
 def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
-    """Classify one case."""
+    """Classify the result of one case."""
     last = CHECK if CHECK in case.checks else next(reversed(case.checks), "")
     outcome, why = case.checks.get(last), case.reasons.get(last, "")
     if outcome is None or (last != CHECK and outcome is Outcome.PASSED):
@@ -109,7 +113,7 @@ def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
 
 
 def _says(code: str, line: str) -> bool:
-    """Tell whether a line is the sentence of a code."""
+    """Return whether a line is the sentence of an observation code."""
     return re.search(wording(code), line) is not None
 
 

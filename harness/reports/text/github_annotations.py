@@ -1,4 +1,4 @@
-"""What a CI platform shows beside a log: GitHub's annotations, and a job summary within its limit."""
+"""Write annotations for GitHub, shown beside a log, and a job summary within GitHub's limit."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ CUT = "\n\nThis page is cut off here, at the platform's limit; the whole one is 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Annotation:
-    """What is wrong with one cell, or with several for the same reason."""
+    """One problem: of a cell, of several cells for the same reason, or of an expectation."""
 
     title: str
     message: str
 
 
 def github(made: Document, fail_on: Collection[str]) -> str:
-    """One workflow command per thing that makes the report fail, worst first, at most as many as are shown."""
+    """Return one workflow command per reason to fail, worst first, at most as many as GitHub shows."""
     wrong = tuple(reasons(made, fail_on))
     if len(wrong) > SHOWN:
         rest = number(len(wrong) - SHOWN + 1, "more reason")
@@ -40,7 +40,10 @@ def github(made: Document, fail_on: Collection[str]) -> str:
 
 
 def reasons(made: Document, fail_on: Collection[str]) -> Iterator[Annotation]:
-    """What makes a report fail: cells not as expected (worst first), stale expectations, verdicts that say nothing."""
+    """Yield the reasons why a report fails: cells not as expected (worst first), then stale expectations.
+
+    Last come inconclusive cells, and those with a verdict that `fail_on` names.
+    """
     several = len(made.machines) > 1
     if "unexpected" in fail_on:
         yield from _alike([cell for cell in made.cells if cell.as_expected is False], several=several)
@@ -51,7 +54,7 @@ def reasons(made: Document, fail_on: Collection[str]) -> Iterator[Annotation]:
 
 
 def _alike(cells: Iterable[CellEntry], *, several: bool) -> Iterator[Annotation]:
-    """One annotation per reason, with the cells that have it."""
+    """Yield one annotation per reason, with the cells that have it."""
     groups: dict[tuple[str, str], list[str]] = {}
     for cell in sorted(cells, key=lambda cell: SEVERITY.index(cell.verdict)):
         place = f"{cell.id} on {cell.machine}" if several and cell.machine else cell.id
@@ -73,17 +76,17 @@ def _told(cell: CellEntry) -> str:
 
 
 def _data(text: str) -> str:
-    """Text as the message of a workflow command."""
+    """Escape text for the message of a workflow command."""
     return visible(text).replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
 def _property(text: str) -> str:
-    """Text as the value of a property of a workflow command."""
+    """Escape text for the value of a property of a workflow command."""
     return _data(text).replace(":", "%3A").replace(",", "%2C")
 
 
 def summary(page: str, limit: int = SUMMARY) -> str:
-    """The page, cut at the end of a line where it is longer than the platform takes."""
+    """Return the page, cut at the end of a line if it is longer than `limit` bytes."""
     content = page.encode()
     if len(content) <= limit:
         return page

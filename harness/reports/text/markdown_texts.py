@@ -1,4 +1,4 @@
-"""Text from anywhere inside Markdown: it neither links nor shows pictures, calls nobody, and ends no table or code."""
+"""Escape any text for Markdown: it makes no link, picture or mention, and ends no table or code."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def table_cell(text: str) -> str:
 
 
 def prose(text: str) -> str:
-    """Return one line of text in which nothing begins an HTML tag, a link or a picture, code apart."""
+    """Return one line of text in which nothing outside code begins an HTML tag, a link or a picture."""
     return _escaped(re.sub(r"\s*\n\s*", " ", text), _prose, str)
 
 
 def code(text: str) -> str:
-    """Return text as a code span, whatever backticks it has."""
+    """Return text as a code span, even if it contains backticks."""
     line = re.sub(r"\s*\n\s*", " ", text)
     if "`" not in line:
         return f"`{line}`"
@@ -38,18 +38,18 @@ def code(text: str) -> str:
 
 
 def block(text: str, language: str = "") -> str:
-    """Return text as a fenced block that no line of it ends."""
+    """Return text as a fenced block that no line of the text can end."""
     fence = "`" * max(3, _longest(text) + 1)
     return f"{fence}{language}\n{text}\n{fence}"
 
 
 def address(link: str) -> str:
-    """Return the address as a link between angle brackets; as text where it is none of the web."""
+    """Return a web address as a link between angle brackets, anything else as code."""
     return f"<{link}>" if ADDRESS.fullmatch(link) else code(link)
 
 
 def file_link(name: str, path: str) -> str:
-    """Return a link to a file beside the page; the name alone where the path is none of a file."""
+    """Return a link to a file beside the page; the name alone if the path is no plain file path."""
     return f"[{table_cell(name)}]({path})" if FILE.fullmatch(path) else table_cell(name)
 
 
@@ -69,7 +69,7 @@ def _prose_in_table(text: str) -> str:
 
 
 def _escaped(text: str, of_prose: Callable[[str], str], of_code: Callable[[str], str]) -> str:
-    """Change prose and code, which stands between backticks, each in its own way."""
+    """Escape prose and code (between backticks), each in its own way."""
     pieces, at = [], 0
     for found in CODE.finditer(text):
         before = of_prose(text[at : found.start()])

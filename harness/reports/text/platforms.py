@@ -1,4 +1,4 @@
-"""The machines of a report in words: their facts, the platforms that they cover and those that they do not."""
+"""Describe the machines of a report in words: their facts, and the platforms that they cover or do not cover."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def coverage(document: Document) -> dict[str, Any]:
 
 
 def _platform(name: str, facts: Mapping[str, Any]) -> str:
-    """`Linux x86-64, CPU only`."""
+    """Return a platform in words: `Linux x86-64, CPU only`."""
     system, _, rest = name.partition("-")
     architecture = str(facts.get("architecture") or rest.partition("-")[0])
     words = " ".join(filter(None, (PLATFORMS.get(system, system), ARCHITECTURES.get(architecture, architecture))))
@@ -43,7 +43,7 @@ def _gpu(facts: Mapping[str, Any]) -> str:
 
 
 def facts(known: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Return the facts of a machine as words, without those that are not known."""
+    """Return the known facts of a machine as pairs of name and words."""
     words = {name.replace("_", " "): _words(fact) for name, fact in sorted(known.items())}
     return tuple((name, text) for name, text in words.items() if text)
 

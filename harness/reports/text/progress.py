@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 
 class Progress:
-    """Counts cells done, running, waiting and left; estimates the time to go from those that were not known at once."""
+    """Counts of cells done, running, waiting and left, with an estimate of the time to go.
+
+    The estimate counts only cells that were worked on, not those whose result was reused at once.
+    """
 
     def __init__(self, total: int, jobs: int, describe: Callable[[CellRecord], str]) -> None:
         self.total, self.jobs, self.describe = total, jobs, describe
@@ -53,19 +56,19 @@ class Progress:
             self._live.stop()
 
     def started(self, cell: Cell) -> None:
-        """A cell is being worked on."""
+        """Note that work on a cell has begun."""
         with self._lock:
             if self.known_count and not self.worked_count and not self._running:
                 self.say(f"{self.known_count} of {number(self.total, 'cell')} measured before")
             self._running[cell.id] = "start"
 
     def step(self, cell: Cell, text: str) -> None:
-        """What it is doing now."""
+        """Note the current step of a cell."""
         with self._lock:
             self._running[cell.id] = text
 
     def done(self, record: CellRecord) -> None:
-        """A cell is finished; one that was known before any work began is counted only."""
+        """Report a finished cell; a cell that was reused without any work is counted only."""
         with self._lock:
             begun = self._running.pop(record.cell.id, None) is not None
             if record.reused and not begun:
@@ -77,7 +80,7 @@ class Progress:
             self.say(line if self._live or done == self.total else f"{line} ({self._summary()})")
 
     def say(self, text: str) -> None:
-        """Something to tell the user once."""
+        """Print a message for the user once."""
         if self._live:
             self._live.console.print(visible(text), markup=False, highlight=False)
         else:

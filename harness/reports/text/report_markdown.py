@@ -1,4 +1,4 @@
-"""A report as Markdown. Nothing is computed here: what is shown was grouped by `tables`."""
+"""Write a report as Markdown. Nothing is computed here: `tables` has grouped everything that is shown."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NBSP = "\N{NO-BREAK SPACE}"
 
 
 def markdown(report: Report, template: str) -> str:
-    """Fill the template (the text of `templates/report.md.j2`)."""
+    """Fill the template (the text of `templates/report.md.j2`) and return the page."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
@@ -35,7 +35,7 @@ def markdown(report: Report, template: str) -> str:
 
 
 def filters() -> dict[str, Callable[..., Any]]:
-    """Return what templates may do with the values of a report."""
+    """Return the filters that templates apply to the values of a report."""
     return {
         "became": became,
         "by_cell": by_cell,
@@ -89,7 +89,7 @@ def small_table(pivot: Pivot) -> str:
 
 
 def _square(pivot: Pivot, square: Sequence[Square]) -> str:
-    """`◐ 10/11`, the Pythons small below it; a line for each verdict."""
+    """Return `◐ 10/11` with the Pythons in small print below; a line for each verdict."""
     parts = []
     for one in square:
         details = small(pivot, one)
@@ -99,7 +99,7 @@ def _square(pivot: Pivot, square: Sequence[Square]) -> str:
 
 
 def mark(pivot: Pivot, one: Square) -> str:
-    """Return the sign of a verdict, what else is to know of it, and the tasks that passed of those tried."""
+    """Return the sign of a verdict with its extra marks, and how many of the tasks tried passed."""
     signs = SYMBOLS[one.verdict] + "→✔" * one.fixed + "?" * one.doubted + "†" * one.patched + "*" * one.varies
     machines = pivot.machines
     place = f"{machines.index(one.machine) + 1}: " if len(machines) > 1 else ""
@@ -107,7 +107,7 @@ def mark(pivot: Pivot, one: Square) -> str:
 
 
 def small(pivot: Pivot, one: Square) -> str:
-    """Return the small print of a square: Pythons where they differ, and what tells its verdicts apart."""
+    """Return the small print of a square: Pythons if they differ, and the values that tell its verdicts apart."""
     known = len(pivot.pythons) < 2 or "python" in {pivot.down, pivot.across}
     return "; ".join(
         filter(
@@ -177,13 +177,13 @@ def result(sheet: Sheet) -> str:
 
 
 def results(sheet: Sheet) -> str:
-    """`6 cells`, or `6 cells, 11 results on 2 machines`."""
+    """Return `6 cells`, or `6 cells, 11 results on 2 machines`."""
     cells, machines = number(sheet.cells, "cell"), len(sheet.machines)
     return cells if machines == 1 else f"{cells}, {number(sheet.results, 'result')} on {number(machines, 'machine')}"
 
 
 def _counts(sheet: Sheet) -> str:
-    """`✔ 6 works, ✘ 2 broken (4 repairs among them); 3 combinations left out.`"""
+    """Return `✔ 6 works, ✘ 2 broken (4 repairs among them); 3 combinations left out.`"""
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
     roles = " and ".join(number(count, role) for role, count in sheet.roles)
     among = f" ({roles} among them)" if roles else ""
@@ -191,7 +191,7 @@ def _counts(sheet: Sheet) -> str:
 
 
 def became(one: Trouble) -> str:
-    """`◐ 2 partial, ✘ broken in single`: what became of the cells of a cause."""
+    """Return the results of the cells of a cause: `◐ 2 partial, ✘ broken in single`."""
     several = len(one.verdicts) > 1
     verdicts = ", ".join(
         f"{SYMBOLS[each]} {f'{count} ' if several else ''}{word(each)}" for each, count in one.verdicts
@@ -200,7 +200,7 @@ def became(one: Trouble) -> str:
 
 
 def _outcome(row: Row) -> str:
-    """`◐ partial in render, repair (not expected)`."""
+    """Return `◐ partial in render, repair (not expected)`."""
     phase = f" in {row.phase}" if row.phase else ""
     patched = ", patched" if row.repaired else ""
     role = f", {row.role}" if row.role is not Role.MAIN else ""
@@ -209,7 +209,7 @@ def _outcome(row: Row) -> str:
 
 
 def _cause(row: Row) -> str:
-    """The known cause of a cell, linked to where more is said, and whether its remedy is proven there."""
+    """Return the known cause of a cell, linked to its details, and whether its fix is proven there."""
     if not row.known:
         return ""
     link = f"[`{row.known}`](#{row.known})" if re.fullmatch(r"[\w.-]+", row.known) else code(row.known)
@@ -217,7 +217,7 @@ def _cause(row: Row) -> str:
 
 
 def unknown(one: Trouble) -> str:
-    """Return what stands for a cause where no known failure fits."""
+    """Return the words for a cause where no known failure fits."""
     verdict = one.verdicts[0][0]
     return "it works" if verdict is Verdict.WORKS else word(verdict) if verdict in UNTOLD else "not known"
 
@@ -229,7 +229,7 @@ def first_sentence(text: str) -> str:
 
 
 def proven(one: Trouble) -> str:
-    """Say by which cell a fix is proven, and for how many of them where not for all; or that nobody tried it."""
+    """Say which cell proves a fix, and for how many cells if not for all; or that nobody tried it."""
     if one.proofs:
         return f"proven by {code(one.proofs[0][0])}" + (
             f", for {one.proven} of {one.cells}" if one.proven < one.cells else ""
@@ -242,21 +242,21 @@ def proven(one: Trouble) -> str:
 
 
 def _reference(link: str) -> str:
-    """A link as short as it can be: `owner/name#12`, else its host."""
+    """Return a link with a text as short as it can be: `owner/name#12`, else its host."""
     found = re.match(r"https?://(?:www\.)?([^/]+)(?:/([^/]+/[^/]+)/(?:issues|pull|discussions)/(\d+))?", link)
     text = (f"{found[2]}#{found[3]}" if found[3] else found[1]) if found else link
     return f"[{text}]({link})" if ADDRESS.fullmatch(link) else code(link)
 
 
 def _task(one: Task) -> str:
-    """The name of a task, and its environment where that is another."""
+    """Return the name of a task, with its environment if that has another name."""
     if not one.env:
         return f"import of {code(one.name)}"
     return code(one.name) if one.env == one.name else f"{code(one.name)} ({code(one.env)})"
 
 
 def by_cell(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
-    """Return the changes tried on one cell of one machine together, in their order."""
+    """Group the changes tried on one cell of one machine, in their order."""
     found: dict[tuple[str, str], list[Attempt]] = {}
     for one in attempts:
         found.setdefault((one.cell, one.machine), []).append(one)
@@ -268,27 +268,27 @@ def _by_kind(findings: Iterable[Remark]) -> list[tuple[str, list[Remark]]]:
 
 
 def _count_kinds(findings: Sequence[Remark]) -> str:
-    """`4 on reproducibility, 27 on API conformance`."""
+    """Return `4 on reproducibility, 27 on API conformance`."""
     return ", ".join(
         f"{len(held)} on {kind}" if kind != "other" else f"{len(held)} other" for kind, held in _by_kind(findings)
     )
 
 
 def _left_out(gone: Remark) -> str:
-    """`3 combinations`, of a few their names."""
+    """Return `3 combinations`, or the names if there are only a few."""
     if gone.count == len(gone.cells) <= NAMED:
         return _codes(gone.cells)
     return number(gone.count, "combination")
 
 
 def _files(row: Row) -> str:
-    """Links to the lock of a cell and to a picture of each task."""
+    """Return links to the lock of a cell and to a picture of each task."""
     links = [("lock", row.lock)] if row.lock else []
     return ", ".join(file_link(name, path) for name, path in [*links, *row.frames])
 
 
 def _tests(names: Sequence[str]) -> str:
-    """The names of a few tests, and how many there are besides; a dash for none."""
+    """Return the names of a few tests and the number of the others; a dash for none."""
     if not names:
         return "-"
     shown = ", ".join(map(code, names[:NAMED]))
@@ -303,7 +303,7 @@ def _codes(labels: Iterable[str]) -> str:
 
 
 def _few(labels: Sequence[str]) -> str:
-    """A few names as code; of more than `LISTED`, how many there are besides the first."""
+    """Return a few names as code; of more than `LISTED` names, the first ones and the number of the others."""
     if len(labels) <= LISTED:
         return _codes(labels)
     return f"{_codes(labels[:NAMED])} and {len(labels) - NAMED} more"

@@ -1,4 +1,4 @@
-"""A report on a terminal, at its width. Nothing is computed here: what is shown was grouped by `tables`."""
+"""Print a report on a terminal, at its width. Nothing is computed here: `tables` has grouped everything shown."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _console() -> Console:
 
 
 def bounded(console: Console) -> Console:
-    """Make a console no wider than a table can be; COLUMNS may say anything."""
+    """Limit a console to `MOST_WIDTH` columns, because COLUMNS may say anything; return it."""
     console.width = min(console.width, MOST_WIDTH)
     return console
 
@@ -126,7 +126,7 @@ def _heading(sheet: Sheet) -> Text:
 
 
 def _tasks(sheet: Sheet) -> Iterable[RenderableType]:
-    """Each task with the number of cells in which it passed, of those that tried it."""
+    """Yield each task with the number of cells in which it passed, of those that tried it."""
     words = [f"{one.name} {one.passed}/{one.tried}" for one in sheet.tasks[:TASKS]]
     more = [f"and {len(sheet.tasks) - TASKS} more"] * (len(sheet.tasks) > TASKS)
     yield _styled(("tried: ", "bold"), (", ".join([*words, *more]), ""))
@@ -137,7 +137,7 @@ def _tasks(sheet: Sheet) -> Iterable[RenderableType]:
 
 
 def _small_tables(pivot: Pivot, target: Console) -> Iterable[RenderableType]:
-    """The table as it fits: as it is, else turned, else in blocks of columns, whichever way takes fewer."""
+    """Yield the table in a form that fits: as it is, else turned, else in the fewest blocks of columns."""
     room = target.width - INDENT
     ways = (pivot, _turned(pivot))
     shown = next((one for one in ways if _fits(one, 0, len(one.columns), target, room)), None)
@@ -161,7 +161,7 @@ def _turned(pivot: Pivot) -> Pivot:
 
 
 def _blocks(pivot: Pivot, target: Console, room: int) -> list[tuple[int, int]]:
-    """Cut the columns into blocks that are no wider than the room, each of as many columns as fit."""
+    """Cut the columns into blocks that are no wider than the room, each with as many columns as fit."""
     blocks, first = [], 0
     while first < len(pivot.columns):
         last = first + 1
@@ -199,18 +199,18 @@ def _table(pivot: Pivot, first: int, last: int) -> RenderableType:
 
 
 def _shown(pivot: Pivot) -> list[tuple[str, tuple[tuple[Square, ...], ...]]]:
-    """Return the rows, of very many those in which something does not work."""
+    """Return the rows; of more than `LISTED` rows, those in which something does not work."""
     rows = list(zip(pivot.rows, pivot.squares, strict=True))
     return rows if len(rows) <= LISTED else [row for row in rows if not _green(row[1])]
 
 
 def _green(squares: Iterable[Sequence[Square]]) -> bool:
-    """Return whether all that was tried in a row works."""
+    """Return whether everything that was tried in a row works."""
     return all(one.verdict is Verdict.WORKS for square in squares for one in square)
 
 
 def _square(pivot: Pivot, square: Sequence[Square]) -> Text:
-    """The sign and the tasks of each verdict, its small print below."""
+    """Return the sign and the tasks of each verdict, with its small print below."""
     lines: list[tuple[str, str]] = []
     for one in square:
         lines.append((report_markdown.mark(pivot, one), _colour(one.verdict)))
@@ -232,7 +232,10 @@ def _broken(text: str, widest: int = WIDEST) -> str:
 
 
 def _list(sheet: Sheet) -> Iterable[RenderableType]:
-    """The cells: verdict, name, what was installed, and the line that says why; of very many the green are counted."""
+    """Yield the cells: verdict, name, installed versions, and the decisive line.
+
+    Of more than `LISTED` cells, those with nothing to say are only counted.
+    """
     rows = sheet.rows if len(sheet.rows) <= LISTED else [row for row in sheet.rows if not _plain(row)]
     for row in rows:
         yield _verdict(row)
@@ -248,7 +251,7 @@ def _plain(row: Row) -> bool:
 
 
 def _verdict(row: Row) -> Text:
-    """`✘ broken in single, patched  0/4 tasks, 17.5 s`."""
+    """Return `✘ broken in single, patched  0/4 tasks, 17.5 s`."""
     notes = ["patched"] * bool(row.repaired) + [str(row.role)] * (row.role is not Role.MAIN)
     phase = f" in {row.phase}" if row.phase else ""
     measured = [f"{row.passed}/{row.tried} tasks"] * bool(row.tried)
@@ -284,7 +287,7 @@ def _fix(row: Row) -> tuple[str, str]:
 
 
 def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
-    """One paragraph per cause, and what is known of it."""
+    """Yield one paragraph per cause, with its fix and links."""
     yield _styled(("by cause", "bold"))
     for one in troubles:
         head = (f"{report_markdown.became(one)}: {one.where.replace('`', '')}", _colour(one.verdicts[0][0]))
@@ -298,7 +301,7 @@ def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
 
 
 def _cause(one: Trouble) -> str:
-    """The known failure, else what the matrix says, else the line."""
+    """Return the known failure, else the reason that the matrix gives, else the decisive line."""
     if one.known:
         return f"{one.known}: {one.cause}"
     lead = report_markdown.unknown(one)

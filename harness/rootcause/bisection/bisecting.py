@@ -1,4 +1,4 @@
-"""`bisect`: where along a line of candidates a cell stops working, found by experiment."""
+"""Find by experiment where along a line of candidates a cell stops working (`bisect`)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HANDY = 0.4
 
 
 class Status(StrEnum):
-    """How a bisection ended."""
+    """The outcome of a bisection."""
 
     FOUND = "found"
     REFUSED = "refused"
@@ -37,7 +37,10 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Step:
-    """One candidate as it was measured, and why: an `end`, on the way to a `good end`, a `half`, `again`, `whole`."""
+    """One measured candidate. `why` is the reason to measure it.
+
+    `why` is `bad end`, `looking for a good end`, `half`, `at hand`, `again` or `whole`.
+    """
 
     candidate: Candidate
     why: str
@@ -47,7 +50,10 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bisected:
-    """What came of it. `good` and `bad` are the neighbours, measured in every phase; `line` runs from good to bad."""
+    """The result of a bisection. `good` and `bad` are the neighbours, measured in every phase.
+
+    `line` runs from good to bad once both ends are known.
+    """
 
     status: Status
     line: tuple[Candidate, ...]
@@ -61,10 +67,10 @@ class Bisected:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Task:
-    """What is asked: the cell, its line (oldest first), the ends by their places, and when it is sure enough.
+    """The input of a bisection: the cell, its line (oldest first), the places of the ends, and the confidence wanted.
 
-    `good` is None where a good end is to be found; `hints` are places near which to look for it first. `base` is the
-    cell as it stands, where it was measured.
+    `good` is None if a good end has to be found; `hints` are the places to try first. `base` is the unchanged cell, if
+    it was measured.
     """
 
     cell: Cell
@@ -104,7 +110,7 @@ class Bisection:
         return self._between(good)
 
     def _without_good_end(self) -> Status:
-        """Return whether there is none, or one of those that nothing could be told of here may be it."""
+        """Return `NO_GOOD_END`, or `UNTOLD` if some candidates could not be judged here and may be good."""
         lost = [step.candidate.name for step in self.steps if step.trial.untold]
         if not lost:
             self.told.append(f"no candidate was found that works: {self._tried()}")
@@ -115,7 +121,7 @@ class Bisection:
     # --- ends ------------------------------------------------------------------------------------------------------
 
     def _bad_end(self) -> Status | None:
-        """Look at the bad end: its failure is the one that is looked for."""
+        """Measure the bad end and look for its failure from now on. Return the status if the bisection ends here."""
         candidate = self.task.line[self.task.bad]
         base, same = self.task.base, candidate.change == Change()
         self.say(f"{self.task.axis} {candidate.name}, the bad end")
@@ -138,7 +144,10 @@ class Bisection:
         return None
 
     def _good_end(self) -> int | None:
-        """Find a candidate that is good: at hand, near what was measured to work, further off, or between two bad."""
+        """Return the place of a good candidate, or None.
+
+        Stored results come first, then the hints, then candidates further off, then those between two bad ones.
+        """
         bad = self.task.bad
         last = next(step for step in reversed(self.steps) if step.candidate == self.task.line[bad])
         looks = {place: _look(trial, said) for place in self._others() for trial, said in self._at_hand(place)}
@@ -147,7 +156,7 @@ class Bisection:
         return self._ends.find(self.task.hints)
 
     def _beyond(self, good: int) -> Iterator[str]:
-        """Yield the nearest candidate behind the good end that is bad, too: then only a range of them works."""
+        """Yield a note if a candidate beyond the good end is not good either: then only a range of them works."""
         away = 1 if good > self.task.bad else -1
         looks = self._ends.looks if self._ends else {}
         behind = [
@@ -159,7 +168,7 @@ class Bisection:
             yield f"only a range works: {self.task.axis} {name} fails as well ({words})"
 
     def _looked(self, place: int) -> Look:
-        """Measure a candidate that may be a good end."""
+        """Measure a candidate that may be a good end, and return its result."""
         said = self._test(place, LOOKING, left=None)
         return _look(self.steps[-1].trial, said)
 
@@ -172,7 +181,7 @@ class Bisection:
             yield trial, self._predicate.of(trial)
 
     def _tried(self) -> str:
-        """Return how many candidates were tried while a good end was looked for, and which ones were not."""
+        """Return in words how many candidates were tried as a good end, and which ones were not."""
         if self._ends is None:
             return ""
         names = [one.name for one in self.task.line]
@@ -204,7 +213,7 @@ class Bisection:
         )
 
     def _seed(self, search: Search[Candidate], line: Sequence[Candidate], cells: Sequence[Cell]) -> None:
-        """Give the search what was measured before, and what is at hand for nothing."""
+        """Give the search all results measured before, and the stored results that cost nothing."""
         measured: dict[str, list[Said]] = {}
         for step in self.steps:
             measured.setdefault(step.candidate.name, []).append(step.said)
@@ -224,7 +233,7 @@ class Bisection:
             search.note(place, said.answer, said.why)
 
     def _test(self, place: int, why: str, *, left: int | None) -> Said:
-        """Measure a candidate; one that was asked before is measured again."""
+        """Measure a candidate, again if it was measured before, and return its answer."""
         candidate = self.task.line[place]
         before = [step for step in self.steps if step.candidate == candidate]
         steps = "" if left is None else f", about {left} {'step' if left == 1 else 'steps'} left"
@@ -235,7 +244,7 @@ class Bisection:
         return said
 
     def _confirmed(self, found: Boundary[Candidate]) -> tuple[Step | None, Step | None]:
-        """The neighbours, in all phases."""
+        """Measure both neighbours in all phases and return them; (None, None) if there is no boundary."""
         steps = []
         for candidate in (found.good, found.bad):
             if candidate is None:
@@ -261,7 +270,7 @@ class Bisection:
         return self.predicate
 
     def cell(self, candidate: Candidate) -> Cell:
-        """The cell with a candidate."""
+        """Return the cell with the change of a candidate; the base cell itself if that changes nothing."""
         base = self.task.cell
         made = changes.applied(base, candidate.change, self.task.recipes)
         if changes.same(made, base):
@@ -287,7 +296,7 @@ class Bisection:
 
 
 def _in_place(question: Question, before: Question) -> Question:
-    """The question with each line where that of the same package was: another cell may have asked just this."""
+    """Return the question with its lines in the order of the old one, as another cell may have asked just this."""
     old = [required_name(line) for line in before.requirements]
     order = {name: place for place, name in reversed(list(enumerate(old)))}
     lines = sorted(question.requirements, key=lambda line: order.get(required_name(line), len(old)))

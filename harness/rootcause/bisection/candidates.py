@@ -1,4 +1,4 @@
-"""Lines of candidates for a bisection: releases of one package, days of the index, Pythons of this machine."""
+"""Build the line of candidates for a bisection: releases of a package, days of the index, Pythons of this machine."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Candidate:
-    """One place of a line: what it is called, the change that makes the cell of it, and when it came to be."""
+    """One place on a line: its name, the change that produces its cell, and its upload time, if known."""
 
     name: str
     change: Change
@@ -33,7 +33,7 @@ class Candidate:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Kept:
-    """What of a package's releases is looked at."""
+    """The options of a line: whether to include yanked releases and pre-releases, and whether to stay offline."""
 
     yanked: bool = False
     pre: bool = False
@@ -42,7 +42,7 @@ class Kept:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Candidates:
-    """A line in its order, oldest first; `left_out` says what is not on it, and why."""
+    """The candidates of a line, oldest first. `left_out` says which releases are not on it, and why."""
 
     candidates: tuple[Candidate, ...]
     left_out: tuple[str, ...] = ()
@@ -52,7 +52,7 @@ class Candidates:
 
 
 def of_package(cell: Cell, name: str, interpreter: Interpreter, kept: Kept) -> Candidates:
-    """The releases of a package that exist for the Python of a cell. Raises BadInput and IndexUnreachable."""
+    """Return the releases of a package that exist for the Python of a cell. Raises BadInput and IndexUnreachable."""
     question = cell.question
     found = index.releases(name, question.index, cutoff=question.snapshot, offline=kept.offline)
     wheels = any(_fits(one, interpreter, native=True) for one in found)
@@ -70,7 +70,7 @@ def of_package(cell: Cell, name: str, interpreter: Interpreter, kept: Kept) -> C
 
 
 def moved(cell: Cell, name: str, version: str) -> Change:
-    """The change that holds a package to a version: where it is asked for, replaced, or else only bounded."""
+    """Return the change that pins a package: in the requirements or overrides if it is there, else as a constraint."""
     line = (f"{name}=={version}",)
     if name in map(required_name, cell.question.requirements):
         return Change(requirements=line)
@@ -80,7 +80,7 @@ def moved(cell: Cell, name: str, version: str) -> Change:
 
 
 def _unfit(one: Release, interpreter: Interpreter, kept: Kept, *, source: bool) -> str | None:
-    """Why a release is not looked at."""
+    """Return the reason to leave out a release; None if it fits."""
     if one.yanked and not kept.yanked:
         return "yanked (--yanked takes them in)"
     if Version(one.version).is_prerelease and not kept.pre:
@@ -120,10 +120,10 @@ def _listed(names: list[str]) -> str:
 
 
 def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, kept: Kept) -> Candidates:
-    """The days on which one of these packages had an upload: on no other can their resolution change.
+    """Return the days on which one of these packages had an upload: their resolution can change on no other day.
 
-    Each stands for the end of the day, UTC; the last one is the instant of the cell, if it has one. On the first all
-    that the cell pins was there.
+    Each stands for the end of the day, UTC. The last one is the instant of the cell, if it has one. By the first day,
+    all that the cell pins was uploaded.
     """
     question, pinned = cell.question, candidate_changes.pins(cell)
     days, first = set(), ""
@@ -148,7 +148,7 @@ def _day(day: str) -> Candidate:
 
 
 def of_pythons(cell: Cell) -> Candidates:
-    """The Pythons that this machine has, one of each minor version."""
+    """Return the Pythons of this machine, one CPython of each minor version."""
     newest: dict[str, Interpreter] = {}
     for one in interpreters.available():
         if one.implementation == "cpython":
@@ -170,7 +170,7 @@ def of_pythons(cell: Cell) -> Candidates:
 
 
 def place(line: Candidates, text: str, option: str) -> int:
-    """Where in a line the candidate lies that a command line names. Raises BadInput."""
+    """Return the place of the candidate that a command-line option names. Raises BadInput."""
     names = [one.name for one in line.candidates]
     for number, name in enumerate(names):
         if same(name, text):
@@ -180,7 +180,7 @@ def place(line: Candidates, text: str, option: str) -> int:
 
 
 def day(line: Candidates, text: str, option: str) -> int:
-    """The last day of a line that is not after the one named. Raises BadInput."""
+    """Return the place of the last day that is not after the named one. Raises BadInput."""
     try:
         instant = Instant.canonical(text)
     except ValueError as error:
@@ -194,17 +194,17 @@ def day(line: Candidates, text: str, option: str) -> int:
 
 
 def rank(name: str) -> Version | str:
-    """What the names of one line are ordered by; days and instants are in the order of their text."""
+    """Return the sort key of a candidate's name. Days and instants are sorted by their text."""
     return name if DAY.match(name) else Version(name)
 
 
 def places(line: Candidates, version: str) -> tuple[int, ...]:
-    """Where a version lies on the line."""
+    """Return the places of a version on the line."""
     return tuple(number for number, one in enumerate(line.candidates) if same(one.name, version))
 
 
 def same(name: str, text: str) -> bool:
-    """Return whether two names are of one version, or the same."""
+    """Return whether two names are equal or denote the same version."""
     if name == text:
         return True
     try:
@@ -220,6 +220,6 @@ def _choices(line: Candidates) -> str:
 
 
 def differing(good: Mapping[str, str], bad: Mapping[str, str]) -> tuple[tuple[str, str | None, str | None], ...]:
-    """The packages that two locks hold in different versions, or that only one of them holds."""
+    """Return the packages that differ between two locks, as (name, good version, bad version); None where absent."""
     names = sorted({*good, *bad})
     return tuple((name, good.get(name), bad.get(name)) for name in names if good.get(name) != bad.get(name))

@@ -1,4 +1,4 @@
-"""What a bisection found, as a document: the claim, every run that shows it, both neighbours, and how to repeat it."""
+"""Turn the result of a bisection into a document: the claim, all runs, both neighbours, and how to repeat it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DATE = "--date"
 
 
 class PredicateEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """What counts as bad: `same` is whether only this failure does, else any."""
+    """The definition of bad. `same` is true if only this failure counts, false if any does."""
 
     same: bool
     phase: Phase | None
@@ -35,9 +35,10 @@ class PredicateEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StepEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One run: the candidate, why it was asked, and what it came to.
+    """One run: the candidate, the reason to test it, and its result.
 
-    `answer` is that of the predicate, `at_hand` whether nothing was run for it, `key` that of its environment.
+    `answer` is the answer of the predicate, `at_hand` is true if nothing was run for it, `key` belongs to its
+    environment.
     """
 
     number: int
@@ -57,7 +58,7 @@ class StepEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NeighbourEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One side of the boundary; `run` is that in which it was measured in all phases, `lock` a file beside."""
+    """One side of the boundary. `run` is the number of its run in all phases, `lock` a file beside the document."""
 
     candidate: str
     run: int
@@ -69,7 +70,7 @@ class NeighbourEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TurnEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A change along the line: what it was and what it becomes; `untested` lie between."""
+    """A change along the line: the results before and after it. `untested` counts the candidates between."""
 
     before: str
     after: str
@@ -87,13 +88,13 @@ class MovedEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BisectDocument(msgspec.Struct, frozen=True, kw_only=True):
-    """The certificate of `bisect`: `bisect.json`, and its `--json`.
+    """The certificate of `bisect`: `bisect.json`, and its `--json` output.
 
-    `candidates` are how many lie between the ends, both among them, and `bound` how many a binary search asks of so
-    many at most; `asked` counts the answers that it took, of which `for_an_end` to find a good end, `measured` those
-    for which something was run, `built` the environments that had to be made. `confidence` is the chance that the
-    boundary is the right one, given all answers and the flakiness seen (`flakiness`: how often a bad candidate looks
-    good, and a good one bad).
+    `candidates` counts the candidates from end to end, both ends included; `bound` is the most tests that a binary
+    search needs for so many. `asked` counts the answers taken, `for_an_end` those used to find a good end, `measured`
+    the runs that were not at hand, `built` the environments that had to be built. `confidence` is the chance that the
+    boundary is right, given all answers and the flakiness seen (`flakiness`: how often a bad candidate looks good, and
+    a good one bad).
     """
 
     schema: int = 1
@@ -128,7 +129,7 @@ class BisectDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], command: str) -> BisectDocument:
-    """All that a bisection found."""
+    """Return the document of a bisection."""
     here, found, task, bench = this_machine.facts(), done.boundary, search_.task, search_.bench
     told = done.good is not None and done.bad is not None
     return BisectDocument(
@@ -218,14 +219,14 @@ def _turn(turn: Turn[Candidate], done: Bisected) -> TurnEntry:
 
 
 def _moved(bench: Bench, good: Trial, bad: Trial) -> tuple[MovedEntry, ...]:
-    """Return the packages that differ; none where one of both has no lock to compare."""
+    """Return the packages that differ between the locks; none if either neighbour has no lock."""
     old, new = versions(bench, good), versions(bench, bad)
     found = differing(old, new) if old and new else ()
     return tuple(MovedEntry(name=name, good=version, bad=other) for name, version, other in found)
 
 
 def versions(bench: Bench, trial: Trial) -> dict[str, str]:
-    """What a cell's lock holds; empty where it did not resolve."""
+    """Return the packages in a cell's lock with their versions; empty if the cell did not resolve."""
     if trial.record.lock is None:
         return {}
     text = (bench.store.folder / trial.record.lock).read_text(encoding="utf-8")
@@ -236,7 +237,7 @@ def versions(bench: Bench, trial: Trial) -> dict[str, str]:
 
 
 def claim(done: Bisected, cell: Cell, axis: str) -> str:
-    """What was found, in one sentence."""
+    """Return the result of a bisection in one sentence."""
     good, bad = done.good, done.bad
     if done.status is not Status.FOUND or good is None or bad is None:
         told = "; ".join(done.told) or "no candidate was found that works"
@@ -251,7 +252,7 @@ def claim(done: Bisected, cell: Cell, axis: str) -> str:
 
 
 def _last(done: Bisected, one: Step, axis: str) -> str:
-    """Return the name of a neighbour; the older one of two days lasts until the day before the next upload."""
+    """Return the name of a neighbour. The older one of two days lasts until the day before the next upload."""
     line = [each.name for each in done.line]
     place, newer = line.index(one.candidate.name), 1 if done.oldest_first else -1
     older = one is (done.good if done.oldest_first else done.bad)
@@ -262,7 +263,7 @@ def _last(done: Bisected, one: Step, axis: str) -> str:
 
 
 def _gap(done: Bisected) -> str:
-    """What lies between the neighbours."""
+    """Return a phrase on the candidates between the neighbours; empty if there are none."""
     found = done.boundary
     if found is None or not found.between:
         return ""
@@ -278,7 +279,7 @@ def _thing(axis: str) -> str:
 
 
 def page(made: BisectDocument) -> str:
-    """The certificate as people read it (the text of `templates/bisect.md.j2`, filled)."""
+    """Return the certificate as a page, from the template `templates/bisect.md.j2`."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
@@ -289,7 +290,7 @@ def page(made: BisectDocument) -> str:
 
 
 def lines(made: BisectDocument) -> Iterator[str]:
-    """What people read of it on a terminal."""
+    """Yield the certificate as lines for a terminal."""
     yield made.claim
     if made.predicate:
         failing = f"the same failure in {made.predicate.phase}" if made.predicate.same else "any failure"

@@ -1,4 +1,4 @@
-"""The search for a candidate that works, where only a failing one is known: pure, a look at a candidate is a callable.
+"""Find a candidate that works if only a failing one is known. Pure: a callable tests the candidates.
 
 Good guesses come first, then candidates ever further off on both sides, then those between two that fail.
 """
@@ -24,13 +24,13 @@ class Look:
 
 
 class GoodEndSearch:
-    """One search along `count` candidates. `looks` holds what each candidate came to, by its place; `bad` is there."""
+    """One search along `count` candidates. `looks` maps places to results, the place `bad` included."""
 
     def __init__(self, count: int, bad: int, looks: Mapping[int, Look], look: Callable[[int], Look]) -> None:
         self.count, self.bad, self.looks, self._look = count, bad, dict(looks), look
 
     def find(self, guesses: Iterable[int]) -> int | None:
-        """Return the place of a good candidate; None if none was found. What a look raises goes through."""
+        """Return the place of a good candidate; None if none was found. Exceptions of a look pass through."""
         good = [place for place, look in self.looks.items() if look.answer is Answer.GOOD]
         if good:
             return min(good, key=lambda place: abs(place - self.bad))
@@ -42,7 +42,7 @@ class GoodEndSearch:
         return self._between() if found is None else found
 
     def untried(self) -> Iterator[tuple[int, int]]:
-        """Yield the first and the last place of each range that nobody looked at."""
+        """Yield the first and the last place of each range that was not tested."""
         for low, high in pairwise((-1, *sorted(self.looks), self.count)):
             if high - low > 1:
                 yield low + 1, high - 1
@@ -53,7 +53,7 @@ class GoodEndSearch:
         return self.looks[place].answer
 
     def _towards(self, end: int) -> int | None:
-        """Look ever further off on one side of the bad candidate, then before what cannot be tested."""
+        """Test at doubling distances on one side of the bad candidate, then before untestable ones."""
         last = abs(end - self.bad)
         sign = 1 if end > self.bad else -1
         near: int = 0

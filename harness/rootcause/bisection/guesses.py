@@ -1,4 +1,4 @@
-"""First guesses where a bisection finds a good end: what packages declare, and what was new when they were."""
+"""Guess good ends for a bisection, from the bounds that packages declare and from the upload days of the others."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _declared(base: Trial, axis: str) -> Iterator[SpecifierSet]:
 
 
 def _within(bounds: Iterable[SpecifierSet], line: Sequence[Candidate]) -> Iterator[int]:
-    """Yield the newest release below an upper bound, and the oldest above a lower one: that of its day."""
+    """Yield the place of the newest release within an upper bound, and of the oldest within a lower one."""
     for bound in bounds:
         fitting = [place for place, one in enumerate(line) if bound.contains(one.name, prereleases=True)]
         upper = any(each.operator in {"<", "<=", "==", "~="} for each in bound)

@@ -1,4 +1,4 @@
-"""What a bisection asks of each candidate: whether it fails of the same, or, when asked, of anything."""
+"""Judge whether a candidate of a bisection fails with the same failure, or, if requested, with any."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BETTER = frozenset({Outcome.PASSED, Outcome.SKIPPED})
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Said:
-    """What a trial came to: for the search, and in words; `why` names another failure than the one looked for."""
+    """The answer of a trial, for the search and in words. `why` names a failure other than the one looked for."""
 
     answer: Answer
     why: str | None
@@ -26,25 +26,25 @@ class Said:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Predicate:
-    """The failure that is looked for; None for any."""
+    """The failure that a bisection looks for; None for any."""
 
     failure: Failure | None
 
     @property
     def until(self) -> Phase:
-        """The last phase that matters."""
+        """Return the last phase that matters."""
         return (self.failure.phase if self.failure else None) or Phase.SUITE
 
     @property
     def words(self) -> str:
-        """What counts as bad."""
+        """Return the definition of bad in words."""
         if self.failure is None:
             return "any failure"
         cause = f", {self.failure.causes[0]}" if self.failure.causes else ""
         return f"the same failure: {self.failure.phase or 'some phase'}{cause}: {self.failure.line}"
 
     def of(self, trial: Trial) -> Said:
-        """What a trial answers."""
+        """Return the answer of a trial."""
         failed = plain(trial.failure)
         if failed is None:
             return self._without(trial)
@@ -69,7 +69,7 @@ class Predicate:
         return Said(answer=Answer.UNTESTABLE, why=None, words=told)
 
     def _passed(self, trial: Trial) -> bool:
-        """Return whether it came through the phase that failed, and through all before it."""
+        """Return whether a trial passed the phase that failed, and all phases before it."""
         if self.failure is None:
             return False
         order = list(Phase)
@@ -80,27 +80,27 @@ class Predicate:
 
 
 def working(trial: Trial) -> Said:
-    """What one answers that does all that was asked for."""
+    """Return the answer of a trial that does everything requested."""
     return Said(answer=Answer.GOOD, why=None, words=trial.well)
 
 
 def plain(failed: Failure | None) -> Failure | None:
-    """A failure without what tells how often it showed."""
+    """Return a failure without the count of how often it showed."""
     return replace(failed, line=FLAKY.sub("", failed.line)) if failed else None
 
 
 def _called(failed: Failure) -> str:
-    """Return a name that is the same for the same failure: what lies between two such candidates is taken to be one."""
+    """Return a name that is equal for equal failures. Candidates between two equal ones are assumed to share it."""
     return f"{failed.phase}: {failed.causes[0] if failed.causes else CHANGING.sub('…', failed.line)}"
 
 
 def alike(failed: Failure) -> tuple[Phase | None, str]:
-    """Return a name that differs where the line that says why does, whatever known failure both may be."""
+    """Return a key that differs if the decisive lines differ, whichever known failure both may be."""
     return failed.phase, CHANGING.sub("…", failed.line)
 
 
 def failing(trial: Trial) -> bool:
-    """Return whether a trial failed of its packages."""
+    """Return whether a trial failed because of its packages."""
     if trial.assessed.verdict is Verdict.MISLEADS:
         return True
     return trial.failure is not None and any(outcome in FAILING for outcome in trial.assessed.phases.values())

@@ -1,4 +1,4 @@
-"""What draws on this machine, what each setting selects, and which one to take: `doctor --rendering`."""
+"""Find what renders on this machine, what each setting selects, and which one to use (`doctor --rendering`)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from harness.running import shipped_signatures
 
 
 class Selected(msgspec.Struct, frozen=True, kw_only=True):
-    """What one library draws with: `way` is egl, osmesa, glfw or none, `device` a place in EGL's list."""
+    """The renderer of one library. `way` is egl, osmesa, glfw or none, `device` a place in EGL's list."""
 
     library: str
     way: str
@@ -29,14 +29,14 @@ class Selected(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Possible(msgspec.Struct, frozen=True, kw_only=True):
-    """What a value would select, set alone, with MUJOCO_GL=egl."""
+    """The renderers that a setting would select alone, with MUJOCO_GL=egl."""
 
     setting: str
     selected: tuple[Selected, ...]
 
 
 class Recommended(msgspec.Struct, frozen=True, kw_only=True):
-    """The setting to take: variables to set and to unset."""
+    """The recommended setting: variables to set and to unset."""
 
     variables: dict[str, str]
     unset: tuple[str, ...]
@@ -44,7 +44,7 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Rendering(msgspec.Struct, frozen=True, kw_only=True):
-    """What draws here. `settings` are the caller's, None where a variable is not set."""
+    """The renderers of this machine. `settings` are the caller's variables, None if a variable is not set."""
 
     devices: tuple[Answer, ...]
     egl_missing: str | None
@@ -57,7 +57,7 @@ class Rendering(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Looked(msgspec.Struct, frozen=True, kw_only=True):
-    """What draws here, with what is wrong in it and the known failures that it leads to."""
+    """The renderers of this machine, with the problems found and the known failures that they lead to."""
 
     findings: tuple[FindingEntry, ...]
     diagnoses: tuple[DiagnosisEntry, ...]
@@ -69,12 +69,12 @@ ASKED = (*egl_advice.VARIABLES, OLD_EGL_ID)
 
 
 def here() -> Looked:
-    """What draws on this machine, with the settings of this shell."""
+    """Return the renderers of this machine, with the settings of this shell."""
     return look(gl_inventory.ways(), {name: os.environ[name] for name in os.environ if name in ASKED})
 
 
 def look(ways: Ways, variables: egl_advice.Variables) -> Looked:
-    """All that is to be said."""
+    """Return the findings, known failures and recommendation for these renderers and variables."""
     there = Here(devices=ways.as_devices(), osmesa="missing" not in ways.osmesa, display="missing" not in ways.display)
     troubles = egl_advice.troubles(variables, there)
     found = [
@@ -118,7 +118,7 @@ def _selected(results: Sequence[Drawn]) -> tuple[Selected, ...]:
 
 
 def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable[DiagnosisEntry]:
-    """The known failures that the foretold errors are, each once."""
+    """Return the known failures that match the predicted errors, each once."""
     known: dict[str, DiagnosisEntry] = {}
     for error, failing in troubles.items():
         evidence = [signatures.Evidence(phase=None, told=(error,))]
@@ -135,7 +135,7 @@ def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable
 
 
 def lines(told: Rendering) -> Iterable[str]:
-    """The table for people."""
+    """Yield the table as lines for a terminal."""
     yield "EGL's devices, in EGL's order:"
     yield from (f"  {place}  {_answer(one)}" for place, one in enumerate(told.devices))
     if told.egl_missing:

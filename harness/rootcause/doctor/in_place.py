@@ -1,4 +1,4 @@
-"""Looks into an environment from the host: starts its Python, and makes and steps an environment in it as it is."""
+"""Inspect an installation from the host: start its Python, and make and step an environment in it as it is."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ LOOKED_AT = {"gymnasium": "gymnasium", "mujoco": "MuJoCo", "robosuite": "robosui
 
 
 def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> Ran:
-    """Run a command in the caller's world, under the supervisor."""
+    """Run a command with these variables in a folder, under the supervisor. `seconds` is its time limit."""
     with scratch_folder() as scratch:
         log = scratch / "log"
         done = process.run(
@@ -60,7 +60,7 @@ def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds:
 
 
 class Tried(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of an environment made and stepped in place, by phase; `said` is that in a sentence."""
+    """The result of making and stepping an environment in place, by phase. `said` is the result as a sentence."""
 
     env: str
     api: str
@@ -71,7 +71,7 @@ class Tried(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(kw_only=True, slots=True)
 class Looks:
-    """What only the host looks at; `tried` and `drawn` are there once `more` was called."""
+    """The inspections that only the host can do. `tried` and `drawn` are set once `more` was called."""
 
     env: str | None
     rendering: bool
@@ -81,7 +81,7 @@ class Looks:
     seen: list[Seen] = field(default_factory=list)
 
     def more(self, choice: Choice, facts: Mapping[str, Any]) -> tuple[list[Finding], list[Seen]]:
-        """Findings, and evidence to be held against known failures."""
+        """Return findings, and evidence to match against known failures."""
         found: list[Finding] = []
         if self.rendering:
             self.drawn = doctor_rendering.here()
@@ -107,7 +107,7 @@ class Looks:
 
 
 def _rendering(looked: Looked, installed: Mapping[str, str]) -> list[Finding]:
-    """What was found, only noted where it is of libraries that this environment has not."""
+    """Return the rendering findings. One that names none of the installed libraries becomes a note."""
     names = [name for package, name in LOOKED_AT.items() if package in installed]
     return [
         Finding(one.check, NOTE if names and not any(name in one.text for name in names) else str(one.level), one.text)
@@ -119,11 +119,11 @@ def _rendering(looked: Looked, installed: Mapping[str, str]) -> list[Finding]:
 
 
 class _Unmade(Exception):
-    """No case can be made of an environment; the text says why."""
+    """The error for an environment of which no case can be made; the text says why."""
 
 
 def _case(env: str, api: str | None, installed: Mapping[str, str]) -> Case:
-    """Return the case that tries an environment, by what is installed; where gym is there beside gymnasium, by that."""
+    """Return the case that tries an environment with what is installed, gymnasium before gym. Raises _Unmade."""
     pins = tuple(f"{name}=={version}" for name, version in installed.items() if name in SIMULATORS)
     if not pins:
         message = "nothing that is installed has environments that are known here"
@@ -175,7 +175,7 @@ PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
 
 
 def _seen(phase: PhaseRecord, store: Store) -> Seen:
-    """The errors of a phase that failed, with their tracebacks, as known failures are held against them."""
+    """Return the errors of a failed phase with their tracebacks, to match against known failures."""
     lines = (phase.decisive, *(check.decisive for check in phase.checks))
     kept = texts(store.folder / phase.evidence) if phase.evidence else {}
     words = written({name: text for name, text in kept.items() if name == REPLY}, phase.phase)

@@ -1,4 +1,4 @@
-"""Tries changes of versions in a throw-away copy of an environment: `doctor --prove`."""
+"""Try version changes in a throw-away copy of an environment (`doctor --prove`)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from harness.standalone.versions import is_version
 
 
 class Copied(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of one throw-away copy."""
+    """The result of one throw-away copy."""
 
     requirements: tuple[str, ...]
     verdict: str
@@ -32,9 +32,9 @@ class Copied(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of the changes. `before` is the copy without them, `after` with them; None where it was not made.
+    """The result of trying the changes. `before` is the copy without them, `after` with them; None if it was not made.
 
-    `left_out` are packages that could not be copied in their version; `text` says it all in a sentence.
+    `left_out` are packages that could not be copied in their version. `text` is the result as a sentence.
     """
 
     proven: bool
@@ -45,7 +45,7 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def proof(made: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
-    """Try the changes that the nearest known-good asks for. Raises CouldNotTell."""
+    """Try the changes that lead to the nearest known-good combination. Raises CouldNotTell."""
     near = made["nearest"]
     if near is None or not near["changes"]:
         text = "nothing is to be proven: " + ("no change is known" if near is None else "no version has to change")
@@ -84,7 +84,10 @@ class _Copies:
         self.bench, self.python, self.env, self.as_of = bench, python, env, as_of
 
     def measured(self, versions: Mapping[str, str], changed: Iterable[str]) -> tuple[Trial, tuple[str, ...]]:
-        """A copy with these versions; where they cannot be had together, only with those that matter."""
+        """Measure a copy with these versions, or, if they do not resolve together, only with those that matter.
+
+        Return the trial, and the packages left to the resolver.
+        """
         pins = {name: f"{name}=={version}" for name, version in versions.items() if name not in NOT_COPIED}
         asked = [pins[name] for name in pins if name in SIMULATORS or name in changed or weight(name)]
         trial = self.bench.measure(self._cell(asked, list(pins.values())), keep=True)
@@ -146,7 +149,7 @@ def _copied(trial: Trial) -> Copied:
 
 
 def lines(made: Proof) -> Iterable[str]:
-    """For people."""
+    """Yield the proof as lines for a terminal."""
     yield made.text
     for name, copy in (("without", made.before), ("with", made.after)):
         if copy:

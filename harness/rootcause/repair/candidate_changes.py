@@ -1,4 +1,4 @@
-"""Changes that may turn a red cell green, taken from what failed; in parts, to be combined and left out one by one."""
+"""Derive changes that may turn a red cell green from its failure, in parts to combine and to leave out one by one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from harness.model.vocabulary import parsed_requirement, required_name
 
 
 class Way(StrEnum):
-    """Where a change comes from, the least intrusive first."""
+    """The source of a change, the least intrusive first."""
 
     NAMED = "a bound that the error names"
     KNOWN = "the remedy of a known failure"
@@ -51,7 +51,7 @@ class Move:
 
     @property
     def cost(self) -> float:
-        """How intrusive it is."""
+        """Return the cost of the change: the more intrusive, the higher."""
         return COSTS[self.way]
 
 
@@ -62,7 +62,7 @@ REPLACING = ("requirements", "constraints", "overrides", "build_constraints")
 
 
 def together(one: Change, other: Change) -> Change:
-    """Both changes as one; where they speak of the same, the other has the last word."""
+    """Return both changes as one. If they disagree, the other one wins."""
     found: dict[str, Any] = {}
     for each in fields(Change):
         old, new = getattr(one, each.name), getattr(other, each.name)
@@ -79,7 +79,7 @@ def together(one: Change, other: Change) -> Change:
 
 
 def parts(change: Change) -> tuple[Change, ...]:
-    """The smallest changes that it is made of."""
+    """Return the smallest changes that a change consists of."""
     found: list[Change] = []
     for each in fields(Change):
         value = getattr(change, each.name)
@@ -95,13 +95,13 @@ def parts(change: Change) -> tuple[Change, ...]:
 
 
 def kinds(change: Change) -> tuple[Change, ...]:
-    """All of its constraints, all of its variables, ...: a change for each kind that it has."""
+    """Return one change for each kind that a change has: all of its constraints, all of its variables, ..."""
     found = (Change(**{each.name: getattr(change, each.name)}) for each in fields(Change) if getattr(change, each.name))
     return tuple(found)
 
 
 def of_parts(found: Iterable[Change]) -> Change:
-    """The change that is made of these."""
+    """Return the change that consists of these parts."""
     made = Change()
     for part in found:
         made = together(made, part)
@@ -109,13 +109,13 @@ def of_parts(found: Iterable[Change]) -> Change:
 
 
 def without(change: Change, part: Change) -> Change:
-    """The change without some of its parts."""
+    """Return the change without some of its parts."""
     gone = parts(part)
     return of_parts(one for one in parts(change) if one not in gone)
 
 
 def in_words(change: Change) -> str:
-    """What it does, in a few words."""
+    """Return the effect of a change in a few words."""
     return "; ".join(changes.described(change)) or "nothing"
 
 
@@ -128,7 +128,7 @@ def empty(change: Change) -> bool:
 
 
 def pins(cell: Cell) -> dict[str, str]:
-    """The packages of which the cell asks for one version."""
+    """Return the packages that the cell pins, with their versions."""
     found = {}
     for line in (*cell.question.requirements, *cell.question.constraints):
         version = _exact(parsed_requirement(line).specifier)
@@ -144,12 +144,12 @@ def _exact(specifier: SpecifierSet) -> str | None:
 
 
 def asked_for(cell: Cell) -> tuple[str, ...]:
-    """The packages that it names itself."""
+    """Return the packages that the cell requires itself."""
     return tuple(dict.fromkeys(map(required_name, cell.question.requirements)))
 
 
 def moved(before: Cell, after: Cell) -> tuple[str, ...]:
-    """What the user wrote that is not there any more: requirements and bounds that were replaced by others."""
+    """Return the packages whose requirements or bounds, written by the user, were replaced by others."""
 
     def said(cell: Cell) -> dict[str, set[str]]:
         found: dict[str, set[str]] = {}
@@ -168,7 +168,7 @@ def moved(before: Cell, after: Cell) -> tuple[str, ...]:
 
 
 def constraint(cell: Cell, name: str, bound: str) -> str:
-    """A bound on a package beside those that the cell has on it already, which stay."""
+    """Return a bound on a package, combined with the bounds that the cell has on it already."""
     lines = [line for line in cell.question.constraints if required_name(line) == name]
     own = [parsed_requirement(line) for line in lines]
     specifiers = SpecifierSet(bound)
@@ -179,7 +179,7 @@ def constraint(cell: Cell, name: str, bound: str) -> str:
 
 
 def released(cell: Cell, name: str, bound: str) -> Change:
-    """The change that asks for other versions of what the cell asks for, whether it does so itself or bounds it."""
+    """Return the change to other versions of a package: a requirement if the cell requires it, else a constraint."""
     if name in asked_for(cell):
         return Change(requirements=(f"{name}{bound}",))
     return Change(constraints=(f"{name}{bound}",))
@@ -189,9 +189,9 @@ def released(cell: Cell, name: str, bound: str) -> Change:
 
 
 def known(cell: Cell, found: Iterable[Diagnosis]) -> Iterator[Move]:
-    """The remedies of the known failures that fit, in their order: the deepest cause first, masks last.
+    """Yield the remedies of the known failures that fit, in their order: the deepest cause first, masks last.
 
-    What the user wrote stays beside them; where it cannot, it is another version of that which is asked for.
+    The user's own bounds are kept. A remedy that contradicts them counts as another version of what is asked for.
     """
     for one in found:
         change = one.signature.remedy.change
@@ -201,7 +201,7 @@ def known(cell: Cell, found: Iterable[Diagnosis]) -> Iterator[Move]:
 
 
 def beside(cell: Cell, change: Change) -> tuple[Change, bool]:
-    """The change with the bounds that the cell has on the same packages, and whether it is contrary to one of them."""
+    """Return the change with the cell's bounds on the same packages, and whether it contradicts one of them."""
     made, contrary = [replace(change, requirements=(), constraints=())], False
     asked = {required_name(line): line for line in cell.question.requirements}
     bounds = {required_name(line): line for line in cell.question.constraints}
@@ -218,7 +218,7 @@ def beside(cell: Cell, change: Change) -> tuple[Change, bool]:
 
 
 def _both(line: str, old: Sequence[ParsedRequirement]) -> tuple[str | None, bool]:
-    """A requirement with those that are there, and whether it is contrary to them; None where they say all of it."""
+    """Return a requirement merged with the existing ones, and whether it contradicts them; None if they suffice."""
     new = parsed_requirement(line)
     if new.marker or not old or new.url:
         return line, False
@@ -236,7 +236,7 @@ def _both(line: str, old: Sequence[ParsedRequirement]) -> tuple[str | None, bool
 
 
 def tidy(specifiers: SpecifierSet) -> SpecifierSet:
-    """Without upper bounds above another: `<1.24`, not `<1.24,<2`."""
+    """Return the specifiers without redundant upper bounds: `<1.24`, not `<1.24,<2`."""
     uppers = [each for each in specifiers if each.operator == "<"]
     lowest = min(uppers, key=lambda each: Version(each.version), default=None)
     return SpecifierSet(",".join(str(each) for each in specifiers if each.operator != "<" or each == lowest))
@@ -246,12 +246,12 @@ def tidy(specifiers: SpecifierSet) -> SpecifierSet:
 
 
 def bound(good: str, bad: str) -> str:
-    """The specifier that keeps a package on the good side of two neighbours: `<2`, never `<2.0.0`."""
+    """Return the specifier that keeps a package on the good side of two neighbours: `<2`, never `<2.0.0`."""
     return f"<{short(bad)}" if Version(good) < Version(bad) else f">={short(good)}"
 
 
 def short(version: str) -> str:
-    """A version without the zeros at its end."""
+    """Return a version without the zeros at its end."""
     found = Version(version)
     if found.is_prerelease or found.is_postrelease or found.local or found.epoch:
         return version

@@ -1,4 +1,4 @@
-"""Every red cell of a run repaired, once per cause: what cured one is tried on the others of the same cause first."""
+"""Repair every red cell of a run, once per cause: a cure is tried first on the other cells with the same cause."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REPAIR = "repair"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Solved:
-    """A cause that was looked into, and what cures it; None where nothing does."""
+    """A cause that was investigated, and the change that cures it; None if nothing does."""
 
     failed: Failure
     names: frozenset[str]
@@ -29,7 +29,7 @@ class Solved:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ended:
-    """One red cell, and what came of its repair."""
+    """One red cell, and the result of its repair."""
 
     cell: Cell
     repaired: Repaired
@@ -37,7 +37,7 @@ class Ended:
 
     @property
     def cured(self) -> CellRecord | None:
-        """The record of the cell with its remedy, which a report shows beside it."""
+        """Return the record of the cell with its remedy, for the report; None if there is no remedy."""
         if self.repaired.status is not Status.FOUND or self.repaired.proof is None:
             return None
         record = self.repaired.proof.record
@@ -47,7 +47,7 @@ class Ended:
 
 
 def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[Ended]:
-    """Repair the red cells among these, expected or not; `lab` makes a place to try things in for each."""
+    """Repair the red cells among these, expected or not. `lab` makes a place to try changes for each."""
     solved: list[Solved] = []
     known = shipped_signatures.beside(opened.folder)
     for record in records:
@@ -66,7 +66,7 @@ def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], La
 
 
 def _again(place: Lab, changes: Iterable[Change]) -> Repaired | None:
-    """A remedy of the same cause, where it cures this cell, too; else one of its own, unless the cause has none."""
+    """Try remedies of the same cause on this cell, then search for its own. None if the cause has no remedy."""
     tried = False
     for change in changes:
         tried = True

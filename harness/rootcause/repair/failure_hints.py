@@ -1,4 +1,4 @@
-"""What a failure hints at: modules that are missing, packages that may be at fault, another way of drawing."""
+"""Extract hints from a failure: missing modules, packages that may be at fault, another way to render."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PROVIDERS = {
 
 
 def missing_modules(evidence: Iterable[Evidence]) -> tuple[str, ...]:
-    """The top-level modules that were not found, those told first first."""
+    """Return the top-level modules that were not found; those in the lines that say why come first."""
     found: dict[str, None] = {}
     told = list(evidence)
     for texts in (*(one.told for one in told), *(one.logs for one in told)):
@@ -43,14 +43,14 @@ def missing_modules(evidence: Iterable[Evidence]) -> tuple[str, ...]:
 
 
 def providers(module: str, declared: Iterable[str]) -> tuple[str, ...]:
-    """The requirements that may bring a module: what is well known, and packages of its name among those declared."""
+    """Return the requirements that may provide a module: the well-known one, and declared packages of its name."""
     same = str(canonicalize_name(module))
     named = [name for name in declared if str(canonicalize_name(name)) == same]
     return tuple(dict.fromkeys((*([PROVIDERS[module]] if module in PROVIDERS else []), *named)))
 
 
 def brought(cell: Cell, requirement: str) -> Change:
-    """The change that adds a package, or bounds one that is asked for already."""
+    """Return the change that adds a package, or bounds one that is required already."""
     name, bound = required_name(requirement), str(parsed_requirement(requirement).specifier)
     if name in asked_for(cell):
         return Change(constraints=(constraint(cell, name, bound),))
@@ -58,7 +58,7 @@ def brought(cell: Cell, requirement: str) -> Change:
 
 
 def told_to_install(cell: Cell, evidence: Iterable[Evidence]) -> Iterator[Change]:
-    """What an error tells to install, where that is an extra of what the cell asks for, or a well-known package."""
+    """Yield the installs that an error suggests: an extra of a required package, or a well-known package."""
     asked = {required_name(line): line for line in cell.question.requirements}
     for one in evidence:
         for text in one.told:
@@ -80,7 +80,7 @@ BOUND = re.compile(r"\b([A-Za-z][\w.-]*?)(?:\[[\w.,-]+\])?\s?((?:(?:[<>]=?|==|~=
 
 
 def bounds(texts: Iterable[str], names: Collection[str]) -> dict[str, SpecifierSet]:
-    """Return the bounds that texts name on these packages; of several on one package the first."""
+    """Return the bounds that texts name on these packages. The first bound on a package counts."""
     found: dict[str, SpecifierSet] = {}
     for text in texts:
         for name, bound in named_bounds(text):
@@ -90,12 +90,12 @@ def bounds(texts: Iterable[str], names: Collection[str]) -> dict[str, SpecifierS
 
 
 def all_bounds(text: str, name: str) -> tuple[SpecifierSet, ...]:
-    """Return the bounds that a text names on a package."""
+    """Return all bounds that a text names on a package."""
     return tuple(bound for each, bound in named_bounds(text) if each == name)
 
 
 def named_bounds(text: str) -> Iterator[tuple[str, SpecifierSet]]:
-    """Yield packages with their bounds, `a>=2 or <1` being two of one; a line that names one release bounds nothing."""
+    """Yield packages with their bounds; `a>=2 or <1` gives two for one package. A pin is not a bound."""
     name = ""
     for match in BOUND.finditer(text):
         name = name if match[1] in {"or", "and"} else str(canonicalize_name(match[1]))
@@ -130,7 +130,7 @@ IMPORTED_AS = {
 
 
 def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, ...]:
-    """The packages, those first that are named by the line that says why, then by how often the logs name them."""
+    """Return the packages, those in the lines that say why first, then by how often the logs name them."""
     shown = list(evidence)
     told = "\n".join(text for one in shown for text in one.told)
     logs = "\n".join(text for one in shown for text in one.logs)
@@ -161,9 +161,9 @@ def variables(
     here: frozenset[str],
     installed: Collection[str] | None = None,
 ) -> Iterator[Move]:
-    """Ways of drawing that this machine has (`here`) and the cell does not name, where a failure speaks of drawing.
+    """Yield ways to render that this machine has (`here`) and the cell does not set, if a failure is about rendering.
 
-    Where it is known what is `installed`, no variable is set that nothing of it reads.
+    If `installed` is given, no variable is set that no installed package reads.
     """
     texts = [text for one in evidence for text in one.told]
     if phase is not Phase.RENDER and not any(DRAWING.search(text) for text in texts):

@@ -1,4 +1,4 @@
-"""Changed cells measured for a repair: each with the change that made it, why it was tried, and what came of it."""
+"""Measure changed cells for a repair: each with its change, the reason to try it, and its result."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ORDER = list(Phase)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Run:
-    """One changed cell as it was measured, up to a phase: the last one, unless a search needs no more."""
+    """One changed cell as it was measured, up to a phase: the last one, unless a search needs less."""
 
     change: Change
     why: str
@@ -38,7 +38,7 @@ class Run:
 
 @dataclass
 class Lab:
-    """Where changes of one cell are tried; use it in a `with` block. `base` is the cell as it is asked for."""
+    """The place where changes of one cell are tried. Use it in a `with` block. `base` is the unchanged cell."""
 
     base: Cell
     store: Store
@@ -72,7 +72,7 @@ class Lab:
         return monotonic() - self.bench.began
 
     def cell(self, change: Change) -> Cell:
-        """The cell with a change. Raises ValueError where no recipe repairs a package of its overlay."""
+        """Return the cell with a change. Raises ValueError if no recipe repairs a package of its overlay."""
         if candidate_changes.empty(change):
             return self.base
         made = changes.applied(self.base, change, self.recipes)
@@ -90,7 +90,7 @@ class Lab:
         return changes.same(self.cell(one), self.cell(other))
 
     def measure(self, change: Change, why: str, *, again: bool = False) -> Trial:
-        """Measure the cell with a change, or take what is known of it. Raises Spent, and ValueError as `cell` does."""
+        """Measure the cell with a change, or take its stored result. Raises Spent, and ValueError as `cell` does."""
         cell = self.cell(change)
         before = next((one.trial for one in self.runs if one.change == change and self._tells(one)), None)
         if before and not again:
@@ -101,12 +101,12 @@ class Lab:
         return trial
 
     def _tells(self, run: Run) -> bool:
-        """Return whether a run says what one up to the present phase would: it was one, or it failed before."""
+        """Return whether a run says as much as one up to the present phase: it went as far, or it failed before."""
         return run.until is self.until or not passes(run.trial, run.until)
 
     @contextmanager
     def up_to(self, phase: Phase) -> Iterator[None]:
-        """While the block lasts, cells are measured up to a phase."""
+        """Measure cells only up to a phase while the block lasts."""
         last = self.until
         if phase is not last:
             self.bench.stop_after(phase)
@@ -123,7 +123,10 @@ class Lab:
         self.bench.prepare([self.cell(one) for one in wanted])
 
     def shown(self, trial: Trial) -> Trial | None:
-        """The run of this session in which what a cell came to was measured: its own, or one with the same lock."""
+        """Return the run of this session that shows a result: the trial itself, or a working one with the same lock.
+
+        None if there is no such run.
+        """
         if not trial.at_hand:
             return trial
         lock, python = trial.record.lock_sha256, trial.record.python
@@ -133,11 +136,11 @@ class Lab:
                      and one.cell.environment == trial.cell.environment), None)  # fmt: skip
 
     def keep(self, trial: Trial) -> None:
-        """Store the record of a cell, so that `show` knows it."""
+        """Store the record of a cell, so that `show` finds it."""
         self.store.save_cell(trial.record)
 
     def evidence(self, trial: Trial) -> tuple[Evidence, ...]:
-        """What was written of its failures."""
+        """Return the evidence of a trial's failures."""
         return trial.assessed.failures
 
 
@@ -150,7 +153,7 @@ def _id(cell: Cell, change: Change) -> str:
 
 
 def weaker(before: Trial, after: Trial) -> str | None:
-    """Why a cell that works shows less than was asked of the one before: a check that failed or passed is left out."""
+    """Return why a working cell shows less than the one before: a check that ran there does not pass now; else None."""
     ended = _checks(after)
     for (case, check), outcome in _checks(before).items():
         if check in MISLEADING and outcome is Outcome.PASSED and ended.get((case, check)) is Outcome.SKIPPED:
@@ -169,7 +172,7 @@ def _checks(trial: Trial) -> dict[tuple[str, str], Outcome]:
 
 
 def passes(trial: Trial, until: Phase) -> bool:
-    """Return whether a cell that was measured up to a phase came through it."""
+    """Return whether a cell that was measured up to a phase passed it."""
     if trial.works:
         return True
     if trial.assessed.verdict is not Verdict.NOT_RUN:
@@ -180,7 +183,7 @@ def passes(trial: Trial, until: Phase) -> bool:
 
 
 def ended(trial: Trial, until: Phase) -> str:
-    """How a run ended, in a few words."""
+    """Return the result of a run in a few words."""
     if passes(trial, until) and until is not Phase.SUITE:
         return f"passes {until}"
     if trial.works:
@@ -192,9 +195,9 @@ def ended(trial: Trial, until: Phase) -> str:
 
 
 def further(before: Trial, after: Trial) -> bool:
-    """Return whether a cell fails of something else than the one before, and not earlier.
+    """Return whether a cell fails differently from the one before, and not in an earlier phase.
 
-    Two sentences of the resolver about the same packages are one failure, however they are worded.
+    Two messages of the resolver about the same packages are one failure, however they are worded.
     """
     one, other = before.failure, after.failure
     if one is None or other is None or one.same(other):
@@ -215,7 +218,7 @@ def told(lab: Lab, trial: Trial) -> tuple[str, ...]:
 
 
 def versions(lab: Lab, trial: Trial) -> dict[str, str]:
-    """Return what a cell's lock holds; nothing if it did not resolve."""
+    """Return the packages in a cell's lock with their versions; empty if the cell did not resolve."""
     if trial.record.lock is None:
         return {}
     text = (lab.store.folder / trial.record.lock).read_text(encoding="utf-8")
@@ -223,7 +226,7 @@ def versions(lab: Lab, trial: Trial) -> dict[str, str]:
 
 
 def unrefused(lab: Lab, before: Trial, after: Trial) -> str | None:
-    """Return why a cell works only because an older release does not refuse yet what a newer one does."""
+    """Return why a cell works only because an older release does not reject a version yet; None if it is not so."""
     had = versions(lab, before) or candidate_changes.pins(before.cell)
     has = versions(lab, after)
     for name, bound in failure_hints.refused(told(lab, before), had).items():

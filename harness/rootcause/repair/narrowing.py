@@ -1,4 +1,4 @@
-"""From a whole lock that works to the fewest packages that have to be bounded, and each bound to where it begins."""
+"""Narrow a working lock to the fewest packages that have to be bounded, and each bound to where it begins."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SINGLES = 2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Suspect:
-    """A package in which two locks differ; `build` where builds use it, `asked` where the user asks for it."""
+    """A package in which two locks differ. `build` is true if builds use it, `asked` if the user requires it."""
 
     name: str
     good: str
@@ -30,7 +30,7 @@ class Suspect:
     asked: bool = False
 
     def at(self, bound: str) -> Change:
-        """The package held to a bound."""
+        """Return the change that holds the package to a bound."""
         line = f"{self.name}{bound}"
         if self.asked:
             return Change(requirements=(line,))
@@ -39,7 +39,7 @@ class Suspect:
 
 @dataclass
 class Narrowing:
-    """One search in a lab. `rest` is the part of the remedy that stays as it is, `failing` what is cured.
+    """One search in a lab. `rest` is the part of the remedy that stays as it is, `failing` the trial to cure.
 
     `bound` is how many tests a binary search for single culprits needs at most.
     """
@@ -54,7 +54,7 @@ class Narrowing:
     # --- which packages --------------------------------------------------------------------------------------------
 
     def fewest(self, suspects: Sequence[Suspect]) -> tuple[Suspect, ...] | None:
-        """The fewest of them that cure where they are held to their good versions; None where all do not."""
+        """Return the fewest suspects that cure when held to their good versions; None if all together do not."""
         evidence = self.lab.evidence(self.failing)
         order = failure_hints.suspects([one.name for one in suspects], evidence)
         ranked = sorted(suspects, key=lambda one: (not one.build, order.index(one.name)))
@@ -86,21 +86,24 @@ class Narrowing:
         return Answer.BAD
 
     def _cured(self, trial: Trial) -> bool:
-        """Return whether it came through the phase that matters; where that is the last one, with nothing left out."""
+        """Return whether a trial passed the phase that matters; if it is the last one, with no check left out."""
         if self.lab.until is Phase.SUITE:
             return trial.works and weaker(self.failing, trial) is None
         return passes(trial, self.lab.until)
 
     @property
     def _early(self) -> bool:
-        """Return whether what is cured is that nothing could be resolved or installed."""
+        """Return whether the failure to cure is one of resolving or installing."""
         failed = self.failing.failure
         return failed is not None and failed.phase in {Phase.RESOLVE, Phase.INSTALL}
 
     # --- from where on ---------------------------------------------------------------------------------------------
 
     def bounded(self, chosen: Sequence[Suspect]) -> Change:
-        """Each package held to the good side of its boundary, the others of them held there meanwhile."""
+        """Return the change that holds each package to the good side of its boundary.
+
+        Meanwhile the other packages are held to theirs.
+        """
         held: dict[str, Change] = {one.name: one.at(f"=={one.good}") for one in chosen}
         for one in chosen:
             others = candidate_changes.of_parts(change for name, change in held.items() if name != one.name)
@@ -139,13 +142,13 @@ class Narrowing:
         return one.at(self._said(one, candidate_changes.bound(str(found.good), str(beyond))))
 
     def _said(self, one: Suspect, bound: str) -> str:
-        """The bound beside those that the cell has on the package already."""
+        """Return the bound, combined with those that the cell has on the package already."""
         if one.build:
             return bound
         return candidate_changes.constraint(self.lab.base, one.name, bound).removeprefix(one.name)
 
     def _line(self, one: Suspect) -> list[Version]:
-        """The releases from the good one to the bad one, both among them."""
+        """Return the releases from the good one to the bad one, both included."""
         offline = self.lab.settings.offline
         known = times.usable(self.lab.base, one.name, self.interpreter, wheels=not one.build, offline=offline)
         known = known or times.usable(self.lab.base, one.name, self.interpreter, wheels=False, offline=offline)
@@ -157,18 +160,21 @@ class Narrowing:
 
 
 def _likely(line: Sequence[Version]) -> list[int]:
-    """The first place after the last change of the major number, and the one before: most boundaries are there."""
+    """Return the place after the last change of the major number, and the one before: the likeliest boundaries."""
     turns = [place for place in range(1, len(line)) if line[place].major != line[place - 1].major]
     return [place for place in ([turns[-1], turns[-1] - 1] if turns else []) if 0 < place < len(line) - 1]
 
 
 def held(chosen: Iterable[Suspect]) -> Change:
-    """Packages held to their good versions."""
+    """Return the change that holds packages to their good versions."""
     return candidate_changes.of_parts(one.at(f"=={one.good}") for one in chosen)
 
 
 def differing(lab: Lab, good: Trial, bad: Trial) -> tuple[Suspect, ...]:
-    """The packages that two locks hold in different versions, or all of the good one where the bad one is none."""
+    """Return the packages in which two locks differ; all of the good one if the bad one has none.
+
+    Packages that the user pins are left out.
+    """
     old, new = versions(lab, bad), versions(lab, good)
     pinned = candidate_changes.pins(lab.base)
     return tuple(

@@ -1,4 +1,4 @@
-"""A cell with its remedy as people write it: lines of files, variables, command lines."""
+"""Write a cell with its remedy in forms to paste: lines of files, variables, command lines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DISPLAY, VIRTUAL = "DISPLAY", "virtual"
 
 
 class PasteEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """The remedy as people write it: lines of files, variables, command lines."""
+    """The remedy in forms to paste: lines of files, variables, command lines."""
 
     requirements: tuple[str, ...]
     constraints: tuple[str, ...] = ()
@@ -27,7 +27,7 @@ class PasteEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def paste(cell: Cell, change: Change) -> PasteEntry:
-    """The cell with its remedy, in the forms that people use."""
+    """Return the cell with its remedy in forms to paste."""
     question = cell.question
     changed = {*map(required_name, change.requirements)}
     environment = {name: value for name, value in change.environment.items() if value}
@@ -59,7 +59,7 @@ def _notes(change: Change) -> Iterator[str]:
 
 
 def _commands(cell: Cell, change: Change) -> Iterator[str]:
-    """Command lines of uv and pip that install it, where they can say all of it, and that of `try` that repeats it."""
+    """Yield uv and pip commands that install the cell, if they can express it, and the `try` that repeats it."""
     question = cell.question
     lines = shlex.join([*question.requirements, *question.constraints])
     if not change.overlay:
@@ -80,7 +80,7 @@ def _commands(cell: Cell, change: Change) -> Iterator[str]:
 
 
 def trying(cell: Cell) -> str | None:
-    """The `try` that measures a cell; None where its command line cannot say all of it."""
+    """Return the `try` command that measures a cell; None if its options cannot express the cell."""
     question = cell.question
     beyond = question.absent or question.build_variables or cell.files or cell.bring or cell.system or cell.needs
     if beyond or cell.subject or cell.empty or any(case.kwargs or case.required or case.picture for case in cell.cases):
@@ -104,7 +104,7 @@ def trying(cell: Cell) -> str | None:
 
 
 def lines(paste: PasteEntry) -> Iterator[str]:
-    """Each on a line, with the file that it belongs into."""
+    """Yield each entry as a line, with the file that it belongs in."""
     files = {
         "requirements.txt": paste.requirements,
         "constraints.txt": paste.constraints,

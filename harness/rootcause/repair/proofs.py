@@ -1,4 +1,4 @@
-"""What a repair found, as a document: what failed, the remedy in lines to paste, and every run that shows it."""
+"""Turn the result of a repair into a document: the failure, the remedy in lines to paste, and every run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ trying = pasting.trying
 
 
 class CauseEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A known failure that fits what was seen."""
+    """A known failure that fits the evidence."""
 
     signature: str
     cause: str
@@ -28,10 +28,10 @@ class CauseEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One cell of the search: what was changed and why, and what it came to, up to a phase.
+    """One cell of the search: the change, the reason to try it, and its result up to a phase.
 
-    `at_hand` is whether it had been measured before; `key` is that of its environment. Where it was `guarded`, big
-    packages were kept from being built, which is none of the change.
+    `at_hand` is true if it had been measured before, `key` belongs to its environment. If it was `guarded`, big
+    packages were not built from source, which is no part of the change.
     """
 
     number: int
@@ -54,7 +54,7 @@ class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PartEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A part of the remedy. It is `necessary` where the cell fails without it, in the run `without`."""
+    """A part of the remedy. It is `necessary` if the cell fails without it, in the run `without`."""
 
     does: tuple[str, ...]
     change: dict[str, Any]
@@ -63,10 +63,10 @@ class PartEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RemedyEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """What cures. `moved` are packages that the user had bounded otherwise and without which nothing was found.
+    """The change that cures. The user had bounded the `moved` packages otherwise; no cure was found that keeps them.
 
-    `sufficient` is whether the cell with the whole of it was measured here, in every phase, and works: run `proof`,
-    which has its lock.
+    `sufficient` is true if the cell with the whole remedy was measured here, in every phase, and works: in the run
+    `proof`, which has its lock.
     """
 
     way: str
@@ -84,10 +84,10 @@ class RemedyEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RepairDocument(msgspec.Struct, frozen=True, kw_only=True):
-    """The document of `repair`: `repair.json`, and its `--json`.
+    """The document of `repair`: `repair.json`, and its `--json` output.
 
-    `measured` counts the runs that were not at hand, `built` the environments that had to be made, `bound` the tests
-    that binary searches for single culprits need at most, where there was anything to search.
+    `measured` counts the runs that were not at hand, `built` the environments that had to be built, `bound` the tests
+    that binary searches for single culprits need at most, if there was anything to search.
     """
 
     schema: int = 1
@@ -113,7 +113,7 @@ class RepairDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
-    """All that a repair found."""
+    """Return the document of a repair."""
     here = this_machine.facts()
     before = repaired.before
     return RepairDocument(

@@ -1,7 +1,8 @@
-"""`repair`: the smallest change that turns a red cell green, found by experiment and proven by a rerun.
+"""Find the smallest change that turns a red cell green, by experiment, and prove it by a rerun (`repair`).
 
-The least costly change that was not tried is tried next, first on top of one behind which another failure showed. What
-cures is made smaller, each part of it is left out once, and the whole is measured in every phase.
+The cheapest untried change is tried next; of equally cheap ones, the one on top of a change that revealed another
+failure. A change that cures is made smaller, each part of it is left out once, and the whole is measured in every
+phase.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ FEW = 4
 
 
 class Status(StrEnum):
-    """How a repair ended."""
+    """The outcome of a repair."""
 
     FOUND = "found"
     NOT_FOUND = "not found"
@@ -45,7 +46,7 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Part:
-    """A part of a remedy, and the cell without it: it has to fail. None where that could not be shown."""
+    """A part of a remedy, and the cell without it, which has to fail; None if that could not be shown."""
 
     change: Change
     without: Trial | None
@@ -53,10 +54,10 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Repaired:
-    """What came of it. `change` is the remedy, `proof` the cell with it; `moved` are packages the user had bounded.
+    """The result of a repair. `change` is the remedy, `proof` the cell with it.
 
-    `stopped` says why the search ended before its time, `left` what was not tried, `bound` how many tests binary
-    searches of what was searched need at most, `told` what was learned on the way.
+    `moved` are packages that the user had bounded. `stopped` says why the search ended early, `left` what was not
+    tried, `bound` how many tests its binary searches need at most, `told` what was learned on the way.
     """
 
     status: Status
@@ -75,7 +76,7 @@ class Repaired:
 
 @dataclass(order=True)
 class _Entry:
-    """A stage to be gone through at a place; of two of the same kind that of the place that came further is first."""
+    """A stage to go through at a place. Of two stages of equal cost, the one at the deeper place is first."""
 
     cost: float
     above: int
@@ -86,7 +87,7 @@ class _Entry:
 
 @dataclass
 class _Found:
-    """A change that cures, on its way to being the smallest; `until` is the phase that failed."""
+    """A change that cures, while it is made as small as possible."""
 
     change: Change
     move: Move
@@ -109,7 +110,7 @@ class Search:
         self.flaky = False
 
     def run(self) -> Repaired:
-        """Measure the cell, and look for what cures it. Never raises Spent."""
+        """Measure the cell, and search for a change that cures it. Never raises Spent."""
         before = self.lab.measure(Change(), "as it is asked for")
         self.before = before
         if before.works or before.doubtful:
@@ -128,7 +129,7 @@ class Search:
         return self._answer(stopped)
 
     def proven(self, change: Change) -> Repaired | None:
-        """The cell with a change that cured another; None where it does not cure this one."""
+        """Return the repair by a change that cured another cell; None if it does not cure this one."""
         self.before = self.lab.measure(Change(), "as it is asked for")
         move = Move(change=change, way=Way.KNOWN, why="it cured another cell of the same cause")
         try:
@@ -146,7 +147,7 @@ class Search:
     # --- looking ---------------------------------------------------------------------------------------------------
 
     def _open(self, change: Change, trial: Trial, depth: int, ways: Iterable[Way] = STAGES) -> None:
-        """Put stages of a place on the list of what is to be tried."""
+        """Queue the stages to try at a place."""
         phase = trial.failure.phase if trial.failure else None
         place = Place(lab=self.lab, change=change, trial=trial, phase=phase or Phase.SUITE)
         for way in ways:
@@ -161,7 +162,7 @@ class Search:
         self.now = None
 
     def _cures(self, entry: _Entry, move: Move) -> bool:
-        """Try one change; what shows behind it is looked into in its turn."""
+        """Try one change and return whether it cures. If it reveals another failure, queue the stages for that."""
         place = entry.place
         change = together(place.change, stages.guarded(place, move))
         try:
@@ -186,14 +187,14 @@ class Search:
         return False
 
     def _no_cure(self, before: Trial, trial: Trial) -> str | None:
-        """Return why a cell that works is no remedy all the same."""
+        """Return why a working cell is no remedy all the same; None if it is one."""
         less = weaker(self.before, trial)
         return f"{less}, which is a weaker test" if less else unrefused(self.lab, before, trial)
 
     # --- making it smaller -----------------------------------------------------------------------------------------
 
     def _settle(self, found: _Found) -> None:
-        """Bounded packages rather than a date or a lock; without what only guarded the search; no part too many."""
+        """Make the remedy smaller: bounds instead of a date or a lock, no guard of the search, no unneeded part."""
         found.change = (self._nearest(found) if self._by_pins(found) else self._narrowed(found)) or found.change
         self._unguarded(found)
         self._least(found)
@@ -203,7 +204,7 @@ class Search:
         found.proven = found.trial.works and self._no_cure(self.before, found.trial) is None
 
     def _take(self, found: _Found, change: Change, why: str) -> bool:
-        """Return whether a smaller change cures in every phase, too; then it is the one."""
+        """Measure a smaller change, adopt it if it cures in every phase, and return whether it does."""
         trial = self.lab.measure(change, why)
         if not trial.works or self._no_cure(self.before, trial):
             return False
@@ -217,9 +218,9 @@ class Search:
             self._take(found, whole, "without the guard against long builds")
 
     def _narrowed(self, found: _Found) -> Change | None:
-        """The fewest packages, each with its bound, in the place of a date, a lock or all build requirements.
+        """Return the fewest packages with their bounds, in place of a date, a lock or all build requirements.
 
-        None where there are none that do what it does.
+        None if no such bounds cure.
         """
         made = found.move.change
         if found.move.way not in {Way.DATE, Way.LOCK, Way.BUILDS}:
@@ -244,7 +245,7 @@ class Search:
     def _up_to(
         self, phase: Phase, found: _Found, search: Narrowing, suspects: Sequence[narrowing.Suspect]
     ) -> Change | None:
-        """The bounds that cure, looked for up to a phase; None where more fails behind that."""
+        """Return the bounds that cure, searched up to a phase; None if there are none, or a later phase fails."""
         search.bound, search.told = 0, []
         with self.lab.up_to(phase):
             chosen = search.fewest(suspects)
@@ -258,7 +259,7 @@ class Search:
         return found.change if pinned else None
 
     def _widened(self, found: _Found) -> None:
-        """Let the bounds of a known remedy keep all releases that work."""
+        """Widen the bounds of a known remedy to keep all releases that work."""
         if found.move.way is not Way.KNOWN:
             return
         widened = widening.Widening(self.lab, found.change, self.before, found.trial)
@@ -272,7 +273,7 @@ class Search:
         return found.move.way is Way.PINS and len(found.move.change.requirements) == 1
 
     def _nearest(self, found: _Found) -> Change | None:
-        """The release nearest to the one that the user asks for, of those between that and one that works."""
+        """Return the change to the working release nearest to the one that the user pins; None if there is none."""
         (line,) = found.move.change.requirements
         name, pinned = required_name(line), candidate_changes.pins(self.lab.base)
         good = versions(self.lab, found.trial).get(name)
@@ -291,13 +292,13 @@ class Search:
         )
 
     def _of_builds(self, whole: Change, failing: Trial) -> Iterator[narrowing.Suspect]:
-        """What builds used then, where a build failed."""
+        """Yield the build tools whose versions differ between then and now, if a build failed."""
         if failing.failure is None or failing.failure.phase is not Phase.INSTALL:
             return
         yield from stages.tools(failing.cell, whole, offline=self.lab.settings.offline)
 
     def _least(self, found: _Found) -> None:
-        """Leave out parts by halves as long as the cell works; without each part that stays it fails."""
+        """Leave out parts by halves as long as the cell works, then measure it without each part that stays."""
         whole = candidate_changes.parts(found.change)
         needed = search.minimise(whole, self._keeping).items if len(whole) > 1 else whole
         if needed is not None and len(needed) < len(whole):
@@ -313,7 +314,7 @@ class Search:
         found.parts = tuple(Part(change=part, without=trial if trial.bad else None) for part, trial in tried)
 
     def _keeping(self, parts: tuple[Change, ...]) -> Answer:
-        """Measure the cell with some parts of the remedy only."""
+        """Measure the cell with only some parts of the remedy, and return whether they cure."""
         trial = self.lab.measure(candidate_changes.of_parts(parts), f"with {number(len(parts), 'part')} of the remedy")
         if trial.works and not self._no_cure(self.before, trial):
             return Answer.GOOD
@@ -323,7 +324,7 @@ class Search:
         return self.lab.measure(rest, f"without {candidate_changes.in_words(part)}")
 
     def _stands(self) -> None:
-        """Run the cell as it is asked for once more: where it works then, nothing was cured."""
+        """Run the unchanged cell once more. If it works then, it is flaky, and nothing was cured."""
         failed = self.before.failure
         if failed is None or failed.phase in {Phase.RESOLVE, Phase.INSTALL}:
             return

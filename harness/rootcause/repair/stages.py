@@ -1,4 +1,4 @@
-"""What is tried on a red cell, the least intrusive first: each stage gives its changes one by one, when asked for."""
+"""Define the stages of a repair, the least intrusive first. Each stage yields its changes one by one, on demand."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ BOTH = (Phase.RESOLVE, Phase.INSTALL)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Place:
-    """Where a search stands: the change made so far, what came of it, and where it failed."""
+    """A state of a search: the change made so far, the trial with it, and the phase that failed."""
 
     lab: Lab
     change: Change
@@ -53,7 +53,7 @@ class Place:
 
     @property
     def python(self) -> Interpreter | None:
-        """The interpreter of the cell."""
+        """Return the interpreter of the cell; None if this machine does not have it."""
         return interpreters.find(self.trial.cell.python)
 
 
@@ -61,7 +61,7 @@ Stage = Callable[[Place], Iterator[Move]]
 
 
 def guarded(place: Place, move: Move) -> Change:
-    """The change with big packages kept from being built."""
+    """Return the change of a move; if the move has a guard, big packages are not built from source."""
     asked = {*candidate_changes.asked_for(place.lab.base)}
     if not move.guard:
         return move.change
@@ -71,7 +71,7 @@ def guarded(place: Place, move: Move) -> Change:
 
 
 def unguarded(change: Change, own: Collection[str] = ()) -> Change:
-    """The change without that, what a remedy itself forbids to build apart."""
+    """Return the change without the guard against builds, except for packages in `own`, which a remedy names itself."""
     gone = {*HEAVY} - {*own}
     return replace(change, only_binary=tuple(name for name in change.only_binary if name not in gone))
 
@@ -107,20 +107,20 @@ def _named(place: Place) -> Iterator[Move]:
 
 
 def known(place: Place) -> Iterator[Move]:
-    """Remedies of the known failures, where they leave what the user asked for."""
+    """Yield remedies of the known failures that keep what the user asked for."""
     found = place.trial.assessed.diagnoses or tuple(_silent(place.trial))
     yield from (one for one in candidate_changes.known(place.trial.cell, found) if one.way is Way.KNOWN)
 
 
 def _silent(trial: Trial) -> Iterator[Diagnosis]:
-    """Yield the silent issues that a cell which works leaves open."""
+    """Yield the silent issues that a working cell leaves open."""
     left = {name.removeprefix(PREFIX) for name in trial.assessed.unverified if name.startswith(PREFIX)}
     known = (one for one in shipped_signatures.known() if one.id in left)
     yield from (Diagnosis(signature=one, phase=None, seen="", told=False) for one in known)
 
 
 def missing(place: Place) -> Iterator[Move]:
-    """Packages whose modules were not found, and extras that an error names."""
+    """Yield the installs that an error suggests, and packages whose modules were not found."""
     if place.phase in BOTH:
         return
     cell, evidence = place.trial.cell, place.lab.evidence(place.trial)
@@ -135,14 +135,14 @@ def missing(place: Place) -> Iterator[Move]:
 
 
 def _declared(place: Place, module: str) -> tuple[str, ...]:
-    """The name of a module where some package declares a package of that name, if only in an extra."""
+    """Return a module's name as a package if an installed package declares it, if only in an extra."""
     name = module.replace("_", "-").lower()
     folder = cache_folder() / "environments" / (place.trial.record.key or "none")
     return (name,) if folder.is_dir() and site_packages.requiring(folder, name) else ()
 
 
 def overlay(place: Place) -> Iterator[Move]:
-    """Repaired releases of what does not resolve or install."""
+    """Yield repaired releases of packages that do not resolve or install."""
     if place.phase not in BOTH:
         return
     asked = {*candidate_changes.asked_for(place.lab.base), *versions(place.lab, place.trial)}
@@ -155,7 +155,7 @@ def overlay(place: Place) -> Iterator[Move]:
 
 
 def builds(place: Place) -> Iterator[Move]:
-    """Build requirements as they were when the newest pinned release was uploaded."""
+    """Yield build requirements as they were when the newest pinned release was uploaded."""
     if place.phase is not Phase.INSTALL:
         return
     offline = place.lab.settings.offline
@@ -168,7 +168,7 @@ def builds(place: Place) -> Iterator[Move]:
 
 
 def tools(cell: Cell, change: Change, *, offline: bool) -> Iterator[Suspect]:
-    """What builds used with a change that names a time or bounds, and use now."""
+    """Yield the build tools that differ between now and the time or bounds of a change."""
     bounds = {required_name(line): parsed_requirement(line).specifier for line in change.build_constraints}
     for tool in TOOLS:
         now = times.newest(cell, tool, cell.question.snapshot, offline=offline)
@@ -182,7 +182,7 @@ def tools(cell: Cell, change: Change, *, offline: bool) -> Iterator[Suspect]:
 
 
 def date(place: Place) -> Iterator[Move]:
-    """The whole index as it stood when the newest pinned release was uploaded, and a little later."""
+    """Yield the whole index as it stood when the newest pinned release was uploaded, and a little later."""
     if place.change.as_of:
         return
     for instant in _instants(place):
@@ -193,20 +193,20 @@ def date(place: Place) -> Iterator[Move]:
 
 
 def _no_other(place: Place) -> bool:
-    """Return whether the cell that was measured last fails of the very same."""
+    """Return whether the cell that was measured last fails in exactly the same way."""
     told, before = place.lab.runs[-1].trial.failure, place.trial.failure
     return told is not None and before is not None and told.same(before)
 
 
 def _instants(place: Place, minor: str | None = None) -> tuple[str, ...]:
-    """The times worth a try on a Python: that of the cell, or another one."""
+    """Return the times worth a try, on the Python of the cell or on another one."""
     minor = minor or (place.python.minor if place.python else place.trial.cell.python)
     had = versions(place.lab, place.trial)
     return times.instants(place.trial.cell, had, minor, offline=place.lab.settings.offline)
 
 
 def lock(place: Place) -> Iterator[Move]:
-    """The versions of what was measured to work: the same cases, on the same Python, with what the user pins."""
+    """Yield the versions of cells that work: the same cases, on the same Python, with what the user pins."""
     minor, pinned = place.python.minor if place.python else "", candidate_changes.pins(place.trial.cell)
     bad = versions(place.lab, place.trial)
     cases = {(case.env, case.api) for case in place.trial.cell.cases if case.env}
@@ -228,7 +228,7 @@ def lock(place: Place) -> Iterator[Move]:
 
 
 def wheels(place: Place) -> Iterator[Move]:
-    """Nothing built from source: another release has wheels, or none."""
+    """Yield changes that build nothing from source: another release may have wheels."""
     if place.phase is not Phase.INSTALL:
         return
     text = "\n".join(text for one in place.lab.evidence(place.trial) for text in one.told)
@@ -239,14 +239,14 @@ def wheels(place: Place) -> Iterator[Move]:
 
 
 def variables(place: Place) -> Iterator[Move]:
-    """Ways of drawing, and a display."""
+    """Yield ways to render, and a display."""
     here = frozenset(this_machine.facts().capabilities)
     evidence, installed = place.lab.evidence(place.trial), place.trial.record.installed
     yield from failure_hints.variables(place.trial.cell, place.phase, evidence, here=here, installed=installed)
 
 
 def python(place: Place) -> Iterator[Move]:
-    """The other Pythons of this machine, the nearest first."""
+    """Yield the other Pythons of this machine, the nearest first."""
     now = place.python
     if place.change.python or (place.trial.cell.python == "host" and now is None):
         return
@@ -261,7 +261,7 @@ def python(place: Place) -> Iterator[Move]:
 
 
 def _of_the_time(place: Place, older: Collection[str]) -> Iterator[Move]:
-    """The index as it stood, on an older Python, where it had nothing that installs on this one."""
+    """Yield the index of the time on older Pythons, if it had nothing that installs on this one."""
     plain = unguarded(place.change)
     dated = [one for one in place.lab.runs if one.change.as_of and unguarded(replace(one.change, as_of=None)) == plain]
     failed = {one.trial.failure.phase if one.trial.failure else None for one in dated}
@@ -279,7 +279,7 @@ def _minor(text: str) -> int:
 
 
 def pins(place: Place) -> Iterator[Move]:
-    """Other releases of what the user pins: those that a remedy names, else the nearest, farther and farther away."""
+    """Yield other releases of what the user pins: those that a remedy names, then those ever farther away."""
     yield from (
         one for one in candidate_changes.known(place.trial.cell, place.trial.assessed.diagnoses) if one.way is Way.PINS
     )
@@ -291,7 +291,7 @@ def pins(place: Place) -> Iterator[Move]:
 
 
 def _around(place: Place, name: str, now: Version) -> Iterator[Version]:
-    """Releases at doubling distance, newer and older in turn."""
+    """Yield releases at doubling distance, newer and older in turn."""
     found = _usable(place, name)
     newer = [each for each in found if each > now]
     older = [each for each in reversed(found) if each < now]

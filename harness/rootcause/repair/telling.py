@@ -1,4 +1,4 @@
-"""What a repair found, in words: for a terminal, and as a page."""
+"""Write the result of a repair in words: for a terminal, and as a page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harness.standalone.silent import PREFIX
 
 
 def lines(made: RepairDocument) -> Iterator[str]:
-    """What people read of it."""
+    """Yield the document as lines for a terminal."""
     before = made.runs[0]
     doubts = [name.removeprefix(PREFIX) for name in before.unverified if name.startswith(PREFIX)]
     if made.status is Status.GREEN and doubts:
@@ -79,7 +79,7 @@ def _ended(run: RunEntry) -> str:
 
 
 def page(made: RepairDocument) -> str:
-    """The document as people read it (the text of `templates/repair.md.j2`, filled)."""
+    """Return the document as a page, from the template `templates/repair.md.j2`."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)

@@ -1,4 +1,4 @@
-"""Releases as they stood at a time: when what a cell pins was uploaded, and what could be installed since."""
+"""Look up releases as of a time: when a cell's pins were uploaded, and what it could install."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WHEELS_DAYS = 90
 
 
 def releases(name: str, settings: IndexSettings, cutoff: str | None, *, offline: bool) -> tuple[Release, ...]:
-    """The releases of a package that had been uploaded by then, oldest first; none where that cannot be told."""
+    """Return the releases of a package uploaded by `cutoff`, oldest first; none if the index does not tell."""
     found = _listed(name, settings, offline=offline)
     return tuple(one for one in found if cutoff is None or one.uploaded is None or one.uploaded <= cutoff)
 
@@ -44,10 +44,10 @@ def _listed(name: str, settings: IndexSettings, *, offline: bool) -> tuple[Relea
 
 
 def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool) -> tuple[str, ...]:
-    """The times worth a try: when the newest release that the cell pins was uploaded, and a little later.
+    """Return the times worth a try: when the newest release that the cell pins was uploaded, and a little later.
 
-    Where it pins nothing, the releases count that it came to of what it asks for. Never a time before there were wheels
-    for this Python, nor one that the cell asks for already.
+    If it pins nothing, the installed releases of what it requires count. No time is before there were wheels for this
+    Python, nor as late as the one that the cell asks for already.
     """
     pinned = candidate_changes.pins(cell) or {
         name: installed[name] for name in candidate_changes.asked_for(cell) if name in installed
@@ -65,7 +65,7 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
 
 
 def _uploaded(cell: Cell, name: str, version: str, *, offline: bool) -> str | None:
-    """When a release was uploaded."""
+    """Return the upload time of a release; None if it is unknown."""
     for one in releases(name, cell.question.index, None, offline=offline):
         if Version(one.version) == Version(version):
             return one.uploaded
@@ -75,9 +75,9 @@ def _uploaded(cell: Cell, name: str, version: str, *, offline: bool) -> str | No
 def usable(
     cell: Cell, name: str, interpreter: Interpreter | None, *, wheels: bool, offline: bool
 ) -> tuple[Version, ...]:
-    """The releases of a package that a cell may come to: neither yanked nor pre-releases, with a file for its Python.
+    """Return the releases of a package that a cell may use: not yanked, no pre-releases, with a file for its Python.
 
-    `wheels` leaves out what would have to be built.
+    `wheels` leaves out releases that would have to be built.
     """
     found = releases(name, cell.question.index, cell.question.snapshot, offline=offline)
     versions = [(Version(one.version), one) for one in found if not one.yanked]
@@ -102,7 +102,7 @@ def _has_wheel(files: Iterable[str], interpreter: Interpreter | None) -> bool:
 def newest(
     cell: Cell, name: str, instant: str | None, *, offline: bool, within: SpecifierSet | None = None
 ) -> str | None:
-    """The newest release of a package at a time, within bounds."""
+    """Return the newest release of a package at a time, within bounds; None if there is none."""
     found = releases(name, cell.question.index, instant, offline=offline)
     versions = [Version(one.version) for one in found if not one.yanked and (within is None or one.version in within)]
     return str(max((each for each in versions if not each.is_prerelease), default="")) or None

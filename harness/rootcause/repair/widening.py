@@ -1,4 +1,4 @@
-"""From a remedy's bounds to the widest that still cure: a known remedy may exclude releases that work here."""
+"""Widen the bounds of a remedy as far as they cure: a known remedy may exclude releases that work here."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ UPPER, LOWER = frozenset({"<", "<="}), frozenset({">", ">="})
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bound:
-    """One line of a remedy that bounds a package: `good` is in it and works, `bad` is outside and failed."""
+    """One line of a remedy that bounds a package: `good` meets it and works, `bad` does not and failed."""
 
     kind: str
     line: str
@@ -32,12 +32,12 @@ class Bound:
 
     @property
     def name(self) -> str:
-        """The package."""
+        """Return the name of the package."""
         return required_name(self.line)
 
     @property
     def side(self) -> frozenset[str]:
-        """The operators that keep the bad release out."""
+        """Return the operators that keep the bad release out."""
         return UPPER if self.good < self.bad else LOWER
 
     def put(self, change: Change, specifier: str) -> Change:
@@ -63,14 +63,14 @@ class Widening:
     told: list[str] = field(default_factory=list)
 
     def run(self) -> Change:
-        """Return the change with each of its bounds as wide as it cures."""
+        """Return the change with each of its bounds as wide as possible."""
         change = self.change
         for one in self._bounds():
             change = self._widest(one, change)
         return change
 
     def _bounds(self) -> Iterator[Bound]:
-        """Yield the lines that only bound a package of which both versions are known, and that the user left open."""
+        """Yield the lines that only bound a package whose version changed and that the user does not pin."""
         old, new = versions(self.lab, self.before), versions(self.lab, self.after)
         pinned = candidate_changes.pins(self.lab.base)
         for kind in KINDS:
@@ -107,7 +107,7 @@ class Widening:
         return one.put(change, str(_instead(specifier, one.side, mine)))
 
     def _line(self, one: Bound) -> list[Version]:
-        """Return the releases from the good one to the bad one, both among them."""
+        """Return the releases from the good one to the bad one, both included."""
         python, offline = interpreters.find(self.after.cell.python), self.lab.settings.offline
         known = times.usable(self.lab.base, one.name, python, wheels=True, offline=offline)
         low, high = sorted((one.good, one.bad))

@@ -1,7 +1,7 @@
-"""Bisection and delta debugging over candidates: pure, what is asked is a callable.
+"""Search candidates by bisection and delta debugging. Pure: a callable tests each candidate.
 
 `boundary` finds where a line of candidates turns from good to bad, `minimise` the changes of many that cure. Both step
-around candidates that cannot be tested, and ask again where answers may be wrong until they are sure enough.
+around candidates that cannot be tested. As answers may be wrong, both repeat tests until they are sure enough.
 """
 
 from harness.rootcause.search.answers import Answer, Asked, Refused, Rules

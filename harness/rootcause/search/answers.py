@@ -1,4 +1,4 @@
-"""What a candidate answers, and by what rules a search asks."""
+"""Define the answers of a candidate, and the rules of a search."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class Answer(StrEnum):
-    """What one test of a candidate came to; it is flaky where it was bad and good in one test."""
+    """The result of one test of a candidate. It is flaky if it was bad and good in one test."""
 
     GOOD = "good"
     BAD = "bad"
@@ -19,7 +19,7 @@ class Answer(StrEnum):
 
 
 class Refused(StrEnum):
-    """Why there is nothing to be searched: an end is not what it was said to be."""
+    """The reason that there is nothing to search: an end is not as claimed."""
 
     GOOD_IS_BAD = "the good end is bad"
     BAD_IS_GOOD = "the bad end is good"
@@ -29,10 +29,11 @@ class Refused(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rules:
-    """How sure a search has to be, and how many candidates that cannot be tested it tries before it tells a range.
+    """The rules of a search: its confidence, and its patience with candidates that cannot be tested.
 
-    `confidence` is the chance that the boundary told is the right one, given every answer and the flakiness seen.
-    `looks` is how often a test looks before it answers `bad`: one that looks again at what failed does it twice.
+    `confidence` is the chance wanted that the boundary is right, given every answer and the flakiness seen. After
+    `patience` untestable candidates the search reports a range. `looks` is how often a test looks before it answers
+    `bad`: 2 if it looks again at what failed.
     """
 
     confidence: float = 0.99
@@ -45,7 +46,7 @@ USUAL = Rules()
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Asked(Generic[T]):
-    """One answer, in the order of the search; `free` is whether it was known before."""
+    """One answer, in the order of the search. `free` is true if it was known before."""
 
     candidate: T
     answer: Answer

@@ -1,4 +1,4 @@
-"""`boundary`: the last good and the first bad of a line of candidates; and where else along it something changes."""
+"""Find the last good and the first bad candidate of a line (`boundary`), and every other change along it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ FLIPPED = {Answer.GOOD: Answer.BAD, Answer.BAD: Answer.GOOD}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Turn(Generic[T]):
-    """A change along the line: what `before` came to and what `after` does, with those between that were not tested."""
+    """A change along the line: the result `was` of `before`, and the result `becomes` of `after`.
+
+    `between` are the candidates between them that were not tested.
+    """
 
     before: T
     after: T
@@ -31,8 +34,8 @@ class Turn(Generic[T]):
 class Boundary(Generic[T]):
     """The neighbours `good` and `bad`, with those `between` them that could not be tested or were not tried.
 
-    Neither is there where an end is `refused`. `asked` is every answer in its order, `bound` how many a search without
-    flakiness needs at most, both ends among them. `chain` is every change that was seen along the line.
+    Both are None if an end is `refused`. `asked` is every answer in order. `bound` is how many answers a search without
+    flakiness needs at most, both ends included. `chain` is every change that was seen along the line.
     """
 
     good: T | None
@@ -53,7 +56,7 @@ class Boundary(Generic[T]):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Progress(Generic[T]):
-    """What is asked now, what may come after it, and about how many answers are left."""
+    """The candidate that is tested now, those that may come next, and about how many answers are left."""
 
     candidate: T
     upcoming: tuple[T, ...]
@@ -61,7 +64,7 @@ class Progress(Generic[T]):
 
 
 def bound(count: int) -> int:
-    """Return how many answers a binary search between this many candidates needs at most, with both ends confirmed."""
+    """Return how many answers a binary search of so many candidates needs at most, both ends confirmed."""
     return min(count, 2) + (math.ceil(math.log2(count - 1)) if count > 2 else 0)
 
 
@@ -74,16 +77,16 @@ class Stretch:
     flipped: bool
 
     def note(self, index: int, answer: Answer, why: Hashable) -> None:
-        """Take an answer about a candidate of the whole line, if it lies here."""
+        """Take an answer about a candidate of the whole line, if the candidate lies here."""
         if self.low <= index < self.low + self.line.length:
             self.line.note(index - self.low, FLIPPED.get(answer, answer) if self.flipped else answer, why)
 
 
 @dataclass
 class Search(Generic[T]):
-    """A search that is driven from outside: `next` names the candidate to ask, `note` takes what it answered.
+    """A search that is driven from outside: `next` names the candidate to test, `note` takes its answer.
 
-    Where answers that contradict a single boundary stand, the last stretch is searched first and then the others.
+    If the answers contradict a single boundary, the line is split. The last stretch is searched first, then the others.
     """
 
     candidates: Sequence[T]
@@ -96,7 +99,7 @@ class Search(Generic[T]):
         self._stretches = [self._stretch(0, len(self.candidates) - 1, flipped=False)]
 
     def note(self, index: int, answer: Answer, why: Hashable = None, *, free: bool = False) -> None:
-        """Take an answer; `why` is what an untestable one failed of, `free` whether nothing was run for it."""
+        """Take an answer. `why` is the failure of an untestable candidate, `free` is true if nothing was run for it."""
         self._answers.append((index, answer, why))
         self.asked.append(Asked(candidate=self.candidates[index], answer=answer, free=free))
         for stretch in self._stretches:
@@ -104,7 +107,7 @@ class Search(Generic[T]):
         self._split()
 
     def next(self) -> int | None:
-        """The candidate to ask next; None where everything stands, or nothing more can be told."""
+        """Return the index of the candidate to test next; None if all boundaries stand, or no test can tell more."""
         for stretch in self._stretches:
             index = stretch.line.next()
             if index is not None:
@@ -112,7 +115,7 @@ class Search(Generic[T]):
         return None
 
     def upcoming(self) -> tuple[int, ...]:
-        """What is asked after the next one, be that good or bad; the likelier first."""
+        """Return the indices to test after the next one, for a good and for a bad answer, the likelier first."""
         for stretch in self._stretches:
             if stretch.line.next() is not None:
                 return tuple(stretch.low + index for index in stretch.line.upcoming())
@@ -120,11 +123,11 @@ class Search(Generic[T]):
 
     @property
     def left(self) -> int:
-        """About how many answers are still wanted."""
+        """Return about how many answers are still needed."""
         return sum(stretch.line.left for stretch in self._stretches)
 
     def result(self) -> Boundary[T]:
-        """What is known by now."""
+        """Return the boundary as far as it is known."""
         main = self._stretches[0]
         gap, refused = main.line.gap, main.line.refused
         there = refused is None and gap.good >= 0 and gap.bad < main.line.length
@@ -146,7 +149,7 @@ class Search(Generic[T]):
         return Stretch(low=low, line=Line(high - low + 1, self.rules, cost), flipped=flipped)
 
     def _split(self) -> None:
-        """Search each stretch by itself where a bad candidate stands before a good one; the last one comes first."""
+        """Split a stretch in which a bad candidate stands before a good one. The last part is searched first."""
         for place, stretch in enumerate(self._stretches):
             found = stretch.line.split
             if found is None:
@@ -164,7 +167,7 @@ class Search(Generic[T]):
             return
 
     def _chain(self) -> tuple[Turn[T], ...]:
-        """Each change between two that were tested, one after the other."""
+        """Return each change between two tested candidates, in the order of the line."""
         said: dict[int, list[Hashable]] = {}
         for index, answer, why in self._answers:
             if answer is not Answer.UNTESTABLE or why is not None:
@@ -184,7 +187,7 @@ class Search(Generic[T]):
         )
 
     def _kind(self, index: int, said: Sequence[Hashable]) -> Hashable:
-        """What a candidate is taken to be after all that it answered."""
+        """Return whether a candidate is taken to be good or bad after all its answers, else its failure."""
         if not {Answer.GOOD, Answer.BAD, Answer.FLAKY} & set(said):
             return said[-1]
         for stretch in self._stretches:
@@ -202,9 +205,9 @@ def boundary(
     known: Mapping[int, Sequence[Answer]] | None = None,
     watch: Callable[[Progress[T]], None] | None = None,
 ) -> Boundary[T]:
-    """Where candidates turn from good to bad; the first is said to be good, the last to be bad.
+    """Find where candidates turn from good to bad. The first is assumed to be good, the last to be bad.
 
-    `known` are answers at hand, by the place of the candidate. What `test` raises goes through.
+    `known` maps places of candidates to answers at hand. Exceptions of `test` pass through.
     """
     search = Search(candidates, rules)
     for place, answers in (known or {}).items():

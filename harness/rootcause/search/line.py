@@ -1,4 +1,4 @@
-"""The search for one boundary along a line: which candidate to ask next, and when the boundary stands."""
+"""Search a line for one boundary: choose the candidate to test next, and decide when the boundary stands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ FLAKIEST = 0.2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Gap:
-    """A place for the boundary: between two candidates that can be tested, -1 and the length being beyond the ends."""
+    """A place for the boundary, between two testable candidates. -1 and the length of the line are beyond the ends.
+
+    `mass` is the probability of the place.
+    """
 
     good: int
     bad: int
@@ -28,7 +31,7 @@ class Gap:
 
 
 class Line:
-    """Candidates 0, 1, ... of which the first is said to be good and the last to be bad, and what they answered."""
+    """Candidates 0, 1, ... with their answers. The first is assumed to be good, the last to be bad."""
 
     def __init__(self, length: int, rules: Rules, cost: Sequence[float] = ()) -> None:
         self.length = length
@@ -39,7 +42,10 @@ class Line:
         self.given_up: set[int] = set()
 
     def note(self, index: int, answer: Answer, why: Hashable = None) -> None:
-        """Take an answer; `why` is what an untestable one failed of, between two of which others are taken to lie."""
+        """Take an answer. `why` is the failure of an untestable candidate.
+
+        Candidates between two untestable ones with the same failure are assumed to share it.
+        """
         if answer is Answer.UNTESTABLE:
             if not self.good[index] and not self.bad[index]:
                 self.untestable[index] = why
@@ -53,7 +59,7 @@ class Line:
         self._give_up()
 
     def next(self) -> int | None:
-        """The candidate to ask next; None where the boundary stands, or nothing more can be told."""
+        """Return the candidate to test next; None if the boundary stands, or no test can tell more."""
         forced = self._end() if self.refused is None else None
         if forced is not None or self.refused is not None:
             return forced
@@ -68,7 +74,7 @@ class Line:
         return max(scores, key=lambda index: (scores[index], -index)) if scores else None
 
     def upcoming(self) -> tuple[int, ...]:
-        """What is asked after the next one, be that good or bad; the likelier first."""
+        """Return the candidates to test after the next one, for a good and for a bad answer, the likelier first."""
         following = self.next()
         if following is None:
             return ()
@@ -83,7 +89,7 @@ class Line:
 
     @property
     def left(self) -> int:
-        """About how many answers are still wanted."""
+        """Return about how many answers are still needed."""
         ends = sum(not self._asked(index) for index in {0, self.length - 1})
         if self.refused or (not ends and self.stands):
             return 0
@@ -92,24 +98,24 @@ class Line:
 
     @cached_property
     def places(self) -> Posterior:
-        """Where the boundary may be."""
+        """Return the probability of each place of the boundary."""
         return weighed(self.good, self.bad)
 
     @property
     def gap(self) -> Gap:
-        """The likeliest place."""
+        """Return the likeliest place of the boundary."""
         return max(self.gaps, key=lambda gap: gap.mass)
 
     @property
     def stands(self) -> bool:
-        """Return whether the likeliest place is as likely as asked for, and both its sides were seen."""
+        """Return whether the likeliest place is as likely as required, and both its sides were tested."""
         gap = self.gap
         sides = gap.good < 0 or self.good[gap.good] > 0, gap.bad >= self.length or self.bad[gap.bad] > 0
         return all(sides) and gap.mass >= self.rules.confidence and self.contradiction is None
 
     @property
     def refused(self) -> Refused | None:
-        """The end that is not what it was said to be."""
+        """Return which end is not as claimed; None if there is no such end."""
         if 0 in self.untestable:
             return Refused.GOOD_UNTESTABLE
         if self.length - 1 in self.untestable:
@@ -123,14 +129,14 @@ class Line:
 
     @property
     def split(self) -> tuple[int, int] | None:
-        """A bad candidate before a good one, both of which stand: there are several boundaries."""
+        """Return a bad candidate and a later good one that both stand, as there are several boundaries; else None."""
         suspects = self.contradiction
         return suspects if suspects and all(self._count(each) >= self._enough for each in suspects) else None
 
     # --- parts -----------------------------------------------------------------------------------------------------
 
     def _end(self) -> int | None:
-        """An end that nobody has looked at."""
+        """Return an end that was not tested yet; None if both were."""
         ends = (self.length - 1, 0)
         return next((index for index in ends if not self._asked(index) and index not in self.untestable), None)
 
@@ -145,13 +151,13 @@ class Line:
 
     @cached_property
     def gaps(self) -> list[Gap]:
-        """The places between candidates that can be tested, with how likely each is."""
+        """Return the places between testable candidates, with their probabilities."""
         stops = [index for index in range(self.length) if self._asked(index) or self._open(index)]
         pairs = zip([-1, *stops], [*stops, self.length], strict=True)
         return [Gap(good=low, bad=high, mass=self.places.within(low + 1, high)) for low, high in pairs]
 
     def _testable(self, index: int) -> float:
-        """How likely a candidate can be tested: less so beside one that could not."""
+        """Return the chance that a candidate can be tested. It is lower near one that could not."""
         if self._asked(index):
             return 1.0
         return min((1 - 0.5 / abs(index - each) for each in self.untestable), default=1.0)
@@ -161,12 +167,15 @@ class Line:
 
     @property
     def _enough(self) -> int:
-        """Return how many like answers stand against a single boundary."""
+        """Return how many equal answers each side needs to disprove a single boundary."""
         return 1 + math.ceil(math.log(max(1 - self.rules.confidence, 1e-9)) / math.log(FLAKIEST))
 
     @cached_property
     def contradiction(self) -> tuple[int, int] | None:
-        """The nearest two, bad before good, neither of which ever answered otherwise."""
+        """Return the most surprising pair of a bad and a later good candidate, or None.
+
+        Neither of the two ever gave another answer.
+        """
         found: list[tuple[int, int]] = []
         last: int | None = None
         for index in range(self.length):
@@ -180,7 +189,7 @@ class Line:
         return max(1 - self.places.bad(pair[0]), self.places.bad(pair[1]))
 
     def _suspect(self, pair: tuple[int, int]) -> int | None:
-        """Which of two that contradict each other is asked again; None where both stand."""
+        """Return which of two contradictory candidates to test again; None if both stand."""
         if self.split:
             return None
         first, second = pair
@@ -189,7 +198,7 @@ class Line:
         return first if 1 - self.places.bad(first) > self.places.bad(second) else second
 
     def _fill(self, index: int, why: Hashable) -> None:
-        """What lies between two that failed of the same, and of which nothing is known, is taken to do so."""
+        """Give up the untested candidates between two with the same failure: they are assumed to share it."""
         for other, cause in self.untestable.items():
             low, high = sorted((index, other))
             if why is not None and cause == why and not any(map(self._asked, range(low, high))):
@@ -197,7 +206,7 @@ class Line:
                 self.__dict__.pop("gaps", None)
 
     def _give_up(self) -> None:
-        """Where too many on the way could not be tested, what lies between these is not tried."""
+        """Give up the candidates between untestable ones if too many of these lie around the boundary."""
         gap = self.gap
         low = max((each for each in range(max(gap.good, 0) + 1) if self._asked(each)), default=0)
         high = min((each for each in range(gap.bad, self.length) if self._asked(each)), default=self.length - 1)

@@ -1,4 +1,4 @@
-"""`minimise`: of many changes that together cure, a smallest set that does."""
+"""Find a smallest set among many changes that together cure (`minimise`)."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ MOST = 9
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Minimal(Generic[T]):
-    """The `items` that cure, none of which can be left out as far as that could be tested; None where all do not cure.
+    """The `items` that cure, none of which can be left out as far as that could be tested; None if all do not cure.
 
-    `asked` is every test in its order, `bound` how many a single culprit needs at most. `least` is whether each item
-    was seen to be needed; those of `unsure` could not be left out for a test.
+    `asked` is every test in order, `bound` how many tests a single culprit needs at most. `least` is true if each item
+    was shown to be needed; leaving out an item of `unsure` could not be tested.
     """
 
     items: tuple[T, ...] | None
@@ -36,16 +36,16 @@ class Minimal(Generic[T]):
 
 
 def minimise(items: Sequence[T], test: Callable[[tuple[T, ...]], Answer], *, rules: Rules = USUAL) -> Minimal[T]:
-    """Of items that cure together a set that does and of which no item can be left out.
+    """Return a set of items that cures and from which no item can be left out.
 
-    `test` says of a set, in the order of `items`, whether it is good; the whole is said to be good, the empty one bad.
-    One culprit takes about as many tests as a binary search. What `test` raises goes through.
+    `test` says whether a set, in the order of `items`, is good. The whole set is assumed to be good, the empty one bad.
+    One culprit takes about as many tests as a binary search. Exceptions of `test` pass through.
     """
     return _Search(items, test, rules).run()
 
 
 class _Search(Generic[T]):
-    """The state of one search: what each set answered."""
+    """The state of one search: the answers of each tested set."""
 
     def __init__(self, items: Sequence[T], test: Callable[[tuple[T, ...]], Answer], rules: Rules) -> None:
         self.items = tuple(items)
@@ -89,9 +89,9 @@ class _Search(Generic[T]):
         return answer
 
     def _shortest(self, needed: frozenset[int], rest: int) -> tuple[int, int] | None:
-        """The items at which ever longer beginnings, added to what is needed, start to cure: first, and after last.
+        """Return the items with which growing prefixes start to cure, as (first, after last).
 
-        None where all of them do not cure.
+        The needed items are added to each prefix. None if all items together do not cure.
         """
         sets = [needed | frozenset(range(count)) for count in range(rest, -1, -1)]
         known = {place: self.answers[each] for place, each in enumerate(sets) if each in self.answers}
@@ -101,7 +101,7 @@ class _Search(Generic[T]):
         return len(sets) - 1 - sets.index(found.bad), len(sets) - 1 - sets.index(found.good)
 
     def _good(self, indices: frozenset[int]) -> bool:
-        """Return whether a set cures: asked until one side is ahead by as much as the confidence wants."""
+        """Return whether a set cures. It is tested until one side leads by as much as the confidence requires."""
         wanted = max(1, round(-math.log10(max(1 - self.rules.confidence, 1e-9))))
         while True:
             answers = self.answers.get(indices, [])
@@ -112,7 +112,7 @@ class _Search(Generic[T]):
             self._ask(indices)
 
     def _spared(self, needed: frozenset[int]) -> tuple[frozenset[int], tuple[int, ...]]:
-        """What is left once every item that is not needed is left out; and those of which that could not be told."""
+        """Return the set without the items that are not needed, and those items for which that is unknown."""
         unsure = []
         for index in sorted(needed):
             without = needed - {index}

@@ -1,8 +1,8 @@
-"""Where a boundary may be, given answers of which some may be wrong: Bayes over places and rates of flakiness.
+"""Compute where a boundary may be if some answers are wrong: Bayes over places and rates of flakiness.
 
 The candidates 0, 1, ... are good up to some place and bad from there on. A place `p` says that candidate `p` is the
-first bad one: 0 that all are bad, the number of candidates that none is. How often a bad candidate looks good, and a
-good one bad, is not known either: each pair of rates is weighed by how well it fits what was seen.
+first bad one: 0 means that all are bad, the number of candidates that none is. How often a bad candidate looks good,
+and a good one bad, is unknown as well: each pair of rates is weighted by how well it fits the answers.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ RATES = tuple((b, g, p * q) for b, p in BAD_LOOKS_GOOD.items() for g, q in GOOD_
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Posterior:
-    """How likely each place is, and how likely `bad` is seen there: of a bad candidate, and of a good one.
+    """The probability of each place, and of seeing `bad` there: for a bad candidate, and for a good one.
 
-    `rates` are those of flakiness, as far as they can be told: a bad one looks good, a good one bad. `sums` are those
-    of `mass` up to each place.
+    `rates` are the estimated rates of flakiness: a bad candidate looks good, a good one bad. `sums` are the sums of
+    `mass` up to each place.
     """
 
     mass: tuple[float, ...]
@@ -38,15 +38,15 @@ class Posterior:
     sums: tuple[float, ...]
 
     def within(self, first: int, last: int) -> float:
-        """How likely the place is one of these."""
+        """Return the probability that the place is from `first` to `last`, both included."""
         return self.sums[last + 1] - self.sums[first]
 
     def bad(self, index: int) -> float:
-        """How likely a candidate is bad."""
+        """Return the probability that a candidate is bad."""
         return self.within(0, index)
 
     def gains(self) -> list[float]:
-        """What asking each candidate tells of the place, in bits."""
+        """Return the information that a test of each candidate gives about the place, in bits."""
         told = list(zip(self.mass, self.bad_if_bad, self.bad_if_good, strict=True))
         yes = list(accumulate(m * b for m, b, _ in told))
         no = list(accumulate(m * g for m, _, g in told))
@@ -59,7 +59,7 @@ class Posterior:
 
 
 def weighed(good: Sequence[int], bad: Sequence[int]) -> Posterior:
-    """The places, where each candidate was seen good and bad so many times."""
+    """Return the probabilities of the places, after each candidate was seen good and bad so many times."""
     count = len(good)
     seen = [index for index in range(count) if good[index] or bad[index]]
     logs = [_likely([(good[index], bad[index]) for index in seen], *rates) for rates in RATES]
@@ -90,7 +90,7 @@ def weighed(good: Sequence[int], bad: Sequence[int]) -> Posterior:
 
 
 def _likely(seen: Sequence[tuple[int, int]], missed: float, feigned: float, weight: float) -> list[float]:
-    """Logarithms of how likely it is what was seen, for one pair of rates, in each stretch of places."""
+    """Return the logarithms of the likelihood of the answers, for one pair of rates, in each stretch of places."""
     good_right, good_wrong = math.log(1 - feigned), math.log(missed)
     bad_right, bad_wrong = math.log(1 - missed), math.log(feigned)
     found = [math.log(weight) + sum(good * good_wrong + bad * bad_right for good, bad in seen)]

@@ -1,4 +1,4 @@
-"""Many cells: each question resolved once, each environment made once, results reused, several cells at a time."""
+"""Schedule many cells: resolve each question once, make each environment once, reuse results, run several at a time."""
 
 from harness.running.scheduler.control import Beside, Controlled
 from harness.running.scheduler.flow import run

@@ -1,4 +1,4 @@
-"""What the user brings for a cell: looked at once in a run, copied when something really has to run."""
+"""Handle the software that the user brings for a cell: look at it once in a run, copy it when something has to run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def missing(cell: Cell) -> Iterator[str]:
-    """What to do about what the user has not brought, a sentence for each."""
+    """Yield a sentence for each thing that the user has not brought: what to do about it."""
     if cell.bring:
         from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
 
@@ -24,18 +24,21 @@ def missing(cell: Cell) -> Iterator[str]:
 
 @dataclass(slots=True)
 class Luggage:
-    """What the user brought for the cells of a run, as it was when one of them first asked."""
+    """The software that the user brought for the cells of a run, as it was when a cell first asked for it."""
 
     offline: bool
     once: Once = field(default_factory=Once)
     seen: dict[str, Source] = field(default_factory=dict)
 
     def of(self, cell: Cell) -> tuple[Brought, ...]:
-        """What it is that a cell is measured with. Raises BadInput where a variable names nothing."""
+        """Return the brought software that a cell is measured with. Raises BadInput if a variable names nothing."""
         return tuple(source.found for source in self._sources(cell))
 
     def unpacked(self, cell: Cell) -> tuple[dict[str, Path], tuple[str, ...]]:
-        """The copies for a cell, by variable, and the folders that it imports modules from, in the order of both."""
+        """Return the copies for a cell, by variable, and the folders that it imports modules from.
+
+        The cell's own folders come first, then those of the copies in their order.
+        """
         if not cell.bring:
             return {}, cell.python_path
         from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up

@@ -1,4 +1,4 @@
-"""The net under each cell: an exception that nobody foresaw makes that cell inconclusive, and never ends the run.
+"""Catch exceptions that nobody foresaw: the cell becomes inconclusive, and the run goes on.
 
 Ctrl-C, SIGTERM and bad input on the command line end it as ever. So does an exception outside of cells, which is a bug
 (exit code 4).
@@ -37,11 +37,11 @@ class Owner(Protocol):
 
 
 def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
-    """Return the step at which a cell met this error, as one that says nothing about packages.
+    """Return the step at which a cell met this error, as a step that says nothing about packages.
 
-    The traceback is kept beside the evidence, and the user is told where. Raises the error again where it is to end
-    the run: bad input on the command line, a reader of our output who left, or a run that is stopped already. What one
-    combination of a matrix asks for and nobody can make anything of is the failure of that one.
+    The traceback is kept beside the evidence, and the user is told where. Raises the error again where it is to end the
+    run: bad input on the command line, a reader of our output who left, or a run that is stopped already. An unusable
+    requirement of one combination of a matrix is the failure of that combination.
     """
     of_matrix = isinstance(error, UnusableRequirement) and not cell.asked
     if isinstance(error, BrokenPipeError) or (isinstance(error, BadInput) and not of_matrix) or process.stopped():

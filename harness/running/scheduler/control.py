@@ -16,16 +16,16 @@ from harness.running.scheduler.settings import Observer
 
 @dataclass(frozen=True, slots=True)
 class Controlled:
-    """Measure cells with a runner, each record with the controls that it turns on.
+    """A runner of cells that completes each record with the controls that it turns on.
 
-    `results` has what came of every control that was asked for, by its id; runners of other settings may share it.
+    `results` has the record of every control that was asked for, by its id; runners of other settings may share it.
     """
 
     runner: Runner
     results: dict[str, ControlRecord] = field(default_factory=dict)
 
     def measure(self, cell: Cell) -> CellRecord:
-        """Take one cell through its phases; its results are kept, its record is not."""
+        """Take one cell through its phases; keep its results, but not its record."""
         return self.complete(self.runner.measure(cell))  # it may wait for others, and so holds nothing of theirs
 
     def known(self, cell: Cell) -> CellRecord | None:
@@ -59,7 +59,7 @@ class Controlled:
         return self.run(control, quick=quick)
 
     def run(self, control: Cell, *, quick: bool = False) -> ControlRecord:
-        """Return what a control came to: in this run, as it is stored, or run now."""
+        """Return the record of a control: from this run, from the store, or run now."""
         with self.runner.once.turn(("control", control.id)):
             if control.id not in self.results:
                 try:
@@ -92,16 +92,16 @@ def _name(control: Cell) -> str:
 
 
 class Beside:
-    """Tells of controls nothing but what a user has to know: their cells are none of those that are counted."""
+    """An observer that passes on only what a user has to know of controls: their cells are not counted."""
 
     def __init__(self, observer: Observer) -> None:
         self.say = observer.say
 
     def started(self, cell: Cell) -> None:
-        """It was said before."""
+        """Show nothing: the user was informed before."""
 
     def step(self, cell: Cell, text: str) -> None:
-        """Not shown."""
+        """Show nothing."""
 
     def done(self, record: CellRecord) -> None:
-        """Told by what comes of other cells."""
+        """Show nothing: the records of other cells show the result."""

@@ -1,4 +1,4 @@
-"""Many cells: what is known is told at once; the rest goes through two stages, of waiting and of computing.
+"""Run many cells: report known cells at once, take the rest through two stages, of waiting and of computing.
 
     cells --prepare--> ready --probe--> records
             (I/O)      (heap)   (CPU)
@@ -59,7 +59,7 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
 
 
 def _tell_of_old_results(store: Store, observer: Observer) -> None:
-    """Say once that results of an earlier version are no evidence: how a process ended was not kept."""
+    """Say once that results of an earlier version are not reused: they do not say how a process ended."""
     if (store.folder / "results").is_dir() and not Vault(store.folder).folder.is_dir():
         text = "results of an earlier version do not say how a probe ended: what is asked for is measured again"
         observer.say(text)
@@ -104,7 +104,7 @@ class Flow:
         self.held: dict[str, list[CellRecord]] = {}  # what waits for a control, by that
 
     def told(self, cell: Cell) -> bool:
-        """Keep the record of a cell, if all of it is known."""
+        """Keep the record of a cell, if all of it is known; return whether it is."""
         record = self.controlled.known(cell)
         if record:
             self._keep(record)
@@ -122,7 +122,7 @@ class Flow:
                 self._wait()
 
     def _grouped(self, cells: Sequence[Cell]) -> list[list[Cell]]:
-        """Cells that ask the same of the same Python, those with the longest first."""
+        """Return groups of cells that ask the same of the same Python, those with the longest cells first."""
         groups: dict[tuple[str, str], list[Cell]] = {}
         for cell in sorted(cells, key=lambda cell: self.order[cell.id]):
             groups.setdefault((digest(cell.question, cell.subject), cell.python), []).append(cell)
@@ -261,7 +261,7 @@ class Flow:
 
 @contextmanager
 def _threads(*sizes: int) -> Iterator[list[ThreadPoolExecutor]]:
-    """Threads that end, with every process they started, when the block is left by an exception."""
+    """Yield thread pools; an exception that leaves the block ends them, with every process they started."""
     pools = [ThreadPoolExecutor(max_workers=size, thread_name_prefix="cells") for size in sizes]
     try:
         yield pools

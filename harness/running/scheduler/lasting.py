@@ -1,4 +1,4 @@
-"""Whether a lock of an earlier run is what resolving its question again would give."""
+"""Decide whether resolving a question again would give the lock of an earlier run."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ FILE = "file://"
 def lasts(lock: Lock, question: Question, made: int) -> bool:
     """Return whether nothing can have changed that the lock, made at this time in nanoseconds, depends on.
 
-    The instant in the question says what there was, of all packages but those that escaped it. These must come from
-    folders of files, and all such folders be as they were.
+    The instant in the question fixes all packages but those that escaped it. These must come from folders of files, and
+    all such folders must be as they were.
     """
     if not lock.escaped:
         return True
@@ -31,7 +31,7 @@ def lasts(lock: Lock, question: Question, made: int) -> bool:
 
 
 def _changes(folder: Path) -> Iterator[float]:
-    """When the folder, its link and its files were last changed; never ending where it is gone."""
+    """Yield when the folder, its link and its files last changed, in nanoseconds; infinity if it is gone."""
     try:
         yield folder.lstat().st_ctime_ns
         yield folder.stat().st_ctime_ns

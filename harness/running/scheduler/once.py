@@ -1,4 +1,4 @@
-"""Work that several threads ask for and one does."""
+"""Do work once that several threads ask for."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 class Once:
-    """Does the work of a key once, however many threads ask for it."""
+    """A guard that lets the work of a key be done once, however many threads ask for it."""
 
     def __init__(self) -> None:
         self._locks: dict[Hashable, threading.Lock] = {}
@@ -16,7 +16,7 @@ class Once:
 
     @contextmanager
     def turn(self, key: Hashable) -> Iterator[None]:
-        """Hold the key; the first holder does the work, the next find it done."""
+        """Hold the key; the first holder does the work, the next holders find it done."""
         with self._guard:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:

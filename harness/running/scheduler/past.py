@@ -1,4 +1,4 @@
-"""What earlier runs say of how long a cell takes and how much memory it needs."""
+"""Estimate from earlier runs how long a cell takes and how much memory it needs."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class Past:
         self._known = {name: glance for name, glance in found.items() if glance}
 
     def seconds(self, cell: Cell) -> float:
-        """What the cell took the last time; without end where nobody knows, so that it is not left to the last."""
+        """Return the seconds that the cell took last time; infinity if unknown, so that it is not left to the last."""
         known = self._known.get(cell.id)
         ran = known is not None and any(phase.outcome is not Outcome.NOT_REACHED for phase in known.phases)
         return known.seconds if known and ran else float("inf")
 
     def memory_mb(self, cell: Cell) -> int:
-        """The most that one of its cases held the last time, here or in a like cell; never more than it may."""
+        """Return the most MB that one of its cases held last time, here or in a like cell; at most its limit."""
         peaks = self._known[cell.id].peaks if cell.id in self._known else {}
         return max((self._case(case.id, case.memory_mb, peaks) for case in cell.cases), default=0)
 
@@ -35,7 +35,7 @@ class Past:
 
     @cached_property
     def _elsewhere(self) -> dict[str, int]:
-        """The most that a case of this name held in any of the cells."""
+        """Return the most MB that a case of each name held in any of the cells."""
         most: dict[str, int] = {}
         for known in self._known.values():
             for case, peak in known.peaks.items():

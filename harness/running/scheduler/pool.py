@@ -1,4 +1,4 @@
-"""The environment of a cell, made only when it is needed, once for all cells that share it."""
+"""Make the environment of a cell only when it is needed, once for all cells that share it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Owner(Protocol):
 
 
 class Unknown(Exception):
-    """Something has to be done before the cell's record can be told."""
+    """Something has to be done before the cell's record is known."""
 
 
 class NoEnvironment(Exception):
@@ -61,7 +61,7 @@ class Pool:
         self.known = False
 
     def kept(self) -> Installed | None:
-        """What the install came to before, if that still holds."""
+        """Return the stored result of the install, if it still holds."""
         known, settings = self.owner.installed.get(self.key), self.owner.settings
         if known is None:
             known = None if settings.fresh else self.owner.store.load_installed(self.key)
@@ -72,7 +72,7 @@ class Pool:
         return replace(known, failed=replace(known.failed, reused=True)) if known.failed else known
 
     def install(self) -> Installed:
-        """Make the environment and keep what that came to."""
+        """Make the environment, keep the result of the install and return it."""
         with self.owner.once.turn(("install", self.key)):
             known = self.kept()  # another thread may have made it while we waited
             if known:
@@ -117,7 +117,7 @@ class Pool:
         )
 
     def environment(self) -> Environment:
-        """The environment itself, from the pool or made now."""
+        """Return the environment itself, from the pool or made now. Raises NoEnvironment."""
         from harness.packages.environments import bytecode, environments  # noqa: PLC0415 - start-up
 
         with self.owner.once.turn(("environment", self.key)):
@@ -157,12 +157,12 @@ class Pool:
 
 
 def code_folder(environment: Environment) -> Path:
-    """Return where the byte code of an environment is kept."""
+    """Return the folder of the byte code of an environment."""
     return cache_folder() / "pycache" / environment.path.name
 
 
 def conditioned(step: Step) -> Step:
-    """A failed build with the mark of the system that it failed on; a resolution depends on no system."""
+    """Return a failed build with a mark of the system that it failed on; a resolution depends on no system."""
     return replace(step, conditions=this_machine.conditions()) if step.phase is Phase.INSTALL else step
 
 

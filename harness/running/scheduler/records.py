@@ -1,4 +1,4 @@
-"""The record of a cell: with what can be told only at its end, or where it was stopped."""
+"""Complete the record of a cell, at its end or where it was stopped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from harness.running import case_run
 
 
 def finished(record: CellRecord) -> CellRecord:
-    """The record with what can be told only at its end."""
+    """Return the record with the fields that are known only at its end."""
     measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
     whole = record.install and record.install.outcome is Outcome.PASSED and case_run.reusable(record.cases)
     mark = record.mark if whole else None
@@ -20,7 +20,7 @@ def finished(record: CellRecord) -> CellRecord:
 
 
 def stopped(record: CellRecord, step: Step) -> CellRecord:
-    """A record whose resolve or install did not succeed: the cases are not reached."""
+    """Return a record whose resolve or install did not succeed: the cases are not reached."""
     cases = not_reached(record.cell)
     if step.outcome is Outcome.UNAVAILABLE:
         return replace(record, unavailable=step.decisive, cases=cases)
@@ -32,12 +32,12 @@ def stopped(record: CellRecord, step: Step) -> CellRecord:
 
 
 def not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
-    """Cases of a cell whose environment never came to be."""
+    """Return the cases of a cell whose environment never came to be."""
     return tuple(case_run.not_reached(case) for case in cell.cases)
 
 
 def with_modules(case: Case, installed: Installed) -> Case:
-    """The case with the modules of its packages; one that installs none is left to fail by its name.
+    """Return the case with the modules of its packages; a package without modules is left to fail by its name.
 
     Those that declare that they need the API come first: the others may register environments with it, too. Last come
     packages that an extra or another package brought.
@@ -67,6 +67,6 @@ def _seconds(record: CellRecord) -> float:
 
 
 def _reused(record: CellRecord) -> bool:
-    """Return whether nothing of it was measured in this run."""
+    """Return whether nothing of the record was measured in this run."""
     steps = [step.reused for step in (record.resolve, record.install) if step]
     return bool(steps) and all(steps) and all(phase.reused for phase in _phases(record))

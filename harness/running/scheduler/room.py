@@ -1,4 +1,4 @@
-"""How many probes run at a time: as many as there are slots, and memory for."""
+"""Decide how many probes run at a time: as many as there are slots, and memory for."""
 
 from __future__ import annotations
 

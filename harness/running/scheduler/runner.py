@@ -1,4 +1,4 @@
-"""Takes one cell through its phases; what several cells need is done once."""
+"""Take one cell through its phases; do work that several cells need once."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ if TYPE_CHECKING:
 class Prepared:
     """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
 
-    `claims` are what is to be measured, `environment` is where; `suite` comes after the cases. `site` is there where an
-    environment was all that was wanted. `told` is whether the record is that of an earlier run. `around` makes the
-    context of other settings.
+    `claims` are the keys of the runs to be made, `environment` is the key of where; `suite` comes after the cases.
+    `site` is there where an environment was all that was wanted. `told` is whether the record is that of an earlier
+    run. `around` makes the context of other settings.
     """
 
     record: CellRecord
@@ -68,9 +68,9 @@ class Prepared:
 
 @dataclass
 class Runner:
-    """Takes cells through their phases; what several of them need is done once.
+    """A runner that takes cells through their phases; work that several of them need is done once.
 
-    Any thread may call it. `measured` has the probe runs of this process by their keys. Controls are no matter of it.
+    Any thread may call it. `measured` has the probe runs of this process by their keys. It knows nothing of controls.
     """
 
     store: Store
@@ -92,7 +92,7 @@ class Runner:
         self.luggage = Luggage(offline=self.settings.offline)
 
     def measure(self, cell: Cell) -> CellRecord:
-        """Take one cell through its phases; its results are kept, its record is not."""
+        """Take one cell through its phases; keep its results, but not its record."""
         ready = self.prepare(cell)
         held = claim([self.store.claim_file(key) for key in ready.claims], wait=True)
         try:
@@ -102,13 +102,13 @@ class Runner:
                 held.release()
 
     def keep(self, record: CellRecord) -> None:
-        """Store the record of a cell, unless it tells less of the same than the one that is there."""
+        """Store the record of a cell, unless it tells less of the same than the record that is there."""
         wrong = record.cell.asked and unregistered(record)  # a mistyped id says nothing of packages
         if not wrong and record.cell.id not in self.unchanged and not self._tells_less(record):
             self.store.save_cell(record)
 
     def known(self, cell: Cell) -> CellRecord | None:
-        """The record of a cell of which everything is known; None where something has to be done."""
+        """Return the record of a cell of which everything is known; None where something has to be done."""
         try:
             ready = self._prepared(cell, quick=True)
             return ready.record if ready.told else finished(ready.record)
@@ -128,7 +128,7 @@ class Runner:
             return Prepared(record=stopped(CellRecord(cell=cell, machine=this_machine.facts().id), step))
 
     def probe(self, ready: Prepared) -> CellRecord:
-        """Run what is to be run of a prepared cell: mostly computing. The controls of its record are left to come."""
+        """Run the missing probes of a prepared cell, mostly computing; return its record, still without controls."""
         record = ready.record
         if ready.context:
             try:
@@ -158,14 +158,14 @@ class Runner:
     # --- resolving -------------------------------------------------------------------------------------------------
 
     def lock_of(self, cell: Cell, interpreter: Interpreter) -> tuple[Lock | None, Step]:
-        """The lock of a cell, for which its subject, if it has one, is built; or the step that failed."""
+        """Return the lock of a cell, or the step that failed; build its subject for that, if it has one."""
         asked, tested = self._asked(cell, interpreter, quick=False)
         return (None, tested) if isinstance(tested, Step) else self.lock(asked.question, interpreter)
 
     def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
-        """The lock of a question and how it came: kept from before, or resolved now, once for all that ask it.
+        """Return the lock of a question and how it came: kept from before, or resolved now, once for all that ask it.
 
-        `quick` raises Unknown where it was not resolved before.
+        `quick` raises Unknown if it was not resolved before.
         """
         key = question_key(question, interpreter)
         with self.once.turn(key):
@@ -177,7 +177,10 @@ class Runner:
         return known
 
     def _kept_lock(self, key: str, question: Question) -> tuple[Lock | None, Step] | None:
-        """The answer of an earlier run, where it still holds; a lock does, however fresh the rest is to be."""
+        """Return the stored answer to a question if it is still valid.
+
+        With `fresh` a lock stays valid as long as `lasts` finds no change; a failed resolution does not.
+        """
         kept = self.store.load_lock(key)
         if isinstance(kept, Step):
             mended = uv_failures.may_be_mended(kept) and not self.settings.offline
@@ -239,7 +242,7 @@ class Runner:
         return self._guarded_install(record, Pool(self, asked, lock, interpreter), tested, quick=quick)
 
     def _asked(self, cell: Cell, interpreter: Interpreter, *, quick: bool) -> tuple[Cell, Ready | Step | None]:
-        """The cell with what is to be resolved for it; and its subject, if it has one, or why there is no wheel."""
+        """Return the cell with its full question, and its subject, if it has one, or the step why there is no wheel."""
         if cell.subject is None:
             return cell, None
         from harness.packages import package_under_test  # noqa: PLC0415 - start-up
@@ -252,7 +255,7 @@ class Runner:
         return replace(cell, question=question), tested
 
     def _interpreter(self, cell: Cell, *, quick: bool) -> Interpreter | str:
-        """The Python of a cell, or why there is none."""
+        """Return the Python of a cell, or why there is none."""
         if self.settings.fetched:
             return self.settings.fetched.interpreter(cell)
         found = self.pythons.get(cell.python)
@@ -265,7 +268,7 @@ class Runner:
         return found or interpreters.hint(cell.python)
 
     def _guarded_install(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> Prepared:
-        """Install; what nobody foresaw there is the install's, not the resolution's."""
+        """Install; an unforeseen exception counts as the install's failure, not as the resolution's."""
         try:
             return self._installed(record, pool, tested, quick=quick)
         except Exception as error:
@@ -342,7 +345,7 @@ class Runner:
         )
 
     def _told(self, record: CellRecord) -> CellRecord | None:
-        """The last record of the cell, if all that it depends on is the same."""
+        """Return the last record of the cell, if all that it depends on is the same."""
         if self.settings.fresh or self.settings.again or record.mark is None:
             return None
         kept = self.store.load_cell(record.machine, record.cell)
@@ -354,7 +357,7 @@ class Runner:
         return replace(kept, cell=record.cell, installed=versions, reused=True)
 
     def _suite(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> undertest.Suite | None:
-        """The subject's own suite, resolved and installed, where the cell has one and is to come that far."""
+        """Return the subject's own suite, resolved and installed; None if the cell has none or stops before it."""
         cell = record.cell
         wanted = tested and cell.subject and cell.subject.suite and self.settings.until is Phase.SUITE
         if not wanted or tested is None:
@@ -374,7 +377,7 @@ class Runner:
         return suite
 
     def _place(self, pool: Pool, tested: Ready | None) -> tuple[Environment, Environment | None]:
-        """Where a cell is probed, and the environment below that, if that is a thin one."""
+        """Return the environment that a cell is probed in, and the environment below it, if it is a thin layer."""
         if tested is None:
             return pool.environment(), None
         from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
@@ -387,7 +390,7 @@ class Runner:
         return chosen | dict.fromkeys(record.cell.empty, "")
 
     def _identity(self, record: CellRecord) -> tuple[object, ...]:
-        """What the keys of results hold of a cell besides its environment."""
+        """Return the parts of a cell that the keys of its results hold besides its environment."""
         variables, files = sorted(self._variables(record).items()), sorted(record.cell.files.items())
         cell, brought = record.cell, [(one.name, one.mark) for one in record.brought]
         around = (cell.python_path, brought, [(one.variable, one.python_path) for one in cell.bring])
@@ -455,7 +458,7 @@ class Runner:
 
 
 def _missing(cell: Cell) -> str | None:
-    """What this machine lacks of what the cell needs."""
+    """Return a sentence on the needs of the cell that this machine lacks, and their remedies; None if it lacks none."""
     lacking = "; ".join(filter(None, (*missing(cell), this_machine.missing_for(cell.needs)))) or None
     if lacking or not cell.system:
         return lacking
@@ -465,7 +468,7 @@ def _missing(cell: Cell) -> str | None:
 
 
 def _unchecked(cell: Cell) -> tuple[Finding, ...]:
-    """What of the system could not be looked up."""
+    """Return a note on system packages of the cell that could not be looked up."""
     if not cell.system:
         return ()
     from harness.machine import debian_packages  # noqa: PLC0415 - start-up

@@ -1,4 +1,4 @@
-"""How a run is to be done, and who is told of it."""
+"""Define the settings of a run, and the observer that it reports to."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WAITING = "wait"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Settings:
-    """How a run is to be done; `until` is the last phase wanted.
+    """The settings of a run; `until` is the last phase wanted.
 
     `jobs` is how many cells are probed at a time, or `AUTO`, which asks `reading` what memory is left. `fresh`
     measures everything again, `again` what failed.
@@ -39,22 +39,25 @@ class Settings:
 
 
 class Observer(Protocol):
-    """Is told what goes on, from several threads at once."""
+    """An observer of a run, called from several threads at once."""
 
     def started(self, cell: Cell) -> None:
-        """A cell is being worked on."""
+        """Report that work on a cell begins."""
 
     def step(self, cell: Cell, text: str) -> None:
-        """What it is doing now (`resolve`, `install`, `wait`, a check's name)."""
+        """Report the current step of a cell (`resolve`, `install`, `wait`, a check's name)."""
 
     def done(self, record: CellRecord) -> None:
-        """A cell is finished and stored."""
+        """Report that a cell is finished and stored."""
 
     def say(self, text: str) -> None:
-        """Something to tell the user once."""
+        """Tell the user something once."""
 
 
 def default_jobs() -> int:
-    """One cell per core that this process may use; not every Slurm holds a task to the cores that it was given."""
+    """Return the number of cores that this process may use, one cell per core.
+
+    SLURM_CPUS_PER_TASK is an upper bound: not every Slurm holds a task to the cores that it was given.
+    """
     cores, given = len(os.sched_getaffinity(0)), os.environ.get("SLURM_CPUS_PER_TASK", "")
     return max(1, min(cores, int(given))) if given.isdigit() else cores

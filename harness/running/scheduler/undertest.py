@@ -1,4 +1,4 @@
-"""The package under test in a cell: made ready once for each Python, put on top, its suite run beside."""
+"""Test a package in a cell: make it ready once for each Python, put it on top, run its suite beside."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ class Owner(Protocol):
     subjects: dict[str, Ready | Step]
 
     def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
-        """The lock of a question, or why there is none."""
+        """Return the lock of a question, or why there is none."""
 
 
 def ready(owner: Owner, cell: Cell, interpreter: Interpreter, *, quick: bool) -> Ready | Step:
-    """The wheel of the cell's subject, or the step that failed, once in a run for each Python."""
+    """Return the wheel of the cell's subject, or the step that failed; made once in a run for each Python."""
     assert cell.subject
     asked = cell.question
     inputs = (asked.build_constraints, asked.build_variables, asked.only_binary, asked.index, asked.snapshot)
@@ -67,7 +67,7 @@ def ready(owner: Owner, cell: Cell, interpreter: Interpreter, *, quick: bool) ->
 
 
 def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str, *, quick: bool) -> Ready | Step:
-    """A wheel that was built before, a failure that still holds, or a build now."""
+    """Return a wheel that was built before, a failure that still holds, or the result of a build now."""
     assert cell.subject
     settings = owner.settings
     known = package_under_test.kept(cell.subject, interpreter, cell.question)
@@ -86,7 +86,7 @@ def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str, *, quic
 
 
 def extended(known: Installed, tested: Ready) -> Installed:
-    """What is installed, with the subject on top of it; it may register any environment."""
+    """Return the install with the subject on top of it; the subject may register any environment."""
     name = tested.tested.name
     return replace(
         known,
@@ -98,7 +98,7 @@ def extended(known: Installed, tested: Ready) -> Installed:
 
 
 def _refusals(known: Installed, tested: Ready) -> Iterator[Finding]:
-    """Packages that ask for another version of the subject, which was put on top all the same."""
+    """Yield a warning for each package that requires another version of the subject, which is installed anyway."""
     name, version = tested.tested.name, tested.tested.version
     for asker, line in known.unheld:
         need = parsed_requirement(line)
@@ -108,7 +108,7 @@ def _refusals(known: Installed, tested: Ready) -> Iterator[Finding]:
 
 
 def on_top(owner: Owner, pool: Pool, tested: Ready) -> Environment:
-    """The environment of a cell with the subject on top. Raises NoEnvironment."""
+    """Return the environment of a cell with the subject on top. Raises NoEnvironment."""
     base = pool.environment()
     key = digest("on top", base.key, tested.tested.content)
     with owner.once.turn(("environment", key)):
@@ -128,11 +128,11 @@ def on_top(owner: Owner, pool: Pool, tested: Ready) -> Environment:
 
 @dataclass
 class Suite:
-    """The suite of one cell: what is known of it, and how it is measured.
+    """The suite of one cell: its known result, and the way to measure it.
 
-    `cell` asks what was resolved for it, `lock` is its lock; `site` makes the place where a run happens of an
-    environment that is there and the one below it, `identity` is what a result's key holds of the cell besides the
-    environment.
+    `cell` has the question that was resolved for it, `lock` is its lock. `site` makes the place of a run from an
+    environment and the environment below it. `identity` is the part of a result's key that describes the cell besides
+    the environment.
     """
 
     owner: Owner
@@ -147,7 +147,7 @@ class Suite:
     key: str | None = field(default=None, init=False)
 
     def prepare(self, *, quick: bool) -> None:
-        """Resolve and install what it needs; raises Unknown where that was not done before and `quick` forbids it."""
+        """Resolve and install its needs; raises Unknown if that was not done before and `quick` forbids it."""
         assert self.cell.subject
         asked, subject = self.cell.question, self.cell.subject
         question = own_suites.question(asked, self.lock, subject, self.tested, self.interpreter)
@@ -173,7 +173,7 @@ class Suite:
         self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)
 
     def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
-        """Return whether it is known what becomes of it after these cases, and what; none where it is not reached."""
+        """Return whether the suite's result after these cases is known, and the result; None if it is not reached."""
         if not _imported(cases):
             return True, None
         found = self.failed or self._recalled()
@@ -186,7 +186,7 @@ class Suite:
         return None if self._todo(known) else judging.phase(known, reused=True)
 
     def _known(self) -> judging.Folded:
-        """Fold the runs that are kept, and those of this process whatever came of them."""
+        """Fold the stored runs that may be reused, and the runs of this process whatever their results."""
         assert self.key
         settings, vault = self.owner.settings, Vault(self.owner.store.folder)
         mine = self.owner.measured.get(self.key, ())
@@ -200,7 +200,7 @@ class Suite:
         return judging.todo(self.cell.subject.suite or model.Suite(), known, verify=self.owner.settings.verify)
 
     def measure(self, cases: tuple[CaseRecord, ...]) -> PhaseRecord | None:
-        """Bring it to an outcome, from a stored one where there is one. Raises NoEnvironment."""
+        """Return the suite's result, stored or measured now; None if it is not reached. Raises NoEnvironment."""
         told, found = self.known(cases)
         if told or self.pool is None or self.key is None:
             return found

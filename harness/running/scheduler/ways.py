@@ -1,4 +1,4 @@
-"""Other ways to draw: what failed under settings that we supplied ourselves is tried under the other ones, too."""
+"""Try other ways to draw: cases that failed under settings that we supplied are tried under the other settings, too."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ Around = Callable[[CellRecord], case_run.Context]
 
 
 def due(record: CellRecord) -> tuple[Mapping[str, str], ...]:
-    """The other settings under which the cases of a record are to be tried; none where nothing failed by drawing."""
+    """Return the other settings under which to try the cases of a record; none if nothing failed by drawing."""
     if not any(_failed(case) for case in record.cases):
         return ()
     return this_machine.other_ways(record.supplied, record.cell.environment, record.installed or ())
 
 
 def drawn_otherwise(record: CellRecord, cases: Iterable[Case], around: Around) -> CellRecord:
-    """The record under the first other settings with which all passes that failed by drawing, else as it is.
+    """Return the record under the first other settings with which everything that failed to draw passes.
 
-    What failed is tried first, and the rest only where that passes: a user has one set of settings for all of it.
+    If there are none, return the record as it is, with a note of the settings that were tried. Failed cases are tried
+    first, and the rest only if they pass: a user has one set of settings for all of it.
     """
     asked, tried = tuple(cases), []
     for supplied in due(record):
@@ -55,7 +56,7 @@ def drawn_otherwise(record: CellRecord, cases: Iterable[Case], around: Around) -
 
 
 def _failed(case: CaseRecord) -> frozenset[Phase]:
-    """The phases in which a check failed that was about to draw."""
+    """Return the phases in which a check failed that was about to draw."""
     return frozenset(phase.phase for phase in case.phases if any(map(_drawing, phase.checks)))
 
 

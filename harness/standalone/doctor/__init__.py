@@ -1,1 +1,1 @@
-"""`doctor`: what an environment holds, and what is wrong with it."""
+"""Inspect an environment (`doctor`): the packages it holds, and the problems in it."""

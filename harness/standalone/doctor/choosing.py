@@ -1,4 +1,4 @@
-"""Which environment is meant: the one that is named, else the active one, else the one that lies here."""
+"""Choose the environment to inspect: the one named, else the active one, else ./.venv, else `python` on PATH."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ HOW = "name an interpreter or the folder of an environment with --python PATH"
 
 
 class NoEnvironment(ValueError):
-    """No Python is where one is meant; the text says where, and what to do."""
+    """Raised when no Python lies in the expected place; the message says where, and what to do."""
 
 
 class Choice(NamedTuple):
-    """The interpreter of an environment, what named it, and what is to be said of that."""
+    """The interpreter of an environment, the reason for choosing it, and remarks on the choice."""
 
     python: str
     why: str
     remarks: List[str]
 
     def plain(self) -> Any:
-        """As documents hold it."""
+        """Return the choice as a plain dict."""
         return self._asdict()
 
 
@@ -66,7 +66,7 @@ def _places(variables: Mapping[str, str], folder: str) -> Iterator[Tuple[str, st
 
 
 def _inside(place: str) -> Optional[str]:
-    """The interpreter of an environment's folder."""
+    """Return the interpreter in an environment's folder; None if there is none."""
     paths = (os.path.join(place, *parts) for parts in NAMES)
     return next((path for path in paths if os.path.isfile(path) and os.access(path, os.X_OK)), None)
 
@@ -98,7 +98,7 @@ def _asked(text: str, variables: Mapping[str, str], folder: str) -> str:
 
 
 def _other(python: str, variables: Mapping[str, str]) -> List[str]:
-    """What is to be said where `python` starts another one than that of the environment."""
+    """Return a remark if `python` on PATH is not the one of this environment, else an empty list."""
     found = shutil.which("python", path=variables.get("PATH", os.defpath))
     if found is None or os.path.realpath(os.path.dirname(found)) == os.path.realpath(os.path.dirname(python)):
         return []

@@ -1,4 +1,4 @@
-"""What the packages of an environment declare, held against what is there."""
+"""Compare the declarations of an environment's packages with the versions and files that are there."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ SHOWN = 3
 
 
 class Finding(NamedTuple):
-    """Something to know, as documents hold it."""
+    """One finding of `doctor`: the check that made it, its level (note or warning), and its text."""
 
     check: str
     level: str
     text: str
 
     def plain(self) -> Dict[str, str]:
-        """As documents hold it."""
+        """Return the finding as a plain dict."""
         return dict(self._asdict())
 
 
 class Unmet(NamedTuple):
-    """A requirement that does not hold; `there` is the version that is there, None for none."""
+    """A requirement that is not met; `there` is the installed version, None if the package is missing."""
 
     asker: str
     text: str
@@ -37,7 +37,7 @@ class Unmet(NamedTuple):
 
 
 def environment(facts: Told) -> Dict[str, str]:
-    """The variables that markers ask for."""
+    """Return the values of the variables that markers use (PEP 508)."""
     python = facts["python"]
     whole = python["version"]
     return {
@@ -61,7 +61,7 @@ def environment(facts: Told) -> Dict[str, str]:
 
 
 def asked(facts: Told) -> Dict[str, List[Requirement]]:
-    """What each package asks for here, with the extras that others ask of it."""
+    """Return the requirements of each package that apply here, including the extras that other packages ask for."""
     about, there = environment(facts), effective(facts)
     extras: Dict[str, Set[str]] = {name: set() for name in there}
     found: Dict[str, List[Requirement]] = {}
@@ -88,7 +88,7 @@ def _wanted(one: Told, about: Mapping[str, str], extras: Set[str]) -> Iterator[R
 
 
 def unmet(facts: Told, versions: Mapping[str, str]) -> List[Unmet]:
-    """The requirements that these versions do not meet, those of what matters first."""
+    """Return the requirements that these versions do not meet, those of the packages that matter most first."""
     found = [
         Unmet(name, plain(each), each.name, versions.get(each.name))
         for name, requirements in asked(facts).items()
@@ -106,13 +106,13 @@ def _met(one: Requirement, versions: Mapping[str, str]) -> bool:
 
 
 def plain(one: Requirement) -> str:
-    """A requirement without its marker."""
+    """Return a requirement as text: name, extras and specifiers, without its marker."""
     extras = "[{}]".format(",".join(sorted(one.extras))) if one.extras else ""
     return "{}{}{}".format(one.name, extras, one.specifiers)
 
 
 def conflicts(facts: Told) -> List[Finding]:
-    """Missing packages and wrong versions, those that ask for the same on one line."""
+    """Return findings about missing packages and wrong versions, one for each required package."""
     there = {name: one["version"] or "0" for name, one in effective(facts).items()}
     found = unmet(facts, there)
     names = list(dict.fromkeys(one.name for one in found))
@@ -138,7 +138,7 @@ def _conflict(facts: Told, those: List[Unmet]) -> Finding:
 
 
 def pythons(facts: Told) -> List[Finding]:
-    """Packages that declare that they do not support this Python."""
+    """Return findings about packages that declare that they do not support this Python."""
     version = facts["python"]["version"].rstrip("+")
     found = []
     for name, one in effective(facts).items():
@@ -157,7 +157,7 @@ def pythons(facts: Told) -> List[Finding]:
 
 
 def metadata(facts: Told) -> List[Finding]:
-    """What is broken, there twice, or left over."""
+    """Return findings about metadata that is broken, duplicate or left over, and about lost or overwritten files."""
     return [*_broken(facts), *_twice(facts), *_gone(facts), *_claimed(facts), *_left(facts)]
 
 
@@ -215,7 +215,7 @@ def _left(facts: Told) -> Iterator[Finding]:
 
 
 def conda(facts: Told) -> List[Finding]:
-    """Packages of conda that pip has overwritten or removed, and records that cannot be read."""
+    """Return findings about conda packages that pip overwrote or removed, and records that cannot be read."""
     found = []
     there = effective(facts)
     site = set(facts["python"]["site_packages"])
@@ -243,7 +243,7 @@ def conda(facts: Told) -> List[Finding]:
 
 
 def mixed(facts: Told) -> List[Finding]:
-    """Both gym and gymnasium, and who asks for which."""
+    """Return a finding if both gym and gymnasium are installed, with the packages that require each."""
     there = effective(facts)
     if "gym" not in there or "gymnasium" not in there:
         return []

@@ -1,4 +1,8 @@
-"""What the caller's variables, folder and user site change: told by looking scrubbed, with one of them kept."""
+"""Find the differences that the caller's variables, folder and user site make.
+
+The environment is inspected without them (scrubbed), then with one of them kept, to find the one that causes a
+difference.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,10 @@ Told = Mapping[str, Any]
 
 
 class Difference(NamedTuple):
-    """Something that is otherwise when scrubbed. `kind` says what, `by` what makes it, none where that is not known."""
+    """A difference between the caller's view and the scrubbed one.
+
+    `kind` names what differs, `by` the settings that cause it (empty if that is unknown).
+    """
 
     kind: str
     module: str
@@ -29,18 +36,18 @@ class Difference(NamedTuple):
     by: Tuple[str, ...]
 
     def plain(self) -> Dict[str, Any]:
-        """As documents hold it."""
+        """Return the difference as a plain dict."""
         return dict(self._asdict(), by=list(self.by))
 
 
 def differences(here: Here, probes: Told) -> List[Difference]:
-    """All of them, each with what makes it."""
+    """Return all differences, each with the settings that cause it."""
     found = _of_start(here, probes) + _of_path(here, probes) + _of_packages(probes)
     return found + _of_imports(here, probes)
 
 
 def _of_start(here: Here, probes: Told) -> List[Difference]:
-    """A Python that does not start in the caller's variables, or only in these."""
+    """Return a difference if Python starts only with the caller's variables, or only without them."""
     texts = [str(probes[one].get("trouble", "")) for one in ("facts", "scrubbed")]
     if bool(texts[0]) is bool(texts[1]):
         return []
@@ -53,7 +60,7 @@ def _of_start(here: Here, probes: Told) -> List[Difference]:
 
 
 def _of_path(here: Here, probes: Told) -> List[Difference]:
-    """Folders that modules are imported from besides those of the environment."""
+    """Return the folders that the caller's settings add to those of the environment for imports, grouped by cause."""
     if "path" not in probes["facts"] or "path" not in probes["scrubbed"]:
         return []
     clean = set(probes["scrubbed"]["path"])
@@ -65,7 +72,7 @@ def _of_path(here: Here, probes: Told) -> List[Difference]:
 
 
 def origin(here: Here, told: Told, entry: str) -> Tuple[str, ...]:
-    """What puts a folder on the path."""
+    """Return the setting that puts a folder on the path; empty if that is unknown."""
     for name in ("PYTHONPATH", "PYTHONHOME"):
         for one in here.variables.get(name, "").split(os.pathsep):
             place = os.path.abspath(os.path.join(here.folder, one))
@@ -77,7 +84,7 @@ def origin(here: Here, told: Told, entry: str) -> Tuple[str, ...]:
 
 
 def _of_packages(probes: Told) -> List[Difference]:
-    """Packages that are of another version, seen from the caller's side."""
+    """Return the packages whose version differs between the caller's view and the scrubbed one."""
     here, clean = versions(probes["facts"]), versions(probes["scrubbed"])
     paths = {name: one["location"] for name, one in effective(probes["facts"]).items()}
     return [
@@ -88,7 +95,7 @@ def _of_packages(probes: Told) -> List[Difference]:
 
 
 def effective(told: Told) -> Dict[str, Dict[str, Any]]:
-    """The distribution of each name that Python finds first."""
+    """Return the distribution that Python finds first for each package name."""
     found: Dict[str, Dict[str, Any]] = {}
     for one in told.get("distributions", ()):
         found.setdefault(canonical(one["name"]), one)
@@ -96,7 +103,7 @@ def effective(told: Told) -> Dict[str, Dict[str, Any]]:
 
 
 def versions(told: Told) -> Dict[str, str]:
-    """What is installed, as far as it has a version."""
+    """Return the installed versions by package name; packages without a version are left out."""
     return {name: one["version"] for name, one in effective(told).items() if one["version"]}
 
 
@@ -104,7 +111,7 @@ def versions(told: Told) -> Dict[str, str]:
 
 
 def outcome(told: Told) -> Tuple[Any, ...]:
-    """What there is to compare of an import."""
+    """Return the comparable result of an import: error, real file, version, and the library's own answers."""
     if told["error"]:
         return ("error", told["error"], "", "")
     file = told["file"] and os.path.realpath(told["file"])
@@ -112,7 +119,7 @@ def outcome(told: Told) -> Tuple[Any, ...]:
 
 
 def said(told: Told) -> str:
-    """It, in a few words."""
+    """Describe the result of an import in a few words."""
     if told["error"]:
         return "fails: " + str(told["error"])
     parts = [told["file"] or "", told["version"] or ""]
@@ -151,12 +158,12 @@ def _kind(one: Told, other: Told) -> str:
 
 
 def _blamed(here: Here, names: Sequence[str], wanted: Mapping[str, Any], seen: Any) -> Dict[str, Tuple[str, ...]]:
-    """What brings each outcome about: one variable alone, found by keeping one at a time, else the fewest together."""
+    """Find the settings that cause each outcome: one alone, kept by itself, else the fewest together."""
     found: Dict[str, Tuple[str, ...]] = dict.fromkeys(wanted, ())
     trials = [0]
 
     def tried(kept: Sequence[str]) -> List[str]:
-        """The modules whose outcome these bring about; none where enough was tried."""
+        """Return the modules that have the wanted outcome with only these settings kept; none after too many runs."""
         trials[0] += 1
         if trials[0] > MOST_RUNS:
             return []
@@ -178,7 +185,10 @@ def _blamed(here: Here, names: Sequence[str], wanted: Mapping[str, Any], seen: A
 
 
 def _fewest(items: Sequence[str], enough: Callable[[Sequence[str]], bool]) -> Tuple[str, ...]:
-    """Few of these that still are enough: parts are left out, half of all first; none where all are not enough."""
+    """Return few of these items that are still enough; none if all are not enough.
+
+    Parts are left out, half of all first.
+    """
     kept = list(items)
     if not enough(kept):
         return ()

@@ -1,4 +1,4 @@
-"""`doctor`: what is wrong with an environment, told in one document and, for people, in a few lines."""
+"""Inspect an environment (`doctor`): make one document of findings, and show it to people in a few lines."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ OF_VERSIONS = frozenset(
 
 
 class Knowledge(NamedTuple):
-    """What an environment is held against: known failures as their files have them, and measured results."""
+    """Reference data of an inspection: known failures as their files have them, and measured results."""
 
     signatures: Sequence[Any]
     measured: Callable[[], Told]
@@ -62,7 +62,7 @@ More = Callable[[Choice, Told], Tuple[List[Finding], List[Seen]]]
 
 
 def document(asked: Asked, run: Run, known: Knowledge, more: Optional[More] = None) -> Dict[str, Any]:
-    """All that is found. Raises NoEnvironment where there is none to look at."""
+    """Inspect an environment and return the document of findings. Raises NoEnvironment if there is none."""
     choice = choosing.chosen(asked.python, asked.variables, asked.folder, asked.running)
     scratch = tempfile.mkdtemp(prefix="simmatrix-doctor-")
     try:
@@ -108,7 +108,10 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
 def _near(
     looked: Told, near: Optional[Near], how: Installer, env: Tuple[Optional[str], bool]
 ) -> Optional[Dict[str, Any]]:
-    """The nearest as the document holds it; `env` is what was asked for, and whether that was made there."""
+    """Return the nearest combination as the document holds it.
+
+    `env` is the requested environment, and whether it was made in that combination.
+    """
     if near is None:
         return None
     name, there = env
@@ -122,7 +125,7 @@ def _installer(here: Here, choice: Choice, looked: Told) -> Installer:
 
 
 def _found(here: Here, probes: Told, looked: Told, apart: Sequence[Any]) -> List[Finding]:
-    """What every environment is asked."""
+    """Return the findings of the checks that every environment gets."""
     found = [*_startless(probes, apart), *reading.failed(probes, apart), *reading.skipped(probes)]
     found += [*reading.hidden(here, looked), *declared.metadata(looked), *declared.conflicts(looked)]
     found += [*declared.pythons(looked), *declared.conda(looked), *declared.mixed(looked)]
@@ -131,7 +134,10 @@ def _found(here: Here, probes: Told, looked: Told, apart: Sequence[Any]) -> List
 
 
 def _startless(probes: Told, apart: Sequence[Any]) -> List[Finding]:
-    """A Python that starts neither way, though it tells what it holds without its `site`."""
+    """Return a finding if Python starts neither with the caller's variables nor without.
+
+    Its packages may still be known from a start without `site`.
+    """
     if any(one.kind == "start" for one in apart) or "trouble" not in probes["scrubbed"]:
         return []
     return [Finding("python.start", WARNING, "this Python does not start: {}".format(probes["scrubbed"]["trouble"]))]
@@ -143,7 +149,7 @@ def _rank(one: Finding) -> Tuple[bool, int]:
 
 
 def _lurking(one: Any) -> Finding:
-    """A known failure that these versions have, though nothing has failed yet."""
+    """Make a finding of a known failure that these versions have, though nothing has failed yet."""
     if one.silent and not one.pattern:
         return Finding("silent", WARNING, "{} ({})".format(one.plain["cause"], one.id))
     phases = ", ".join(one.phases)
@@ -175,7 +181,7 @@ def _environment(choice: Choice, looked: Told) -> Dict[str, Any]:
 
 
 def _nothing(here: Here, choice: Choice, looked: Told) -> Dict[str, Any]:
-    """What is said of a Python that tells nothing."""
+    """Return the document for a Python that cannot be inspected: it is too old, or does not start."""
     code = "import sys; sys.stdout.write('%d.%d' % sys.version_info[:2])"
     said = here.run([choice.python, "-E", "-c", code], here.scrubbed().variables, here.folder, 30.0).output.strip()
     numbers = said.split(".")
@@ -200,7 +206,7 @@ def _nothing(here: Here, choice: Choice, looked: Told) -> Dict[str, Any]:
 
 
 def code(made: Told) -> int:
-    """The exit code: notes alone are no finding; a Python that is too old cannot be looked at."""
+    """Return the exit code: 0 without warnings (notes do not count), 3 if Python is too old to be inspected, else 1."""
     checks = {one["check"] for one in made["findings"] if one["level"] == WARNING}
     return 3 if checks == {"python.version"} else 1 if checks else 0
 
@@ -209,7 +215,7 @@ def code(made: Told) -> int:
 
 
 def lines(made: Told, in_words: Callable[[Told], str]) -> Iterable[str]:
-    """The document for people: what decides first, then the rest, then what to change."""
+    """Yield the document as lines for people: the decisive finding first, then the rest, then what to change."""
     yield from _head(made["environment"])
     found = [one for one in made["findings"] if one["level"] == WARNING]
     yield from _causes(made, in_words)
@@ -277,12 +283,15 @@ def _nearest(made: Told) -> Iterable[str]:
 
 
 def _of_versions(made: Told, near: Told) -> bool:
-    """Whether something was found that other versions may mend; of an environment, where it was made with them."""
+    """Return whether other versions may fix one of the warnings.
+
+    Warnings about the requested environment (`env.*`) count only if it was made in the nearest combination.
+    """
     checks = {one["check"] for one in made["findings"] if one["level"] == WARNING} & OF_VERSIONS
     return any(near["env"] or not check.startswith("env.") for check in checks)
 
 
 def printed(text: str) -> None:
-    """Write to stdout, whatever characters it knows."""
+    """Write to stdout; characters that its encoding lacks are replaced."""
     encoding = sys.stdout.encoding or "ascii"
     sys.stdout.write(text.encode(encoding, "replace").decode(encoding) + os.linesep)

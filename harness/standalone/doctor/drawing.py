@@ -1,4 +1,7 @@
-"""What settings and libraries allow to be drawn, without drawing: what of `doctor --rendering` stands alone."""
+"""List what settings and libraries allow to be rendered, without rendering.
+
+This is the part of `doctor --rendering` that works without the rest of the harness.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ MORE = "which device each library draws on, the harness tells: pip install simma
 
 
 def findings(seen: Mapping[str, Any], variables: Mapping[str, str]) -> List[Finding]:
-    """What cannot be drawn with, and what to set."""
+    """Return findings about unusable rendering libraries, and the variables to set."""
     if not seen:
         return [Finding("rendering", NOTE, "what there is to draw with could not be told")]
     gone = {way: why for way, why in seen["libraries"].items() if why}
@@ -38,7 +41,7 @@ def _missing(gone: Mapping[str, str], variables: Mapping[str, str]) -> Iterator[
 
 
 def _mixed(variables: Mapping[str, str]) -> Iterator[Finding]:
-    """PyOpenGL that is to draw by other means than MuJoCo."""
+    """Yield a finding if PyOpenGL is set to another way of rendering than MuJoCo."""
     asked, platform = variables.get("MUJOCO_GL", "").lower(), variables.get("PYOPENGL_PLATFORM", "").lower()
     if asked in {"egl", "osmesa"} and platform and platform != asked:
         text = "MUJOCO_GL={} and PYOPENGL_PLATFORM={} contradict each other: unset PYOPENGL_PLATFORM".format(

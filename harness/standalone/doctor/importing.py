@@ -1,4 +1,4 @@
-"""Imports modules one after the other, each within its time: `python -B importing.py FILE SECONDS MODULE...`.
+"""Import modules one after the other, each within a time limit: `python -B importing.py FILE SECONDS MODULE...`.
 
 Run by the interpreter of an environment. FILE gets one line of JSON when an import starts and one when it has ended;
 what ends the process meanwhile, a crash or SIGALRM, is thereby known, too.
@@ -27,7 +27,7 @@ WATCHED = (
 
 
 def main(target: Any, seconds: Any, names: Any) -> None:
-    """Import each, and say what came of it."""
+    """Import each module, at most `seconds` for each, and write start and result of each to the file `target`."""
     descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     os.set_inheritable(descriptor, False)
     if not (getattr(sys.flags, "safe_path", False) or sys.flags.isolated):
@@ -70,7 +70,7 @@ def _version(module: Any) -> Any:
 
 
 def _asked(name: Any, module: Any) -> Any:
-    """What only a library itself can say: which native part it runs with, and which devices it sees."""
+    """Return facts that only the library knows: MuJoCo's native version, or torch's CUDA version and device count."""
     try:
         if name == "mujoco":
             return {"native": str(module.mj_versionString())}
@@ -82,7 +82,7 @@ def _asked(name: Any, module: Any) -> Any:
 
 
 def _mapped() -> Any:
-    """The shared libraries of this process of which there should be one, by their real paths."""
+    """Return the real paths of the loaded shared libraries of which a process should have only one."""
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as file:
             paths = {line.split(None, 5)[5].strip() for line in file if "/" in line}

@@ -1,4 +1,4 @@
-"""What an environment holds, told by its own interpreter: `python -B looking.py [FILE]` prints one JSON document.
+"""Describe an environment by its own interpreter: `python -B looking.py [FILE]` prints one JSON document.
 
 It stands alone, imports nothing of the environment and changes nothing in it. What cannot be read is data, too.
 """
@@ -13,7 +13,10 @@ SEARCHED = [entry for entry in sys.path if entry != HERE]
 
 
 def _standard(entries: Any) -> Any:
-    """The folders of the standard library: modules of ours come from there, whatever PYTHONPATH says."""
+    """Return the folders of the standard library.
+
+    This script's own imports come from there, whatever PYTHONPATH says.
+    """
     roots = {sys.base_prefix, sys.base_exec_prefix, sys.prefix, sys.exec_prefix}
     below = [one for one in entries if any(one.startswith(root + "/") for root in roots)]
     return [one for one in below if "site-packages" not in one and "dist-packages" not in one]
@@ -39,7 +42,7 @@ COMMON = frozenset(
 
 
 def document() -> Any:
-    """All that is to be told."""
+    """Return the description of this environment, as it is printed."""
     errors: List[str] = []
     entries = _entries()
     found = _all(entries)
@@ -59,7 +62,7 @@ def document() -> Any:
 
 
 def _noted(ask: Any, errors: Any, otherwise: Any) -> Any:
-    """What a function answers; why it does not is an error that is told."""
+    """Return a function's answer; if it raises, add a line to `errors` and return `otherwise`."""
     try:
         return ask()
     except Exception as error:
@@ -75,19 +78,22 @@ def _folder() -> Any:
 
 
 def _entries() -> Any:
-    """Where modules are searched for, in order; where `site` was left out, with the folder that it would have added."""
+    """Return the folders that Python searches for modules, in order.
+
+    If `site` was left out, the folder that it would have added is included.
+    """
     entries = [os.path.abspath(one) for one in SEARCHED if one]
     return list(dict.fromkeys([*entries, *(_site_packages() if sys.flags.no_site else ())]))
 
 
 def _prefix() -> Any:
-    """The folder of the environment; without `site`, an older Python does not know it."""
+    """Return the folder of the environment; an older Python does not know it without `site`."""
     place = os.path.dirname(os.path.dirname(os.path.abspath(sys.executable)))
     return place if os.path.isfile(os.path.join(place, "pyvenv.cfg")) else sys.prefix
 
 
 def _site_packages() -> Any:
-    """Where the packages of the environment lie."""
+    """Return the folders that hold the packages of the environment."""
     variables = {"base": _prefix(), "platbase": _prefix()}
     paths = sysconfig.get_paths(vars=variables)
     return list(dict.fromkeys(paths[name] for name in ("purelib", "platlib")))
@@ -154,7 +160,7 @@ def _all(entries: Any) -> Any:
 
 
 def _distribution(entry: Any, name: Any) -> Any:
-    """One distribution as its metadata tells it; `trouble` is why that cannot be had."""
+    """Describe one distribution by its metadata; `trouble` says why the metadata cannot be read."""
     place = os.path.join(entry, name)
     told, trouble = _metadata(place)
     stem = os.path.basename(entry) if name == "EGG-INFO" else name
@@ -186,7 +192,7 @@ def _distribution(entry: Any, name: Any) -> Any:
 
 
 def _metadata(place: Any) -> Any:
-    """The headers by name, in small letters; and why they cannot be read."""
+    """Return the metadata headers by lower-case name, and the reason if they cannot be read (else None)."""
     paths = [os.path.join(place, name) for name in ("METADATA", "PKG-INFO")] if os.path.isdir(place) else [place]
     path = next((one for one in paths if os.path.exists(one)), None)
     if path is None:
@@ -222,7 +228,7 @@ def _headers(text: Any) -> Any:
 
 
 def _requires(place: Any) -> Any:
-    """The requirements of an egg-info, whose sections are extras and markers."""
+    """Return the requirements of an egg-info; its sections (extras and conditions) become markers."""
     found: List[str] = []
     extra = marker = ""
     for line in map(str.strip, _text(os.path.join(place, "requires.txt")).splitlines()):
@@ -236,7 +242,7 @@ def _requires(place: Any) -> Any:
 
 
 def _recorded(place: Any) -> Any:
-    """The files that RECORD lists, relative to the folder of packages, each with its hash; None without one."""
+    """Return the files that RECORD lists, with their hashes, relative to the package folder; None without RECORD."""
     path = os.path.join(place, "RECORD")
     if not os.path.isfile(path):
         return None
@@ -245,7 +251,7 @@ def _recorded(place: Any) -> Any:
 
 
 def _modules(place: Any, files: Any) -> Any:
-    """The names that can be imported: the first part of each file of code."""
+    """Return the names that can be imported: the first part of each recorded code file, else top_level.txt."""
     if files is None:
         return sorted(line.strip() for line in _text(os.path.join(place, "top_level.txt")).splitlines() if line.strip())
     tops = {one.split("/")[0].partition(".")[0] for one in files if one.endswith(CODE) and ".data/" not in one}
@@ -253,7 +259,7 @@ def _modules(place: Any, files: Any) -> Any:
 
 
 def _linked(entry: Any, name: Any) -> Any:
-    """Where an old editable installation leads."""
+    """Return the folder that an old editable installation (`.egg-link`) points to; None without one."""
     for spelled in (name, name.replace("_", "-")):
         lines = _text(os.path.join(entry, spelled + ".egg-link")).splitlines()
         if lines:
@@ -265,7 +271,7 @@ looked_at: List[str] = []
 
 
 def _missing(entry: Any, files: Any) -> Any:
-    """The files of code that RECORD lists and that are gone."""
+    """Return the code files that RECORD lists and that are gone."""
     plain = [one for one in files if not one.startswith(("..", "/")) and one.endswith(CODE)]
     if len(looked_at) + len(plain) > MOST_FILES:
         return []
@@ -274,7 +280,7 @@ def _missing(entry: Any, files: Any) -> Any:
 
 
 def _claimed(found: Any) -> Any:
-    """Files that several distributions of a folder claim as their own: what was installed last has overwritten them.
+    """Find files that several distributions of a folder claim: the last one installed has overwritten the others.
 
     Two that bring the very same file do each other no harm.
     """
@@ -295,7 +301,7 @@ def _claimed(found: Any) -> Any:
 
 
 def _leftovers(entry: Any) -> Any:
-    """What an interrupted installation left: folders that begin with a tilde."""
+    """Return the leftovers of an interrupted installation: entries whose names begin with a tilde."""
     try:
         return [os.path.join(entry, name) for name in sorted(os.listdir(entry)) if name.startswith("~")]
     except OSError:
@@ -306,7 +312,7 @@ def _leftovers(entry: Any) -> Any:
 
 
 def _hidden(found: Any, entries: Any) -> Any:
-    """Modules that exist twice where Python searches: `first` is taken, `then` is what a distribution or Python has.
+    """Find modules that exist twice: `first` is imported, `then` is that of a distribution or of Python.
 
     The working folder comes first, as it does for `python -c` and for a script that lies there.
     """
@@ -336,7 +342,7 @@ def _hiding_standard(order: Any, tops: Any) -> Any:
 
 
 def _importable(entry: Any) -> Any:
-    """The modules and packages of a folder by name; a folder without `__init__.py` hides nothing."""
+    """Return the modules and packages of a folder by name; a folder without `__init__.py` hides nothing."""
     found: Dict[str, str] = {}
     try:
         names = sorted(os.listdir(entry))
@@ -355,7 +361,7 @@ def _importable(entry: Any) -> Any:
 
 
 def _conda() -> Any:
-    """What conda has put here. `metadata` are the folders of Python metadata of each package."""
+    """Return the packages that conda installed here. `metadata` are the folders of Python metadata of each package."""
     place = os.path.join(_prefix(), "conda-meta")
     found: List[Dict[str, Any]] = []
     for name in sorted(os.listdir(place)) if os.path.isdir(place) else ():

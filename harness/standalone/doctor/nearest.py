@@ -1,4 +1,4 @@
-"""The measured combination that works and lies nearest to what is installed, and what would have to change.
+"""Find the working measured combination nearest to the installed packages, and the changes that lead to it.
 
 `measured` is the document of measured results: cells with verdict, Python, cases and the lock of each.
 """
@@ -27,14 +27,14 @@ FAILED = frozenset(("failed", "crashed", "timed_out"))
 
 
 class Change(NamedTuple):
-    """Another version of a package; `now` is None where it is not there."""
+    """A change of one package: `now` is the installed version (None if missing), `then` the version to install."""
 
     name: str
     now: Optional[str]
     then: str
 
     def plain(self) -> Dict[str, Any]:
-        """As documents hold it."""
+        """Return the change as a plain dict."""
         return dict(self._asdict())
 
 
@@ -53,17 +53,17 @@ class Near(NamedTuple):
 
     @property
     def distance(self) -> int:
-        """What the changes weigh together, another patch release least."""
+        """Return the sum of the weights of all changes; another patch release weighs least."""
         return sum(max(weight(one.name), 1) * _gap(one) for one in self.changes)
 
 
 def minor(text: Optional[str]) -> str:
-    """The first two parts of a version of Python."""
+    """Return the first two parts of a version of Python."""
     return ".".join((text or "").split(".")[:2])
 
 
 def subjects(facts: Told) -> List[str]:
-    """What this environment is there for, as far as it is known here."""
+    """Return the simulators that are installed here, sorted by name."""
     return sorted(set(versions(facts)) & SIMULATORS)
 
 
@@ -74,7 +74,7 @@ def found(
     remedies: Sequence[str] = (),
     issues: Sequence[Any] = (),
 ) -> Optional[Near]:
-    """Return the nearest cell, one that hurts nothing which stays before others; None where nothing known is installed.
+    """Return the nearest cell, first one that breaks no unchanged package; None if nothing known is installed.
 
     One that does what `remedies` ask for is nearer. One whose own versions run into one of the `issues` (known failures
     of what is installed here) is no answer, whatever passed there.
@@ -92,7 +92,7 @@ def found(
 
 
 def _green(measured: Told, env: Optional[str]) -> Iterator[Tuple[Told, Dict[str, str]]]:
-    """The cells that work, with what is installed in them."""
+    """Yield the cells that work, each with its installed versions."""
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
         if lock and good(cell) and not cell.get("repairs") and (env is None or _has(cell, env)):
@@ -124,7 +124,7 @@ def _has(cell: Told, env: str) -> bool:
 
 
 def bare(env: str, api: str) -> str:
-    """The id of an environment without the name of its API."""
+    """Return the id of an environment without the name of its API."""
     return env[len(api) + 1 :] if env.startswith(api + ":") else env
 
 
@@ -156,7 +156,10 @@ def _matters(one: Change) -> bool:
 
 
 def _order(one: Near, facts: Told) -> Tuple[Any, ...]:
-    """The nearest is least: with all that is there, little to be changed, another Python counting as a change."""
+    """Return a sort key, least for the nearest cell: it has all that is here, and needs few changes.
+
+    Another Python counts as a change.
+    """
     away = _away(one.cell["python"], facts["python"]["version"])
     numpy = one.lock.get("numpy", "0")
     newest = tuple(-part for part in version(numpy).release) if is_version(numpy) else ()
@@ -168,7 +171,7 @@ def _order(one: Near, facts: Told) -> Tuple[Any, ...]:
 
 
 def _old(one: Near) -> List[Any]:
-    """What has to be installed that is not there at all: gymnasium before others, the newest of them."""
+    """Return a sort key of the packages missing here: gymnasium first, then the newest versions."""
     new = [each for each in one.changes if each.now is None]
     return [(each.name != "gymnasium", each.name, [-part for part in version(each.then).release]) for each in new]
 
@@ -185,7 +188,10 @@ def _away(one: Optional[str], other: str) -> int:
 
 
 def _gap(one: Change) -> int:
-    """How far two versions are apart: 1 within a minor version, 2 within a major one, else 3; 0.1 and 0.2 are two."""
+    """Return how far two versions are apart: 1 within a minor version, 2 within a major one, else 3.
+
+    Before 1.0 each minor version counts as a major one.
+    """
     if one.now is None or not (is_version(one.now) and is_version(one.then)):
         return 3
     now, then = version(one.now).release, version(one.then).release
@@ -202,7 +208,7 @@ def _with_missing(facts: Told, one: Near, asked: Sequence[Requirement]) -> Near:
 
 
 def _with_needs(facts: Told, one: Near) -> Near:
-    """With the further changes that packages need which stay as they are."""
+    """Add the changes of further packages that would otherwise conflict with the changes."""
     there = versions(facts)
     changes = list(one.changes)
     before = {(each.asker, each.name) for each in unmet(facts, there)}
@@ -217,7 +223,7 @@ def _with_needs(facts: Told, one: Near) -> Near:
 
 
 def hurt(facts: Told, one: Near) -> List[str]:
-    """What stays as it is and asks for something else than what the changes bring."""
+    """Return sentences about unchanged packages whose requirements the changes break."""
     there = versions(facts)
     changed = {each.name: each.then for each in one.changes}
     before = {(each.asker, each.name) for each in unmet(facts, there)}
@@ -233,7 +239,7 @@ def hurt(facts: Told, one: Near) -> List[str]:
 
 
 def failed(facts: Told, measured: Told) -> List[Finding]:
-    """What was measured to fail with these very versions, where no measurement with them works."""
+    """Return a finding if exactly these versions were measured to fail, and no measurement with them works."""
     wanted = subjects(facts)
     python = minor(facts["python"]["version"])
     red: List[Told] = []
@@ -250,7 +256,7 @@ def failed(facts: Told, measured: Told) -> List[Finding]:
 
 
 def _failing(cell: Told, wanted: Sequence[str]) -> List[str]:
-    """The environments that failed, of those that speak an API of what is there."""
+    """Return the environments that failed in a cell, of those whose API is installed here."""
     return [case["env"] for case in cell["cases"] if case["env"] and package(case["api"]) in wanted and _bad(case)]
 
 
@@ -277,7 +283,7 @@ def command(one: Near, installer: Installer) -> Optional[str]:
 
 
 def remarks(facts: Told, one: Near) -> List[str]:
-    """What does not fit, said so."""
+    """Return sentences on the limits of a combination: another Python, parts not tested, settings, conflicts."""
     python, there = minor(facts["python"]["version"]), minor(one.cell["python"])
     told = []
     if python != there:
@@ -293,7 +299,10 @@ def remarks(facts: Told, one: Near) -> List[str]:
 
 
 def plain(facts: Told, one: Near, installer: Installer, env: Optional[str] = None) -> Dict[str, Any]:
-    """As documents hold it; `env` is the environment that was made and stepped there, as far as one was asked for."""
+    """Return the combination as a plain dict.
+
+    `env` is the environment that was made and stepped there, if one was requested.
+    """
     cell = one.cell
     return {
         "cell": cell["id"],

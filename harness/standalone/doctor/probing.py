@@ -1,4 +1,4 @@
-"""Looks at an environment twice: in the caller's variables and folder as they are, and scrubbed."""
+"""Inspect an environment twice: with the caller's variables and folder as they are, and without (scrubbed)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NO_USER_SITE = "PYTHONNOUSERSITE"
 
 
 class Here(NamedTuple):
-    """From where an environment is looked at: the variables and the folder of whoever asks."""
+    """The point of view of an inspection: the interpreter, and the variables and folder of the caller."""
 
     run: Run
     python: str
@@ -32,7 +32,10 @@ class Here(NamedTuple):
     scratch: str
 
     def scrubbed(self, *kept: str, folder: Optional[str] = None) -> Here:
-        """The same without what the caller has set, but for some variables; in an empty folder, or in this one."""
+        """Return a copy without the caller's variables, except basic ones and `kept`.
+
+        It works in `folder`, or without one in an empty folder.
+        """
         left = {
             name: value
             for name, value in self.variables.items()
@@ -44,7 +47,7 @@ class Here(NamedTuple):
 
     @property
     def removed(self) -> List[str]:
-        """The variables that scrubbing takes away."""
+        """Return the names of the variables that scrubbing removes."""
         left = self.scrubbed().variables
         return sorted(name for name in self.variables if name not in left and self.variables[name])
 
@@ -54,13 +57,13 @@ USER_SITE = "the user site"
 
 
 def made(folder: str) -> str:
-    """The folder, made where it is not there."""
+    """Return the folder; make it if it does not exist."""
     os.makedirs(folder, exist_ok=True)
     return folder
 
 
 def facts(here: Here, name: str, *flags: str) -> Dict[str, Any]:
-    """What the interpreter tells of its environment; `trouble` is why it tells nothing."""
+    """Return the interpreter's description of its environment; if it gives none, `trouble` is the reason."""
     target = os.path.join(here.scratch, name + ".json")
     argv = [here.python, "-B", *flags, _script(here, "looking.py"), target]
     ran = here.run(argv, here.variables, here.folder, LOOKING_SECONDS)
@@ -74,7 +77,7 @@ def facts(here: Here, name: str, *flags: str) -> Dict[str, Any]:
 
 
 def seen(here: Here) -> Dict[str, Any]:
-    """What there is to draw with; empty where that cannot be told."""
+    """Return the rendering libraries and devices found here; empty if they cannot be determined."""
     target = os.path.join(here.scratch, "seen.json")
     here.run([here.python, "-B", _script(here, "seeing.py"), target], here.variables, here.folder, 30.0)
     try:
@@ -85,7 +88,7 @@ def seen(here: Here) -> Dict[str, Any]:
 
 
 def ended(ran: Ran) -> str:
-    """How a process ended that should not have, in a line."""
+    """Describe in one line the end of a process that should have succeeded."""
     lines = [line.strip() for line in ran.output.splitlines() if line.strip()]
     if ran.timed_out:
         return "it did not end in its time"
@@ -95,7 +98,7 @@ def ended(ran: Ran) -> str:
 
 
 def _script(here: Here, name: str) -> str:
-    """The path of a script that the environment's own interpreter runs: a copy, since ours may lie in an archive."""
+    """Return the path of a script for the environment's own interpreter: a copy, since ours may lie in an archive."""
     path = os.path.join(made(os.path.join(here.scratch, "scripts")), name)
     if not os.path.exists(path):
         with open(path, "wb") as file:
@@ -104,7 +107,7 @@ def _script(here: Here, name: str) -> str:
 
 
 def modules(told: Mapping[str, Any]) -> List[str]:
-    """The modules that are imported: those of the packages that matter, as far as they are there."""
+    """Return the modules to import: those of the packages that matter and are installed."""
     names = {canonical(one["name"]) for one in told.get("distributions", ())}
     tops = set(told.get("importable", ()))
     found = [module for name, module in MODULES.items() if name in names or module in tops]
@@ -112,7 +115,7 @@ def modules(told: Mapping[str, Any]) -> List[str]:
 
 
 def left_out(told: Mapping[str, Any]) -> Dict[str, str]:
-    """The packages that are there and not imported, with the reason."""
+    """Return the installed packages that are not imported, with the reason."""
     names = {canonical(one["name"]) for one in told.get("distributions", ())}
     return {name: why for name, why in LEFT_OUT.items() if name in names}
 
@@ -121,7 +124,7 @@ def left_out(told: Mapping[str, Any]) -> Dict[str, str]:
 
 
 def imports(here: Here, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
-    """What came of importing each, one after the other; what failed is tried alone once more.
+    """Import the modules one after the other and return their results; those that fail are tried again alone.
 
     `alone` says that a module can be imported where no other one is.
     """
@@ -184,7 +187,7 @@ def _lines(path: str) -> Iterator[Dict[str, Any]]:
 
 
 def probed(here: Here) -> Dict[str, Any]:
-    """All that is found: `facts`, `imports` as it is, `scrubbed` and `clean_imports` scrubbed."""
+    """Return all results: `facts` and `imports` as it is, `scrubbed` and `clean_imports` scrubbed."""
     clean = here.scrubbed()
     as_it_is, scrubbed = facts(here, "as-it-is"), facts(clean, "scrubbed")
     if "trouble" in scrubbed:

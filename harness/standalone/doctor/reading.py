@@ -1,4 +1,4 @@
-"""What was found in an environment, as findings: imports that fail, modules that are hidden, libraries loaded twice."""
+"""Make findings of an inspection: imports that fail, modules that are hidden, libraries loaded twice."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ TOLD = tuple(
 
 
 def failed(probes: Told, apart: Sequence[Difference]) -> List[Finding]:
-    """The imports that fail, but for those that a difference tells of already."""
+    """Return findings about imports that fail, except those that a difference already explains."""
     told = {one.module for one in apart if one.kind in {"import", "error"}}
     found = []
     for name, one in (probes["imports"] or probes["clean_imports"]).items():
@@ -53,7 +53,7 @@ def failed(probes: Told, apart: Sequence[Difference]) -> List[Finding]:
 
 
 def evidence(probes: Told) -> Iterator[Seen]:
-    """What the imports that fail have written."""
+    """Yield the errors and tracebacks of failed imports as evidence for known failures."""
     for one in (probes["imports"] or probes["clean_imports"]).values():
         if one["error"]:
             told = tuple(filter(None, (one["error"], one.get("traceback"))))
@@ -61,7 +61,7 @@ def evidence(probes: Told) -> Iterator[Seen]:
 
 
 def skipped(probes: Told) -> List[Finding]:
-    """What was not imported, and why."""
+    """Return notes on the packages that were not imported, with the reason."""
     return [
         Finding("import.skipped", NOTE, "{} was not imported: {}".format(name, why))
         for name, why in probes["left_out"].items()
@@ -72,12 +72,15 @@ def skipped(probes: Told) -> List[Finding]:
 
 
 def around(facts: Told) -> Around:
-    """What known failures are held against."""
+    """Return the context for known failures: the installed versions and Python."""
     return Around(installed=versions(facts), python=facts["python"]["version"].rstrip("+"))
 
 
 def known_causes(known: Iterable[Any], probes: Told, facts: Told, more: Sequence[Seen] = ()) -> Tuple[Hit, ...]:
-    """The known failures that the errors themselves show, the deepest cause first; a log has much that is none."""
+    """Return the known failures that the errors themselves show, the deepest cause first.
+
+    Matches in a log alone do not count.
+    """
     hits = diagnose(known, [*evidence(probes), *more], around(facts))
     return tuple(hit for hit in hits if hit.told)
 
@@ -88,7 +91,7 @@ def quiet(known: Iterable[Any], facts: Told, env: Optional[str] = None) -> List[
 
 
 def foreseen(known: Iterable[Any], facts: Told) -> List[Any]:
-    """The known failures of exactly these versions: all take part, and the remedy asks for others.
+    """Return the known failures of exactly these versions: all take part, and the remedy asks for others.
 
     Two packages at least are named with versions, or one with Pythons: what fails with any version is not foreseen.
     Of several with one remedy that which shows in the fewest phases stands for all.
@@ -110,7 +113,7 @@ def _bounded(one: Any) -> bool:
 
 
 def versions_asked(known: Iterable[Any]) -> List[str]:
-    """The requirements of remedies."""
+    """Return the requirements and constraints of all remedies."""
     remedies = [one.plain.get("remedy", {}) for one in known]
     return [text for one in remedies for key in ("requirements", "constraints") for text in one.get(key, ())]
 
@@ -125,7 +128,7 @@ def _mended(one: Any, there: Mapping[str, str]) -> bool:
 
 
 def hidden(here: Here, facts: Told) -> List[Finding]:
-    """Modules that are found before those that the packages of the environment bring."""
+    """Return findings about modules that are found before those of the environment's packages."""
     own = tuple(one + os.sep for one in facts["python"]["site_packages"])
     groups: Dict[Tuple[str, bool], List[Told]] = {}
     for one in facts["hidden"]:
@@ -135,7 +138,7 @@ def hidden(here: Here, facts: Told) -> List[Finding]:
 
 
 def _place(here: Here, facts: Told, path: str) -> str:
-    """From where a module is taken."""
+    """Return the place that a module is imported from, in words."""
     if os.path.dirname(path) == here.folder or os.path.dirname(os.path.dirname(path)) == here.folder:
         return "the working folder"
     entries = [entry for entry in facts["path"] if path.startswith(entry + os.sep)]
@@ -159,7 +162,7 @@ def _hiding(place: str, those: Sequence[Told], *, standard: bool) -> Finding:
 
 
 def twice(probes: Told) -> List[Finding]:
-    """Shared libraries of which a process had more than one."""
+    """Return findings about shared libraries that were loaded more than once in a process."""
     paths = sorted({path for one in probes["imports"].values() for path in one["libraries"]})
     groups: Dict[str, Dict[str, str]] = {}
     for path in paths:
@@ -171,7 +174,7 @@ def twice(probes: Told) -> List[Finding]:
 
 
 def _stem(path: str) -> str:
-    """What a library is called, whatever its version."""
+    """Return the name of a library without its version."""
     name = os.path.basename(path)
     found = STEM.match(name)
     return found.group(1) if found else name
@@ -189,7 +192,7 @@ def _double(kind: str, those: Mapping[str, str]) -> Finding:
 
 
 def different(here: Here, facts: Told, apart: Sequence[Difference]) -> List[Finding]:
-    """What the caller's settings change, in sentences."""
+    """Return findings about the differences that the caller's settings make."""
     tellers = {
         "start": _start,
         "path": _path,
@@ -213,7 +216,7 @@ def different(here: Here, facts: Told, apart: Sequence[Difference]) -> List[Find
 
 
 def _without_effect(here: Here, apart: Sequence[Difference]) -> List[Finding]:
-    """The settings that often matter, and here were not seen to."""
+    """Return a note on the settings that often matter and changed no import here."""
     blamed = {name for one in apart for name in one.by}
     idle = ["{}={}".format(name, here.variables[name]) for name in FIRST if name in here.removed and name not in blamed]
     text = "set here, and no import was seen to be changed by it: {}".format(" ".join(idle))
@@ -221,7 +224,7 @@ def _without_effect(here: Here, apart: Sequence[Difference]) -> List[Finding]:
 
 
 def _by(here: Here, by: Sequence[str]) -> str:
-    """What makes a difference, with its value."""
+    """Return the settings that cause a difference, in words, with the values that may be shown."""
     if not by:
         return "something in the caller's settings, found in none of them alone,"
     named = ("{}={}".format(name, here.variables[name]) if name.startswith(TOLD) else name for name in by)
@@ -234,7 +237,7 @@ def _start(by: str, those: Sequence[Difference], _: Told) -> Finding:
 
 
 def _from(one: Difference, facts: Told) -> List[str]:
-    """The packages in folders."""
+    """Return the packages that lie in the folders of a difference."""
     entries = one.as_it_is.split(os.pathsep)
     return [canonical(each["name"]) for each in facts["distributions"] if each["location"] in entries]
 
@@ -274,7 +277,11 @@ def _module(by: str, those: Sequence[Difference], _: Told) -> Finding:
 
 
 def _loaded(by: str, those: Sequence[Difference], _: Told) -> Finding:
-    """Another file of the same library is a trouble; one more is what a setting such as MUJOCO_GL=egl is for."""
+    """Make a finding about shared libraries that differ.
+
+    Another file of the same library is a warning. An additional library is a note: that is the purpose of settings
+    such as MUJOCO_GL=egl.
+    """
     first = those[0]
     stems = [{_stem(path) for path in side.split(", ") if path} for side in (first.as_it_is, first.scrubbed)]
     text = "with {} `import {}` loads {}; without, {}".format(

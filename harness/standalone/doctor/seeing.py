@@ -1,4 +1,4 @@
-"""What there is to draw with, as far as a look at libraries and settings tells: `python -B seeing.py FILE`.
+"""List the rendering libraries that can be loaded, and the devices: `python -B seeing.py FILE`.
 
 Run by the interpreter of an environment, since it decides which libraries are found. Nothing is drawn.
 """
@@ -24,14 +24,14 @@ LIBRARIES = {
 
 
 def document() -> Any:
-    """Which libraries can be loaded, and which devices have a file."""
+    """Return each library with the reason why it cannot be loaded (None if it can), and the device files."""
     found = {way: _loaded(names) for way, names in LIBRARIES.items()}
     devices = sorted(glob.glob("/dev/dri/render*") + glob.glob("/dev/nvidia[0-9]*"))
     return {"libraries": found, "devices": devices}
 
 
 def _loaded(names: Any) -> Any:
-    """None where one of them can be loaded, else why not."""
+    """Return None if one of these libraries can be loaded, else the first error."""
     why = ""
     for name in names:
         try:

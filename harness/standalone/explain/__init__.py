@@ -1,1 +1,1 @@
-"""`explain`: what a log says of a failure, and what to do."""
+"""Explain a failure from its log (`explain`): its cause, and what to do."""

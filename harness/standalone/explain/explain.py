@@ -1,4 +1,4 @@
-"""The verb `explain`, wherever it runs: on a file, on stdin, or around a command."""
+"""Run the verb `explain`: on a file, on stdin, or around a command."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ HELP = (
 
 
 class Bad(Exception):
-    """What was typed, or what it names, cannot be used; the text says what to do."""
+    """Raised for arguments or files that cannot be used; the message says what to do."""
 
 
 class Knowledge(NamedTuple):
-    """What failures are compared with, read only where there is one."""
+    """Reference data for failures, read only when there is one: known failures and measured results."""
 
     known: Callable[[], Sequence[Known]]
     measured: Callable[[], Optional[Mapping[str, Any]]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `explain`."""
+    """Add the options of `explain` to a parser."""
     parser.usage = (
         "%(prog)s [--python PATH] [--json] [FILE | -]\n       %(prog)s [--python PATH] [--json] -- COMMAND..."
     )
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def split(arguments: Sequence[str]) -> Tuple[List[str], Optional[List[str]]]:
-    """Our own arguments, and the command after `--`; None where there is no `--`."""
+    """Split the arguments into our own and the command after `--`; the command is None without `--`."""
     if "--" not in arguments:
         return list(arguments), None
     place = list(arguments).index("--")
@@ -114,7 +114,7 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
 
 
 def _unexplained(args: argparse.Namespace, code: int, why: Optional[str]) -> int:
-    """Where there is nothing to explain."""
+    """Report why there is nothing to explain, and return the command's exit code."""
     if why:
         print("explain: {}".format(why), file=sys.stderr)
     if args.json:
@@ -123,7 +123,10 @@ def _unexplained(args: argparse.Namespace, code: int, why: Optional[str]) -> int
 
 
 def _placed(place: Place, around: Optional[Packages], asked: Tuple[str, ...]) -> Place:
-    """The environment, and what leads to the same combination: what was asked for, else what is there of weight."""
+    """Return the place with the environment and the requirements of the same combination.
+
+    These are the requirements asked for, else the installed packages that matter.
+    """
     if around is None:
         return place._replace(asked=asked)
     return place._replace(
@@ -135,7 +138,7 @@ def _placed(place: Place, around: Optional[Packages], asked: Tuple[str, ...]) ->
 
 
 def _asked(command: Sequence[str]) -> Tuple[str, ...]:
-    """The requirements that an installer's command line names."""
+    """Return the requirements with versions that an installer's command line names."""
     if "install" not in command and "compile" not in command:
         return ()
     return tuple(word for word in command if PINNED.match(word) and _is_requirement(word))
@@ -168,7 +171,7 @@ def _with_missing(made: Explained, kept: Kept) -> Explained:
 
 
 def _with_end(made: Explained, code: int) -> Explained:
-    """A command that says nothing has its end for a decisive line."""
+    """Use the command's exit code as decisive line if its output has none."""
     if made.told.decisive:
         return made
     line = "exited with code {} without a word".format(code) if code < 128 else "killed without a word"
@@ -197,7 +200,7 @@ def _read(file: Optional[str]) -> Kept:
 
 
 def _around(python: Optional[str], command: Sequence[str]) -> Optional[Packages]:
-    """The packages of the interpreter that is named, or that the command runs."""
+    """Return the packages of the interpreter that `python` names, or that the command runs. Raises Bad."""
     folder = os.getcwd()
     if python is None:
         return packages.of_command(command, os.environ, folder)

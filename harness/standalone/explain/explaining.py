@@ -1,4 +1,4 @@
-"""Explains a text of unknown origin: the deepest known cause, what else could be, what was measured, and what to do."""
+"""Explain a text of unknown origin: the deepest known cause, other possible causes, and matching measurements."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ INSTALLING = ("resolve", "install")
 
 
 class Here(NamedTuple):
-    """What is known apart from the text: the packages and the Python of an environment, and how a command ended.
+    """Facts known besides the text: the packages and the Python of an environment, and how a command ended.
 
     `asked` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is the
     document of measured results.
@@ -55,7 +55,7 @@ NOTHING = Here()
 
 
 class Explained(NamedTuple):
-    """What is to be said. `diagnoses` are known causes, the deepest first; `findings` are to be known besides."""
+    """An explanation. `diagnoses` are known causes, the deepest first; `findings` are further remarks."""
 
     told: Told
     hints: Hints
@@ -64,7 +64,7 @@ class Explained(NamedTuple):
 
     @property
     def phase(self) -> Optional[str]:
-        """Where it failed: in the one phase that the cause shows in, else where the text looks like."""
+        """Return the phase that failed: the one that the text suggests, unless the cause shows only in others."""
         cause = _deepest(self.diagnoses)
         if cause is not None and cause.known.phases and self.told.phase not in cause.known.phases:
             return str(cause.known.phases[0])
@@ -72,13 +72,13 @@ class Explained(NamedTuple):
 
     @property
     def causes(self) -> Tuple[Hit, ...]:
-        """The causes that count, the deepest first; none where another process died and nothing says why."""
+        """Return the causes that count, the deepest first; none if another process died and nothing says why."""
         told, echoed = self.told, self.echoed
         return counting(_fit(hit, says=not echoed and _where(hit, told) is DECISIVE) for hit in self.diagnoses)
 
     @property
     def cause(self) -> Optional[Hit]:
-        """The deepest cause; None where none is known."""
+        """Return the deepest cause; None if none is known."""
         return next(iter(self.causes), None)
 
     @property
@@ -87,7 +87,7 @@ class Explained(NamedTuple):
         return (self.told.decisive or "").partition(":")[0].rpartition(".")[2] in MASKS
 
     def plain(self) -> Dict[str, Any]:
-        """The document of `explain --json`."""
+        """Return the document of `explain --json`."""
         return {
             "schema": 1,
             "decisive": self.told.decisive,
@@ -107,13 +107,16 @@ def _fit(hit: Hit, *, says: bool) -> Fit:
 
 
 def _diagnosis(hit: Hit, phase: Optional[str]) -> Dict[str, Any]:
-    """A known cause as all documents hold it; its phase is the one that it shows in, or looks like."""
+    """Return a known cause as all documents hold it.
+
+    Its phase is the given one if the cause can show there, else the cause's first.
+    """
     phases = hit.known.phases
     return matching.diagnosis(hit.known, phase if not phases or phase in phases else phases[0], hit.seen)
 
 
 def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) -> Explained:
-    """Explain a text, its terminal's signs still in it."""
+    """Explain a text that may still contain a terminal's control sequences."""
     told = telling.told(text, surely=here.failed or here.signal is not None)
     said = hints(told.text)
     killed = here.signal or told.signal
@@ -145,7 +148,10 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
 
 
 def _around(here: Here, said: Hints, told: Told) -> Around:
-    """What the failure met. Where something is being installed, it is not what is there already that fails."""
+    """Return the packages that the failure met.
+
+    While something is being installed, the packages already there are not the ones that fail.
+    """
     hinted = dict(said.packages)
     if here.installed is not None and told.phase not in INSTALLING:
         return Around(installed=here.installed)
@@ -158,7 +164,11 @@ def _around(here: Here, said: Hints, told: Told) -> Around:
 def _candidates(
     known: Iterable[matching.Known], around: Around, python: Optional[str]
 ) -> Tuple[List[matching.Known], List[matching.Known]]:
-    """Those that nothing speaks against, and for broad ones all; and the broad ones for which it cannot be told."""
+    """Return two lists of known failures: those that can be meant, and broad ones that perhaps are.
+
+    A broad one (generic, or without a pattern) can be meant only if all its packages are known to fit; others if
+    none is known not to. Where that is unknown for a broad one, it goes into the second list.
+    """
     sure: List[matching.Known] = []
     could: List[matching.Known] = []
     loud = [one for one in known if one.loud and _of_python(one, python)]
@@ -229,7 +239,7 @@ def _possible(hit: Hit) -> str:
 def _hits(
     known: Sequence[matching.Known], told: Told, killed: Optional[str]
 ) -> Tuple[Tuple[Hit, ...], Tuple[Hit, ...]]:
-    """The known failures that the text tells, the deepest cause first; and those that it mentions without failing so.
+    """Return the known failures that the text shows, the deepest cause first, and those that it only mentions.
 
     What is written somewhere in a log, and in no line that says why, is no cause of an exception, nor of a command
     that failed without a word; unless that line is a mask, which hides what was written before.
@@ -248,7 +258,7 @@ def _hits(
 
 
 def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
-    """What explains the decisive line goes before what was said elsewhere."""
+    """Return the sort key of a hit: causes of the decisive line come before those found elsewhere."""
     phases = hit.known.phases
     elsewhere = bool(phases) and told.phase is not None and told.phase not in phases
     return matching.rank(hit.known, _where(hit, told), elsewhere)
@@ -275,7 +285,7 @@ def _in(seen: str, line: Optional[str]) -> bool:
 
 
 def _others(told: Told, hits: Sequence[Hit]) -> List[Tuple[str, str, str]]:
-    """What the cause that is known does not tell of."""
+    """Return a note on the decisive line if the known cause does not explain it."""
     cause = _deepest(hits)
     if cause is None or not told.decisive or _where(cause, told) is DECISIVE or _mask_tells(told.decisive, hits):
         return []
@@ -288,7 +298,7 @@ def _mask_tells(line: str, hits: Sequence[Hit]) -> bool:
 
 
 def _measured(told: Told, hits: Sequence[Hit], measured: Optional[Mapping[str, Any]]) -> List[Tuple[str, str, str]]:
-    """Where the same was measured: by the cause, else by the line that says why."""
+    """Return a note on measured cells with the same cause, or if none is known with the same decisive line."""
     cells = (measured or {}).get("cells", ())
     cause = _deepest(hits)
     if cause is not None:

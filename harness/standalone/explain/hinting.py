@@ -1,4 +1,4 @@
-"""What a text says in passing of the environment that it is of: Python, and versions of packages. Hints, no more."""
+"""Collect hints on an environment that a text gives in passing: Python, and versions of packages. Hints, no more."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ SAID = re.compile(r"\b({})(?:'s)? version:? v?{}".format(KEYS, VERSION), re.IGNO
 
 
 class Hints(NamedTuple):
-    """Python as "3.N", and exact versions of packages; what a text says twice and differently is left out."""
+    """Python as "3.N", and exact versions of packages; contradictory hints are left out."""
 
     python: Optional[str]
     packages: Dict[str, str]
 
 
 def hints(text: str) -> Hints:
-    """All that a text says in passing."""
+    """Return all hints that a text gives."""
     return Hints(_python(text), _packages(text))
 
 
 def _python(text: str) -> Optional[str]:
-    """The Python of the paths in it, else the one that is spoken of, else that of files' names, if it is but one."""
+    """Return the Python of the paths in a text, else of its words, else of file names; None if several are found."""
     for pattern in (IN_PATH, IN_WORDS, IN_TAG):
         found = {"{}.{}".format(*match) for match in pattern.findall(text)}
         if found:
@@ -50,7 +50,7 @@ def _python(text: str) -> Optional[str]:
 
 
 def _packages(text: str) -> Dict[str, str]:
-    """What was installed in the end goes before what was there, and that before what is only named."""
+    """Return versions by package: those that the text installs, else those already there, else those only named."""
     made: Dict[str, str] = {}
     for source in (_installed, _there, _mentioned):
         told: Dict[str, List[str]] = {}

@@ -1,4 +1,4 @@
-"""What resolvers and installers say why they gave up: pip, uv, conda, poetry; each in one line."""
+"""Find the reason why pip, uv, conda or poetry gave up, in one line."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ POETRY = re.compile(r"version solving failed")
 
 
 def installer(lines: Sequence[str]) -> Optional[str]:
-    """What a resolver or installer says why it gave up; pip's and conda's words in one line."""
+    """Return the reason why a resolver or installer gave up, in one line; None if there is none."""
     rules = (_pip_conflict, _conda, _poetry, _pip_not_found, _uv, _uv_causes, _not_fitting)
     found = (rule(lines) for rule in rules)
     return next((bounded(line) for line in found if line), None)
 
 
 def _pip_conflict(lines: Sequence[str]) -> Optional[str]:
-    """The packages that cannot be together, and what each of them asks for."""
+    """Return pip's conflict in one line: the packages that conflict, and what each of them requires."""
     place = next((n for n, line in enumerate(lines) if CONFLICT.match(line)), None)
     if place is None:
         return None
@@ -80,7 +80,7 @@ def _uv(lines: Sequence[str]) -> Optional[str]:
 
 
 def _uv_causes(lines: Sequence[str]) -> Optional[str]:
-    """uv's headline and the last of its causes, which is the system's own word."""
+    """Return uv's headline and the last of its causes, which is the system's own message; None without causes."""
     places = [n for n, line in enumerate(lines) if line.startswith("error: ")]
     for place in places:
         causes = []

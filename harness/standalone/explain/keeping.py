@@ -1,4 +1,4 @@
-"""What is kept of a log, however long: its beginning, its end, and every traceback and error in between."""
+"""Shorten a log of any length: keep its beginning, its end, and every traceback and error in between."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NUMBERS = re.compile(rb"0x[0-9a-fA-F]+|\d+")
 
 
 class Kept(NamedTuple):
-    """A text, how many bytes the whole had, and how many of them it lacks."""
+    """A shortened text, the size of the whole in bytes, and the number of bytes left out."""
 
     text: str
     size: int
@@ -34,7 +34,7 @@ class Kept(NamedTuple):
 
 
 class Keeper:
-    """Takes a log piece by piece. What was told before in the same words, but for numbers, is kept once."""
+    """Collects a log piece by piece. Blocks that differ only in numbers are kept once."""
 
     def __init__(self) -> None:
         self.size = 0
@@ -59,7 +59,7 @@ class Keeper:
             del self._tail[:end]
 
     def _pass(self, piece: bytes) -> None:
-        """Look through what is neither beginning nor end."""
+        """Search a piece from the middle of the log for blocks to keep."""
         if self._open is None and not any(mark in piece for mark in MARKS):
             return
         lines = piece.splitlines(keepends=True)
@@ -74,7 +74,7 @@ class Keeper:
                 self._open = [b"".join(lines[max(0, place - BEFORE) : place]), line]
 
     def _close(self) -> None:
-        """Keep what is open, unless the same was kept before, whatever stood in front of it."""
+        """Keep the open block, unless the same was kept before, whatever lines stood in front of it."""
         opened, self._open = self._open, None
         if opened is None:
             return
@@ -86,7 +86,7 @@ class Keeper:
             self._kept += len(block)
 
     def kept(self) -> Kept:
-        """All that is kept, as text. Nothing may be taken any more."""
+        """Return all that is kept, as text. No piece may be taken afterwards."""
         self._close()
         cut = self.size > len(self._head) + len(self._tail)
         middle = b"\n\n".join([b"", *self._middle, b""]) if cut else b""
@@ -101,7 +101,7 @@ def _leads_on(line: Sequence[bytes]) -> bool:
 
 
 def kept(read: Callable[[int], bytes]) -> Kept:
-    """What is kept of a stream."""
+    """Read a stream to its end and return the parts to keep."""
     keeper = Keeper()
     while True:
         piece = read(CHUNK)
@@ -111,7 +111,7 @@ def kept(read: Callable[[int], bytes]) -> Kept:
 
 
 def decoded(content: bytes) -> str:
-    """Bytes as text, be they UTF-8, what PowerShell writes into a file, or hurt."""
+    """Decode bytes that are UTF-8, UTF-16 as PowerShell writes it, or damaged."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return content.decode("utf-16", "replace").replace("\x00", "")
     return content.decode("utf-8-sig", "replace").replace("\x00", "")

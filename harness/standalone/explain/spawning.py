@@ -24,7 +24,7 @@ NOT_FOUND, NOT_RUN = 127, 126
 
 
 class Ended(NamedTuple):
-    """How a command ended: `code` as a shell has it, 128+N for signal N. `trouble` is why it was not started."""
+    """The end of a command: `code` as a shell has it, 128+N for signal N. `trouble` says why it was not started."""
 
     code: int
     signal: Optional[str] = None
@@ -32,7 +32,7 @@ class Ended(NamedTuple):
 
 
 class _Stream:
-    """One way from the command to us: where it is read, where it is shown, and what the command is given."""
+    """One stream from the command to us: the end we read, where we show it, and the end the command writes to."""
 
     def __init__(self, shown: int) -> None:
         self.shown = shown
@@ -59,12 +59,12 @@ class _Stream:
             fcntl.ioctl(reading, termios.TIOCSWINSZ, fcntl.ioctl(self.shown, termios.TIOCGWINSZ, b"\0" * 8))
 
     def resized(self) -> None:
-        """The caller's window has another size."""
+        """Adopt the new size of the caller's window."""
         if self.terminal:
             self._resize(self.reading)
 
     def read(self) -> bytes:
-        """The next piece; an empty one at the end."""
+        """Return the next piece; an empty one at the end."""
         try:
             return os.read(self.reading, PIECE)
         except OSError as error:
@@ -109,7 +109,7 @@ def run(argv: Sequence[str], log: BinaryIO, *, apart: bool = False) -> Ended:
 
 
 def _streams(*, apart: bool) -> List[_Stream]:
-    """One stream where both go to one place, so that their order stays; else one for each."""
+    """Return one stream if both go to one place, so that their order stays; else one for each."""
     out, err = (2, 2) if apart else (1, 2)
     first = _Stream(out)
     return [first] if _same(out, err) else [first, _Stream(err)]
@@ -160,7 +160,7 @@ def _pass_on(stream: _Stream, log: BinaryIO) -> bool:
 
 
 def _go_on(streams: Sequence[_Stream], log: BinaryIO) -> None:
-    """Children that outlive the command write on, and a process of ours that lives no longer than they passes it on."""
+    """Fork a process that passes on the output of children that outlive the command; it ends when they do."""
     if os.fork():
         return
     try:
@@ -187,7 +187,7 @@ def _left(streams: Sequence[_Stream], log: BinaryIO) -> None:
 
 
 class _Signals:
-    """While the command runs, Ctrl-C is its own affair, and what ends us ends it."""
+    """Signal handlers while the command runs: Ctrl-C is left to the command, SIGTERM and SIGHUP are passed on to it."""
 
     def __init__(self, streams: Sequence[_Stream]) -> None:
         self.streams = streams
@@ -206,7 +206,7 @@ class _Signals:
         return self
 
     def _leave(self, number: int, _: Any) -> None:
-        """The terminal has sent it to the command, too."""
+        """Do nothing: the terminal has sent the signal to the command, too."""
 
     def _forward(self, number: int, _: Any) -> None:
         if self.process:

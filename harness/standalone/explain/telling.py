@@ -1,4 +1,4 @@
-"""What a text of unknown origin says of a failure: the lines that tell why, where it failed, and what was killed.
+"""Read a failure from a text of unknown origin: the lines that say why, the phase, and the signal that killed.
 
 Tracebacks of notebooks, of workers whose lines carry a prefix, and of pytest are read as Python's own.
 """
@@ -50,7 +50,7 @@ class Told(NamedTuple):
 
 
 def told(text: str, *, surely: bool = False) -> Told:
-    """Read a text; `surely` it is of something that failed, by whatever was known apart from it."""
+    """Read a text and return its failure; `surely` means that something is known to have failed."""
     text = uniform(strip_ansi(text))
     lines = _without_ignored(text.splitlines())
     text, whole = "\n".join(lines), text
@@ -78,7 +78,7 @@ def told(text: str, *, surely: bool = False) -> Told:
 
 
 def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
-    """The traceback that ends with the decisive line."""
+    """Return the traceback that ends with the decisive line; empty if there is none."""
     begin = (decisive or "").partition(" / ")[0][:80]
     ends = [place for place, line in enumerate(lines) if bounded(line).startswith(begin)]
     if not ends:
@@ -91,14 +91,14 @@ def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
 
 
 def uniform(text: str) -> str:
-    """The text with its tracebacks as Python itself prints them, and a blank line after each."""
+    """Return the text with its tracebacks as Python itself prints them, and a blank line after each."""
     lines = _without_prefixes(text.splitlines())
     lines = _notebooks(lines) if any(NOTEBOOK.match(line) for line in lines) else lines
     return PYTEST.sub("", "\n".join(_apart(lines)))
 
 
 def _apart(lines: Sequence[str]) -> Iterator[str]:
-    """What a tool says right after an exception is no line of its message."""
+    """Yield the lines, with a blank one between an exception and a tool's output: that is no part of the message."""
     traceback = False
     for line in lines:
         if traceback and AFTER.match(line):
@@ -109,7 +109,7 @@ def _apart(lines: Sequence[str]) -> Iterator[str]:
 
 
 def _without_ignored(lines: Sequence[str]) -> List[str]:
-    """The lines without exceptions that Python ignored: they stopped nothing."""
+    """Return the lines without exceptions that Python ignored: they stopped nothing."""
     made: List[str] = []
     ignored = False
     for line in lines:
@@ -123,7 +123,7 @@ def _without_ignored(lines: Sequence[str]) -> List[str]:
 
 
 def _without_prefixes(lines: Sequence[str]) -> List[str]:
-    """Lines without what a launcher of workers, a service or a log puts before each: `[rank0]: `, `(pid=12) `."""
+    """Remove the prefixes that a launcher of workers, a service or a log puts before lines: `[rank0]: `, `(pid=1) `."""
     found = (PREFIXED.match(line) for line in lines if START in line)
     shapes = dict.fromkeys(_shape(match.group(1)) for match in found if match and not NO_PREFIX.search(match.group(1)))
     if not shapes:
@@ -133,14 +133,14 @@ def _without_prefixes(lines: Sequence[str]) -> List[str]:
 
 
 def _shape(prefix: str) -> str:
-    """A prefix whatever its numbers are; at an empty line without the blank at its end."""
+    """Return a pattern for a prefix with any numbers; on an empty line it may lack the blank at its end."""
     bare = prefix.rstrip()
     shape = re.sub(r"\d+", r"\\d+", re.escape(bare))
     return shape + ("(?: |$)" if bare != prefix else "")
 
 
 def _notebooks(lines: Sequence[str]) -> List[str]:
-    """The frames of a notebook's traceback, indented below a header as elsewhere."""
+    """Rewrite a notebook's tracebacks as Python's own: a header, and indented frames below it."""
     made: List[str] = []
     kind: Optional[str] = None
     for line in lines:
@@ -162,7 +162,10 @@ def _notebooks(lines: Sequence[str]) -> List[str]:
 
 
 def _tracebacks(lines: Sequence[str]) -> Iterator[str]:
-    """The original exception of every chain, the echoes of another process's death last, so that they come first."""
+    """Yield the original exception of every chain, first the echoes of another process's death.
+
+    The caller reverses this order.
+    """
     picks = [said.root(chain) for chain in said.chains(lines)]
     yield from (bounded(block.text) for block in picks if block.kind in MASKS)
     yield from (bounded(block.text) for block in picks if block.kind not in MASKS)
@@ -197,13 +200,13 @@ def _marked(text: str) -> bool:
 
 
 def _complaints(lines: Sequence[str]) -> Iterator[str]:
-    """Lines that call themselves errors; the last ones first."""
+    """Yield the lines that call themselves errors, the last ones first."""
     found = [line for line in lines if said.ERROR.match(line) or re.match(r"^\[(?:Error|Fatal)\] \[", line)]
     yield from (bounded(line) for line in reversed(found[-40:]))
 
 
 def _decisive(text: str, lines: Sequence[str], gave_up: Optional[str], picked: Sequence[str]) -> Optional[str]:
-    """What a person would quote."""
+    """Return the line that a person would quote; an installer's reason if there is no traceback."""
     if gave_up and not picked:
         return gave_up
     return said.decisive_line(text)
@@ -233,7 +236,7 @@ RENDER = re.compile(
 
 
 def _phase(text: str, gave_up: Optional[str], region: str) -> Optional[str]:
-    """Where it may have failed, by what the text is of; None where nothing tells."""
+    """Return the phase that may have failed, judged by the text; None if nothing shows it."""
     if BUILD.search(text):
         return "install"
     if gave_up:
@@ -248,7 +251,10 @@ def _phase(text: str, gave_up: Optional[str], region: str) -> Optional[str]:
 
 
 def _of_traceback(exception: str, region: str, *, echoed: bool) -> str:
-    """Where an exception was raised, by what stands in its traceback; `echoed` another process saw this one die."""
+    """Return the phase that an exception was raised in, judged by its traceback.
+
+    `echoed` means that another process saw this one die.
+    """
     frames = FRAME.findall(region)
     functions = [function.strip() for _, _, function in frames]
     if any(BUILDING.search(path) for path, _, _ in frames):
@@ -282,7 +288,7 @@ KILLED = (
 
 
 def _signal(text: str) -> Optional[str]:
-    """What killed a process, where the text says so."""
+    """Return the name of the signal that killed a process, if the text says so; else None."""
     for pattern, name in KILLED:
         found = pattern.search(text)
         if found:

@@ -1,4 +1,4 @@
-"""What is said to people: causes, remedies, references, and what to type next."""
+"""Write explanations for people: causes, remedies, references, and the next commands to type."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIKE_IT = 2
 
 
 class Place(NamedTuple):
-    """Where a failure is explained: how we are called, the interpreter that failed, the command, and what was kept.
+    """The place of an explanation: how we are called, the interpreter that failed, its command, and the kept output.
 
     `asked` are requirements that lead to the same combination, `installer` serves the environment that failed.
     """
@@ -36,7 +36,7 @@ class Place(NamedTuple):
 
 
 def lines(made: Explained, place: Place) -> Iterator[str]:
-    """An explanation, for people."""
+    """Yield an explanation as lines for people."""
     if not made.told.failed and not made.diagnoses:
         yield "no failure: nothing in this text says that anything failed"
         yield "last line: {}".format(made.told.last)
@@ -81,7 +81,10 @@ def _unknown(made: Explained) -> Iterator[str]:
 
 
 def _hidden(made: Explained) -> Iterator[str]:
-    """What stands before the cause, each line once; of a cause that is unknown what that line is known for."""
+    """Yield the lines that hide the cause, each once.
+
+    If the cause is unknown, the explanation of one such line follows.
+    """
     shown = made.cause.seen if made.cause else made.told.decisive
     masks = [hit for hit in made.diagnoses if hit.known.masks and hit.seen != shown]
     for line in dict.fromkeys(hit.seen for hit in masks):
@@ -99,7 +102,7 @@ def _where(made: Explained) -> str:
 
 
 def following(made: Explained, place: Place) -> Iterator[str]:
-    """The commands that help from here, the likeliest first."""
+    """Yield the commands that help from here, the most likely first."""
     if not made.told.failed:
         yield "{} explain -- COMMAND, which keeps all that a command writes".format(place.program)
         return
@@ -120,7 +123,7 @@ def following(made: Explained, place: Place) -> Iterator[str]:
 
 
 def _applied(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
-    """The remedy as it is typed."""
+    """Yield the commands that apply a remedy."""
     asked = [*remedy.get("requirements", ()), *remedy.get("constraints", ())]
     gone = remedy.get("uninstall", ())
     by = place.installer or installer(place.python)
@@ -135,7 +138,7 @@ def _applied(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
 
 
 def _tried(made: Explained, place: Place) -> Iterator[str]:
-    """The same combination, measured apart from this environment."""
+    """Yield the command that measures the same combination apart from this environment."""
     asked = place.asked or subjects(made.hints.packages)
     if not asked or place.alone:
         return
@@ -149,7 +152,7 @@ def _tried(made: Explained, place: Place) -> Iterator[str]:
 
 
 def subjects(packages: Mapping[str, str]) -> List[str]:
-    """The packages that decide, as they are; numpy by itself decides nothing."""
+    """Return the packages that decide, with their versions; none if only numpy is among them."""
     found = [name for name in packages if name in SUBJECTS]
     return ["{}=={}".format(name, packages[name]) for name in found] if set(found) - {"numpy"} else []
 
@@ -164,7 +167,7 @@ SUBJECTS = frozenset(
 
 
 def search_terms(made: Explained) -> str:
-    """The decisive line without what differs between machines, and the packages that the text names."""
+    """Return the decisive line without what differs between machines, and the packages that the text names."""
     first = (made.told.decisive or "").partition(" / ")[0]
     named = re.sub(r"(?:[A-Za-z]:)?(?:[/\\][\w.+-]+)*[/\\]([\w.+-]+)", r"\1", first)  # a file's name is worth a search
     line = re.sub(r"^(?:ERROR|error): |\b0x[0-9a-f]+\b|\bline \d+", " ", named)

@@ -26,7 +26,7 @@ TOGETHER = ("fake-import-error", "fake-undeclared")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ran:
-    """How one command ended."""
+    """Exit code, stdout and stderr of a command."""
 
     code: int
     out: str
@@ -34,11 +34,11 @@ class Ran:
 
     @property
     def document(self) -> dict[str, Any]:
-        """What `--json` printed."""
+        """Return the document that `--json` printed."""
         return dict(json.loads(self.out))
 
     def cells(self, axis: str) -> dict[str, dict[str, Any]]:
-        """The cells of the document by their value of an axis."""
+        """Return the cells of the document by their value of an axis."""
         return {cell["axes"][axis]: cell for cell in self.document["cells"] if axis in cell["axes"]}
 
 
@@ -56,16 +56,19 @@ class Desk:
 
     @property
     def state(self) -> Path:
-        """Where results go."""
+        """Return the folder to which commands write their results."""
         return self.folder / ".harness"
 
     @property
     def mark(self) -> str:
-        """A word that no other process of this machine knows."""
+        """Return a word that no other process on this machine contains."""
         return "mark-" + hashlib.sha256(str(self.folder).encode()).hexdigest()[:16]
 
     def matrix(self, name: str, text: str) -> Path:
-        """Write a matrix file, with what `@WHEELS@`, `@FOLDER@`, `@MARK@` and `@FAKES@` (all that runs) stand for."""
+        """Write a matrix file and return its path.
+
+        The words `@WHEELS@`, `@FOLDER@`, `@MARK@` and `@FAKES@` (all runtime fakes) are replaced in the text.
+        """
         words = {
             "@WHEELS@": str(self.wheels),
             "@FOLDER@": str(self.folder),
@@ -79,7 +82,7 @@ class Desk:
         return path
 
     def run(self, *arguments: str | Path, module: str = "harness", **variables: str) -> Ran:
-        """Run one command, of the harness or of another module, to its end."""
+        """Run one command of the harness, or of another module, to its end."""
         with self.started(*arguments, module=module, **variables) as process:
             out, err = process.communicate(timeout=LONGEST)
         return Ran(code=process.returncode, out=out, err=err)
@@ -88,7 +91,7 @@ class Desk:
     def started(
         self, *arguments: str | Path, module: str = "harness", **variables: str
     ) -> Iterator[subprocess.Popen[str]]:
-        """Start one command; it is ended with the block."""
+        """Start one command, which is killed when the block ends."""
         process = subprocess.Popen(
             (*(() if self.online else closed_network()), sys.executable, "-m", module, *map(str, arguments)),
             cwd=self.folder,
@@ -104,7 +107,7 @@ class Desk:
             process.communicate()
 
     def _environment(self, variables: Mapping[str, str]) -> dict[str, str]:
-        """The tests' own, without what would point the harness elsewhere."""
+        """Return the variables of the tests without those that would point the harness elsewhere."""
         foreign = ("UV_", "PIP_", "HARNESS_", "VIRTUAL_ENV", "CONDA_PREFIX")
         kept = {name: value for name, value in os.environ.items() if not name.startswith(foreign)}
         own = {
@@ -119,7 +122,7 @@ class Desk:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measured:
-    """A run, and where it left what it found."""
+    """A command that has ended, and the desk that holds its results."""
 
     desk: Desk
     ran: Ran
@@ -127,7 +130,7 @@ class Measured:
 
 @functools.cache
 def runtime_fakes() -> list[str]:
-    """The fakes that go wrong at run time: tests that ask for all of them share one installed environment."""
+    """Return the fakes that fail at run time: tests that ask for all of them share one installed environment."""
     known = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(FAKES.glob("*/fake.toml"))]
     return [
         about["name"]
@@ -138,7 +141,7 @@ def runtime_fakes() -> list[str]:
 
 @functools.cache
 def closed_network() -> tuple[str, ...]:
-    """What to put before a command so that it has no network, where this machine allows it."""
+    """Return the `unshare` prefix that runs a command without network, or `()` if this machine forbids it."""
     for prefix in (("unshare", "-n"), ("unshare", "-r", "-n")):
         try:
             if subprocess.run((*prefix, "true"), capture_output=True, check=False).returncode == 0:
@@ -149,7 +152,7 @@ def closed_network() -> tuple[str, ...]:
 
 
 def wait_for(happened: Callable[[], bool]) -> None:
-    """Wait until something happened, which has to be within `PATIENCE` seconds."""
+    """Wait until `happened` returns true; fail after `PATIENCE` seconds."""
     deadline = time.monotonic() + PATIENCE
     while not happened():
         assert time.monotonic() < deadline
@@ -157,7 +160,7 @@ def wait_for(happened: Callable[[], bool]) -> None:
 
 
 def below(pid: int) -> list[int]:
-    """Processes that another has started, and those that these have."""
+    """Return the ids of all child processes of a process, and of their children."""
     found = []
     for file in Path(f"/proc/{pid}/task").glob("*/children"):
         for child in map(int, file.read_text().split()):
@@ -166,7 +169,7 @@ def below(pid: int) -> list[int]:
 
 
 def processes_of(mark: str) -> list[int]:
-    """Processes that have a text in their variables or in their command line."""
+    """Return the ids of processes with this text in their variables or in their command line."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:

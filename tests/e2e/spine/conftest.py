@@ -1,4 +1,4 @@
-"""What tests of the whole spine share: one shelf of wheels, one cache, one run over all defects."""
+"""Share one shelf of wheels, one cache and one run over all defects among the tests of the command line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from filelock import FileLock
 
 @pytest.fixture(scope="session")
 def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that all workers of this session have in common, empty at its start."""
+    """Return a folder that all workers of this session share, empty at its start."""
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "spine"
     folder.mkdir(exist_ok=True)
@@ -27,7 +27,10 @@ def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def wheels(together: Path, pytestconfig: pytest.Config) -> Path:
-    """The fakes, and the few real wheels that they need: downloaded once, then kept in pytest's own cache."""
+    """Return a folder with the fakes and the few real wheels that they need.
+
+    The real wheels are downloaded once, then kept in pytest's own cache.
+    """
     folder = together / "wheels"
     with FileLock(together / "wheels.lock"):
         if not folder.exists():
@@ -47,13 +50,13 @@ def _downloaded(kept: Path, together: Path) -> Iterable[Path]:
 
 @pytest.fixture
 def desk(together: Path, wheels: Path, tmp_path: Path) -> Desk:
-    """A working folder with an empty state."""
+    """Return a working folder with an empty state."""
     return Desk(folder=tmp_path, cache=together / "cache", wheels=wheels)
 
 
 @pytest.fixture(scope="session")
 def once(together: Path, wheels: Path) -> Callable[[str, Callable[[Desk], Ran]], Measured]:
-    """Run something once for all workers of the session; the others read how it ended."""
+    """Return a function that runs something once for all workers of the session; the others read its result."""
 
     def once(name: str, measure: Callable[[Desk], Ran]) -> Measured:
         desk = Desk(folder=together / name, cache=together / "cache", wheels=wheels)
@@ -69,13 +72,13 @@ def once(together: Path, wheels: Path) -> Callable[[str, Callable[[Desk], Ran]],
 
 @pytest.fixture(scope="session")
 def small(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
-    """A matrix with a cell that works and one that is red."""
+    """Return a run of the small matrix, which has a cell that works and one that is red."""
     return once("small", lambda desk: desk.run("run", desk.matrix("small", SMALL.read_text()), "--json"))
 
 
 @pytest.fixture
 def kept(desk: Desk, small: Measured) -> Desk:
-    """A working folder in which the small matrix was run before."""
+    """Return a working folder in which the small matrix was run before."""
     shutil.copytree(small.desk.state, desk.state)
     desk.matrix("small", SMALL.read_text())
     return desk
@@ -83,14 +86,17 @@ def kept(desk: Desk, small: Measured) -> Desk:
 
 @pytest.fixture(scope="session")
 def defects(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
-    """Every defect that shows at run time."""
+    """Return a run of every defect that shows at run time."""
     text = (Path(__file__).parent / "defects.toml").read_text(encoding="utf-8")
     return once("defects", lambda desk: desk.run("run", desk.matrix("defects", text), "--json", "-j", "2"))
 
 
 @pytest.fixture(scope="session")
 def verdicts(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
-    """The verdicts that no defect at run time leads to; each failure is confirmed, `left-out` is left out."""
+    """Return a run of the verdicts that no run-time defect leads to.
+
+    Each failure is confirmed by `--verify`; the cell `left-out` is not run.
+    """
 
     def measure(desk: Desk) -> Ran:
         matrices = [

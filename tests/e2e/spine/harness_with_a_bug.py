@@ -1,4 +1,4 @@
-"""The command line with a bug put into it: `BUG` names the function that raises what nobody foresaw in one cell."""
+"""Run the command line with a bug in it: `BUG` names the function that raises an unforeseen error in one cell."""
 
 from __future__ import annotations
 

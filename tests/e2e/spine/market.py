@@ -1,4 +1,4 @@
-"""An index of tiny packages with the days on which they were uploaded, and an environment that depends on them."""
+"""Write an index of tiny packages with upload days, and an environment that depends on them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Release:
 
 
 def line(name: str, versions: Mapping[str, str], code: str = "", requires: Sequence[str] = ()) -> list[Release]:
-    """Releases of one package, version to day; `@VERSION@` in the code is the version."""
+    """Return releases of one package, from version to day; `@VERSION@` in the code is the version."""
     return [
         Release(name=name, version=version, day=day, code=code.replace("@VERSION@", version), requires=requires)
         for version, day in versions.items()
@@ -39,7 +39,7 @@ def line(name: str, versions: Mapping[str, str], code: str = "", requires: Seque
 
 
 def robot(name: str, needs: str, requires: Sequence[str] = (), version: str = "1.0", day: str = ROBOT) -> Release:
-    """A package with one environment, which comes to be where the statements of `needs` raise nothing."""
+    """Return a package with one environment, which can be made only if the statements in `needs` raise nothing."""
     module = name.replace("-", "_")
     code = (
         f"import os\nimport fake_healthy\nimport gymnasium\n\n\nclass Robot(fake_healthy.Healthy):\n"
@@ -50,7 +50,7 @@ def robot(name: str, needs: str, requires: Sequence[str] = (), version: str = "1
 
 
 def opened(folder: Path, place: Path, wheels: Path, releases: Sequence[Release]) -> None:
-    """Write the index below a folder, which comes to lie at `place`, with all that lies on a shelf."""
+    """Write an index of these releases and wheels below a folder that will be moved to `place`."""
     shelf = folder / "files"
     shelf.mkdir(parents=True)
     days: dict[Path, str] = {}

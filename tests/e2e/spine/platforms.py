@@ -30,7 +30,7 @@ LEFT_OUT = ("python -m pip install ", "sudo apt-get ")
 
 
 def executable(path: Path, text: str) -> Path:
-    """Write a script that can be started."""
+    """Write a script that can be executed."""
     path.parent.mkdir(exist_ok=True)
     path.write_text(text)
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
@@ -38,7 +38,7 @@ def executable(path: Path, text: str) -> Path:
 
 
 def with_simmatrix(desk: Desk, prefix: tuple[str, ...] = ()) -> dict[str, str]:
-    """Variables in which the command `simmatrix` is the one under test."""
+    """Return variables in which the command `simmatrix` is the version under test."""
     command = " ".join((*prefix, sys.executable, "-m", "harness"))
     folder = executable(desk.folder / "bin" / "simmatrix", f'#!/bin/sh\nexec {command} "$@"\n').parent
     return desk._environment({"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"})
@@ -49,7 +49,7 @@ def with_simmatrix(desk: Desk, prefix: tuple[str, ...] = ()) -> dict[str, str]:
 
 @dataclass(kw_only=True)
 class Job:
-    """How one job ended."""
+    """Result, outputs and log of a job."""
 
     result: str = "success"
     outputs: dict[str, str] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class GitHub:
 
     @property
     def artifacts(self) -> Path:
-        """What was uploaded, by name."""
+        """Return the folder with the uploaded artifacts, by name."""
         return self.folder / "artifacts"
 
     def run(self, *names: str) -> dict[str, list[Job]]:
@@ -85,7 +85,7 @@ class GitHub:
         return self.jobs
 
     def results(self) -> dict[str, str]:
-        """The result of each job, with all its values."""
+        """Return the result of each job, for all its matrix values."""
         worst = ("failure", "skipped", "success")
         return {name: min((job.result for job in jobs), key=worst.index) for name, jobs in self.jobs.items()}
 
@@ -161,7 +161,7 @@ class GitHub:
                 assert name in {"setup-python", "cache"}
 
     def _expanded(self, text: str, context: Mapping[str, str]) -> str:
-        """Text with its expressions replaced; one that is not known here is an error of the test."""
+        """Return the text with its expressions replaced; an unknown expression is an error of the test."""
         outputs = {
             f"needs.{name}.outputs.{key}": value
             for name, jobs in self.jobs.items()
@@ -174,7 +174,7 @@ class GitHub:
 
 
 def read_workflow(text: str) -> dict[Any, Any]:
-    """A workflow as data."""
+    """Read a workflow file as data."""
     return dict(yaml.safe_load(text))
 
 
@@ -201,7 +201,7 @@ echo "77;cluster"
 
 
 def with_slurm(desk: Desk, gone: Path) -> dict[str, str]:
-    """Variables in which `sbatch` runs tasks without network and without `gone`."""
+    """Return variables in which `sbatch` runs tasks without network and without `gone`."""
     words = {"@FOLDER@": str(desk.folder), "@GONE@": str(gone), "@CLOSED@": " ".join(closed_network())}
     text = SBATCH
     for word, meaning in words.items():

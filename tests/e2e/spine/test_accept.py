@@ -1,4 +1,4 @@
-"""`accept`: what is red here, or in a report of machines elsewhere, becomes an expectation that holds at once."""
+"""`accept`: turn failures measured here, or reported by other machines, into expectations that hold at once."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from commandline import Desk
 
 
 def test_accepted_cells_are_as_expected(kept: Desk) -> None:
-    """The table is printed and written, the rest of the file stays, and the next run ends with 0."""
+    """The new table is printed and added to the file, the rest of the file stays, and the next run ends with 0."""
     path = kept.folder / "small.toml"
     before = path.read_text()
     assert kept.run("run", "small.toml").code == 1
@@ -34,7 +34,7 @@ def test_accepted_cells_are_as_expected(kept: Desk) -> None:
 
 
 def test_a_report_from_elsewhere(kept: Desk) -> None:
-    """With `--report` the results of other machines count; where they differ nothing is accepted, which is 1."""
+    """`--report` uses the results of other machines; if they differ, nothing is accepted and the exit code is 1."""
     report = kept.state / "reports" / "small" / "report.json"
     made = json.loads(report.read_text())
     red = next(cell for cell in made["cells"] if cell["verdict"] == "partial")
@@ -49,7 +49,10 @@ def test_a_report_from_elsewhere(kept: Desk) -> None:
 
 
 def test_mistakes(kept: Desk) -> None:
-    """No such cell, nothing measured, another matrix, a day that has passed, no reason: 2, and nothing is written."""
+    """Bad input ends with code 2 and writes nothing.
+
+    No such cell, nothing measured, another matrix, a day that has passed, or no reason.
+    """
     path = kept.folder / "small.toml"
     report = kept.state / "reports" / "small"
     path.write_text(path.read_text().replace("requirements = [", 'requirements = ["fake-plain", '))

@@ -1,4 +1,4 @@
-"""What the README says of adding a simulator is all that it takes."""
+"""The README's steps for adding a simulator are complete: its adapter and its matrix are enough."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ def add(desk: Desk, declared: str = "") -> None:
 
 
 def asked(desk: Desk) -> dict[str, object]:
-    """Ask the copy of the harness what it knows of the simulator."""
+    """Return the answers that the copy of the harness gives about the simulator."""
     ran = subprocess.run((sys.executable, "-c", ASKED), cwd=desk.folder, capture_output=True, text=True, check=True)
     return dict(json.loads(ran.stdout))
 
 
 def test_what_a_simulator_declares_is_known_everywhere(desk: Desk) -> None:
-    """Its package, ids, drawing and native errors are judged as those of any other, and nothing else names them."""
+    """A declared package, ids, drawing and native errors are used everywhere, and no other file has to name them."""
     add(desk, DECLARED)
 
     ran = desk.run("run", "pointmass", "--json")
@@ -87,7 +87,7 @@ def test_what_a_simulator_declares_is_known_everywhere(desk: Desk) -> None:
 
 
 def test_what_a_simulator_leaves_out_is_not_guessed(desk: Desk) -> None:
-    """Without declarations but its package's, the same questions have plain answers."""
+    """A simulator that declares only its package gives plain answers to the same questions."""
     add(desk)
 
     assert asked(desk) == {
@@ -101,7 +101,7 @@ def test_what_a_simulator_leaves_out_is_not_guessed(desk: Desk) -> None:
 
 
 def test_a_simulator_is_one_file_and_one_matrix(desk: Desk) -> None:
-    """In a copy of the harness the README's adapter and matrix, and nothing else, measure a simulator."""
+    """The README's adapter and matrix measure a simulator in a copy of the harness, without any other change."""
     add(desk)
 
     ran = desk.run("run", "pointmass", "--json")

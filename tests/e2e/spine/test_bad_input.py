@@ -1,4 +1,4 @@
-"""Input that nobody meant, and readers that go away."""
+"""Bad input, and readers that close the pipe early."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_a_reader_that_goes_away_changes_no_exit_code(kept: Desk) -> None:
 
 
 def test_a_product_that_nobody_could_measure_is_refused_at_once(desk: Desk) -> None:
-    """2 to the 40th combinations: their number, the key and what to do, before anything is made."""
+    """A matrix of 2 to the 40th combinations is refused first, with their number, the key at fault and what to do."""
     text = SMALL.read_text().replace("[axes]\n", "[axes]\n" + "".join(f'a{n} = ["1.0", "2.0"]\n' for n in range(40)))
     ran = desk.run("plan", desk.matrix("small", text), "--offline")
     assert ran.code == 2
@@ -33,7 +33,7 @@ def test_a_product_that_nobody_could_measure_is_refused_at_once(desk: Desk) -> N
 
 
 def test_a_state_whose_name_is_too_long_is_bad_input(desk: Desk) -> None:
-    """A name that no file system can hold ends in one sentence."""
+    """A name that no file system can hold ends the command with one sentence."""
     ran = desk.run("run", desk.matrix("small", SMALL.read_text()), HARNESS_STATE="a" * 300)
     assert (ran.code, ran.err.count("\n")) == (2, 1)
     assert ran.err.endswith("...: File name too long; name another path\n")
@@ -55,7 +55,7 @@ def test_a_named_pipe_is_not_waited_for(desk: Desk) -> None:
     ("streams", "code"), [("> /dev/full", 3), ("2> /dev/full", 0), ("> /dev/full 2> /dev/full", 3)]
 )
 def test_output_that_cannot_be_written_is_the_machines_trouble(desk: Desk, streams: str, code: int) -> None:
-    """A full disk under stdout is 3, once; under stderr alone it is nothing that anybody could be told."""
+    """A full disk under stdout ends with code 3, reported once; under stderr alone it cannot be reported."""
     ran = subprocess.run(
         ["sh", "-c", f'exec "$0" -m harness schema {streams}', sys.executable],
         cwd=desk.folder,

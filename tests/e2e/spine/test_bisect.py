@@ -1,4 +1,4 @@
-"""Where a cell broke, found on packages made for it: along releases, days and Pythons, with a certificate."""
+"""Find where a cell broke, on packages made for it: along releases, days and Pythons, with a certificate."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ ROBOTS = ("arm", "chain", "fine", "hopeless", "sometimes", "window", "declares",
 
 @pytest.fixture(scope="session")
 def host() -> interpreters.Interpreter:
-    """The Python of this test."""
+    """Return the Python that runs this test."""
     found = interpreters.find("host")
     assert found
     return found
@@ -93,7 +93,7 @@ def host() -> interpreters.Interpreter:
 
 @pytest.fixture(scope="session")
 def index(together: Path, wheels: Path, host: interpreters.Interpreter) -> str:
-    """The address of the index, made once for all workers of the session."""
+    """Return the address of the index, which is written once for all workers of the session."""
     folder = together / "bisect-index"
     new = Release(name="new", version="1.0", day=ROBOT, code=NEW.replace("@MINOR@", host.minor.partition(".")[2]))
     with FileLock(together / "bisect-index.lock"):
@@ -105,7 +105,7 @@ def index(together: Path, wheels: Path, host: interpreters.Interpreter) -> str:
 
 
 def written(desk: Desk, index: str) -> Path:
-    """The matrix of all robots."""
+    """Write the matrix of all robots and return its path."""
     lines = [
         CELL.format(
             name=name,
@@ -128,19 +128,22 @@ def written(desk: Desk, index: str) -> Path:
 
 
 def bisected(desk: Desk, index: str, which: str, *options: str) -> tuple[Ran, BisectDocument]:
-    """One bisection, and its certificate."""
+    """Run one bisection of the cell of a robot, and return it with its certificate."""
     ran = desk.run("bisect", f"{written(desk, index)}/*-{which}", *options, "--json", HARNESS_SIGNATURES="")
     assert ran.out, ran.err
     return ran, msgspec.json.decode(ran.out, type=BisectDocument)
 
 
 def neighbours(made: BisectDocument) -> tuple[str, str] | None:
-    """The candidates on both sides."""
+    """Return the last good and the first bad candidate, or None if the certificate lacks one of them."""
     return (made.good.candidate, made.bad.candidate) if made.good and made.bad else None
 
 
 def test_release_that_nobody_pinned(desk: Desk, index: str) -> None:
-    """Is told with its neighbours, what was left out, every run, and a command that comes to the same again."""
+    """The first bad release is found, though no requirement pins its package.
+
+    The certificate has its neighbours, the omitted releases, every run, and a command that repeats the result.
+    """
     ran, made = bisected(desk, index, "arm", "--axis", "tool")
 
     assert (ran.code, made.status, neighbours(made)) == (0, "found", ("1.5", "1.6")), ran.err
@@ -167,7 +170,7 @@ def test_release_that_nobody_pinned(desk: Desk, index: str) -> None:
 
 
 def test_range_between_two_failures(desk: Desk, index: str) -> None:
-    """One release that works between older and newer ones that fail is found; the headline has its neighbour's line."""
+    """The range of releases that works between two that fail is found; the claim has the failure at its newer end."""
     ran, made = bisected(desk, index, "window", "--axis", "tool")
 
     assert (ran.code, neighbours(made)) == (0, ("1.8", "1.9"))
@@ -178,7 +181,7 @@ def test_range_between_two_failures(desk: Desk, index: str) -> None:
 
 
 def test_first_guess_is_what_packages_declare(desk: Desk, index: str) -> None:
-    """The release that a package asks for at least is tried before any other."""
+    """The minimum release that a package declares is tried before any other."""
     _, made = bisected(desk, index, "declares", "--axis", "tool")
 
     assert neighbours(made) == ("1.2", "1.3")
@@ -186,7 +189,7 @@ def test_first_guess_is_what_packages_declare(desk: Desk, index: str) -> None:
 
 
 def test_end_without_a_lock(desk: Desk, index: str) -> None:
-    """Two locks are not compared where one of them does not exist."""
+    """Two locks are not compared if one of them does not exist."""
     _, made = bisected(desk, index, "picky", "--axis", "tool")
 
     assert neighbours(made) == ("1.6", "1.8")
@@ -194,7 +197,7 @@ def test_end_without_a_lock(desk: Desk, index: str) -> None:
 
 
 def test_what_cannot_be_installed_lies_between(desk: Desk, index: str) -> None:
-    """A boundary beside a release that nobody can install is told as a range where it has to be."""
+    """Releases that nobody can install, on either side of the boundary, do not hide it."""
     _, made = bisected(desk, index, "arm", "--axis", "tool", "--good", "1.3", "--bad", "1.8")
 
     assert (made.ends, neighbours(made)) == (("1.3", "1.8"), ("1.5", "1.6"))
@@ -202,7 +205,7 @@ def test_what_cannot_be_installed_lies_between(desk: Desk, index: str) -> None:
 
 
 def test_day(desk: Desk, index: str) -> None:
-    """The day of the upload that broke it is found among the days on which there were uploads."""
+    """The day of the upload that broke the cell is found among the days with uploads."""
     ran, made = bisected(desk, index, "arm", "--date")
 
     assert (ran.code, neighbours(made)) == (0, ("2026-03-06", "2026-03-07"))
@@ -210,7 +213,7 @@ def test_day(desk: Desk, index: str) -> None:
 
 
 def test_last_good_day(desk: Desk, index: str) -> None:
-    """Is the day before the upload that broke it, however long before that the index was the same."""
+    """The last good day is the day before the breaking upload, however long the index was unchanged before."""
     _, made = bisected(desk, index, "slow", "--date")
 
     assert made.claim.startswith(
@@ -219,7 +222,7 @@ def test_last_good_day(desk: Desk, index: str) -> None:
 
 
 def test_python(desk: Desk, index: str, host: interpreters.Interpreter) -> None:
-    """The first Python with which a module cannot be imported is that of the cell."""
+    """The first Python that cannot import the module is that of the cell."""
     older = sorted(
         {int(one.minor.partition(".")[2]) for one in interpreters.available() if one.implementation == "cpython"}
     )
@@ -233,7 +236,7 @@ def test_python(desk: Desk, index: str, host: interpreters.Interpreter) -> None:
 
 
 def test_two_causes_in_a_row(desk: Desk, index: str) -> None:
-    """What fails otherwise is stepped around, and told as a link of the chain; any failure begins with the first."""
+    """A different failure on the way becomes a link of the chain; with `--any` the first failure of any kind counts."""
     _, same = bisected(desk, index, "chain", "--axis", "tool")
     _, whichever = bisected(desk, index, "chain", "--axis", "tool", "--any")
 
@@ -260,7 +263,7 @@ def test_two_causes_in_a_row(desk: Desk, index: str) -> None:
 def test_ends_that_do_not_hold(
     desk: Desk, index: str, which: str, options: tuple[str, ...], status: str, told: str
 ) -> None:
-    """Are refused with what they came to, and nothing is claimed."""
+    """Ends that do not hold are refused with their results, and nothing is claimed."""
     ran, made = bisected(desk, index, which, "--axis", "tool", *options)
 
     assert (ran.code, made.status, made.good, made.bad) == (1, status, None, None)
@@ -268,7 +271,7 @@ def test_ends_that_do_not_hold(
 
 
 def test_flaky_end(desk: Desk, index: str) -> None:
-    """A bad neighbour that looked good once is asked again, and found to be bad."""
+    """A bad release that looked good once is tried again, and found to be bad."""
     _, made = bisected(desk, index, "sometimes", "--axis", "tool", "--good", "1.5", "--bad", "1.8")
 
     assert neighbours(made) == ("1.5", "1.6")
@@ -288,7 +291,7 @@ def test_flaky_end(desk: Desk, index: str) -> None:
     ],
 )
 def test_bad_input_and_bounds(desk: Desk, index: str, options: tuple[str, ...], code: int, told: str) -> None:
-    """Say what is wrong and what to do, without a traceback."""
+    """Bad input and exhausted bounds are reported with what to do, without a traceback."""
     ran = desk.run("bisect", f"{written(desk, index)}/*-arm", *options, HARNESS_SIGNATURES="")
 
     assert ran.code == code

@@ -1,4 +1,4 @@
-"""What no index has: brought by the user, copied for the cell, part of its results; without it nothing is claimed."""
+"""Software that is on no index: named by the user, copied for the cell, and marked in its results."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def make():
 
 @pytest.fixture
 def matrix(desk: Desk) -> Path:
-    """The matrix, and what lies beside it."""
+    """Write the matrix and the files beside it; return the matrix's path."""
     (desk.folder / "beside.py").write_text(BESIDE)
     (desk.folder / "page.md.j2").write_text("{{ document.cells[0].verdict }}\n")
     return desk.matrix("needy", MATRIX)
@@ -60,7 +60,7 @@ def matrix(desk: Desk) -> Path:
 
 @pytest.fixture
 def study(desk: Desk) -> Path:
-    """A checkout: its module lies in a folder of it."""
+    """Return a checkout whose module lies in a subfolder."""
     folder = desk.folder / "a study"
     (folder / "code").mkdir(parents=True)
     (folder / "code" / "study.py").write_text("NAME = 'sound'\n")
@@ -68,7 +68,7 @@ def study(desk: Desk) -> Path:
 
 
 def test_without_it_the_cell_is_unavailable(desk: Desk, matrix: Path) -> None:
-    """The sentence says what to do, nothing is resolved, and the page is written all the same."""
+    """Without the software the cell is unavailable; the message says what to do and the page is still written."""
     ran = desk.run("run", matrix, "--json")
     (cell,) = ran.document["cells"]
 
@@ -81,7 +81,7 @@ def test_without_it_the_cell_is_unavailable(desk: Desk, matrix: Path) -> None:
 
 
 def test_a_place_that_is_none_is_bad_input(desk: Desk, matrix: Path) -> None:
-    """A variable that names nothing is the user's mistake, not a missing study."""
+    """A variable that names nothing is bad input, not missing software."""
     ran = desk.run("run", matrix, STUDY=str(desk.folder / "gone"))
 
     told = f"simmatrix: STUDY: {desk.folder}/gone is neither a folder nor an archive; clone the study, and have STUDY"
@@ -89,7 +89,7 @@ def test_a_place_that_is_none_is_bad_input(desk: Desk, matrix: Path) -> None:
 
 
 def test_a_folder_is_copied_and_its_state_decides(desk: Desk, matrix: Path, study: Path) -> None:
-    """The cell imports from the copy; the same state is not measured again, another one is; no path is told."""
+    """The cell imports from a copy, whose path is not in the log; only a changed folder is measured again."""
     first, again = _run(desk, matrix, study), _run(desk, matrix, study)
     (study / "code" / "study.py").write_text("NAME = 'broken'\ndef broken():\n    raise ValueError('of the study')\n")
     broken = _run(desk, matrix, study)
@@ -107,7 +107,7 @@ def test_a_folder_is_copied_and_its_state_decides(desk: Desk, matrix: Path, stud
 
 
 def test_a_repository_and_an_archive_are_as_good(desk: Desk, matrix: Path, study: Path) -> None:
-    """Of a checkout the commit is told, and whether its files differ from it; an archive is unpacked."""
+    """The result of a checkout has its commit and whether its files differ from it; an archive is unpacked."""
     with tarfile.open(desk.folder / "study.tar.gz", "w:gz") as archive:
         archive.add(study, arcname=".")
     _git(study, "init", "--quiet")
@@ -139,7 +139,7 @@ def test_a_repository_and_an_archive_are_as_good(desk: Desk, matrix: Path, study
     ],
 )
 def test_a_wrong_page_is_bad_input(desk: Desk, matrix: Path, template: str, message: str) -> None:
-    """The author of the template is told what is wrong with it."""
+    """Errors in a page's template are reported as bad input."""
     (desk.folder / "page.md.j2").write_text(template)
     ran = desk.run("run", matrix)
 

@@ -1,4 +1,4 @@
-"""After our own code has changed, only the checks that changed are measured anew."""
+"""A change of our own code makes a run repeat only the checks that changed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Changed = Callable[..., Ran]
 
 @pytest.fixture
 def changed(kept: Desk) -> Changed:
-    """Runs the matrix by a copy of the package in which a text of a file stands for another one."""
+    """Return a function that runs the matrix with a copy of the package in which one text of a file is replaced."""
     copy = kept.folder / "copy"
     shutil.copytree(PACKAGE, copy / "harness", ignore=shutil.ignore_patterns("__pycache__", "matrices"))
     (copy / "matrices").symlink_to(PACKAGE.parent / "matrices")
@@ -35,19 +35,19 @@ def changed(kept: Desk) -> Changed:
 
 
 def evidence(desk: Desk) -> dict[str, bytes]:
-    """Every content that is kept."""
+    """Return every stored piece of evidence by name."""
     return {path.name: path.read_bytes() for path in Vault(desk.state).folder.glob("cas/*/*")}
 
 
 def asked(desk: Desk) -> list[tuple[str, ...]]:
-    """The checks of every probe run that is kept."""
+    """Return the checks of every stored probe run."""
     vault = Vault(desk.state)
     names = [name for claim in vault.folder.glob("ac/*/*") for name in vault.runs(claim.parent.name + claim.name)]
     return sorted(tuple(vault.reading(name).run.request.limits) for name in names)
 
 
 def said(ran: Ran) -> dict[str, Any]:
-    """Verdict and line of each cell."""
+    """Return the verdict, the decisive line and whether results were reused, for each cell."""
     return {name: (cell["verdict"], cell["decisive"], cell["reused"]) for name, cell in ran.cells("which").items()}
 
 
@@ -61,7 +61,7 @@ def said(ran: Ran) -> dict[str, Any]:
     ],
 )
 def test_words_about_code_measure_nothing(kept: Desk, changed: Changed, file: str, old: str, new: str) -> None:
-    """A comment in judging, and a docstring in a cell."""
+    """A changed comment in judging code, or docstring in cell code, causes no measurement."""
     before, runs = evidence(kept), asked(kept)
     known = said(kept.run("run", "small.toml", "--json"))
 
@@ -70,7 +70,7 @@ def test_words_about_code_measure_nothing(kept: Desk, changed: Changed, file: st
 
 
 def test_other_judging_says_something_else_of_the_same_evidence(kept: Desk, changed: Changed) -> None:
-    """Nothing is measured, and every cell that it is about is judged anew."""
+    """A changed message is applied to stored evidence: the affected cell is judged again, and nothing is measured."""
     before, runs = evidence(kept), asked(kept)
     known = said(kept.run("run", "small.toml", "--json"))
     again = said(changed("model/words.toml", '"render.blank" = "blank frame', '"render.blank" = "empty frame'))
@@ -82,7 +82,7 @@ def test_other_judging_says_something_else_of_the_same_evidence(kept: Desk, chan
 
 
 def test_a_changed_check_is_measured_alone(kept: Desk, changed: Changed) -> None:
-    """Once for each case; what was kept stays as it was."""
+    """A changed check is measured once for each case, alone; stored evidence stays as it was."""
     before, runs = evidence(kept), asked(kept)
     known = said(kept.run("run", "small.toml", "--json"))
     path = PACKAGE / "incell" / "check_vector_sync.py"

@@ -26,7 +26,7 @@ imports = ["json"]
 
 
 def test_chosen_by_lock_and_read_by_every_verb(desk: Desk) -> None:
-    """Every pair that resolves is in a cell, what does not resolve is told once, and nothing is asked twice."""
+    """Every pair that resolves is in a cell, one that does not is reported once, and nothing is resolved twice."""
     path = desk.matrix("choice", MATRIX)
     before = desk.run("plan", path)
     locked = desk.run("lock", path, "--json")

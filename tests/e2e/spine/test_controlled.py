@@ -1,4 +1,4 @@
-"""Controls: a failure counts against the packages only where a known-good lock of its adapter works on this machine."""
+"""Controls: a failure counts against the packages only if a known-good lock of its adapter works on this machine."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def small(desk: Desk, variables: dict[str, str], *options: str) -> tuple[Ran, di
 
 
 def test_a_failure_stands_where_the_control_works(kept: Desk) -> None:
-    """It is run once, when something failed; the next run finds what it came to and has nothing to do."""
+    """The control runs once, after something failed; the next run reuses its result and has nothing to do."""
     good = control(kept, "fake-healthy", "fake_healthy:Healthy-v0")
     ran, cells = small(kept, good)
     assert (ran.code, cells["blank"]["verdict"], cells["blank"]["decisive"]) == (1, "partial", FRAME)
@@ -56,7 +56,10 @@ def test_a_failure_stands_where_the_control_works(kept: Desk) -> None:
 
 
 def test_a_failure_that_the_control_shares_says_nothing_about_packages(kept: Desk) -> None:
-    """The cell is inconclusive, with the line of the control; what works stays, and with it mended so is the cell."""
+    """A cell whose control fails in the same way is inconclusive, with the control's line.
+
+    Cells that work keep their verdict. With a working control the cell is red again.
+    """
     bad = control(kept, "fake-blank-frame", "fake_blank_frame:BlankFrame-v0")
     ran, cells = small(kept, bad)
     line = f"control known fails, too, in render.rgb_array: {FRAME} (here: {FRAME})"
@@ -76,7 +79,7 @@ def test_a_failure_that_the_control_shares_says_nothing_about_packages(kept: Des
 
 
 def test_a_control_that_fails_elsewhere_leaves_a_failure_alone(kept: Desk) -> None:
-    """That workers of a vector environment raise, whatever they run, explains no blank frame."""
+    """Failing vector workers of a control do not explain a blank frame."""
     ran, cells = small(kept, control(kept, "fake-worker", "fake_worker:Raises-v0"))
     assert (ran.code, cells["blank"]["verdict"], cells["blank"]["decisive"]) == (1, "partial", FRAME)
     assert list(cells["blank"]["controls"]["gymnasium"]["failed"]) == ["vector.async.fork"]
@@ -93,7 +96,7 @@ def test_a_control_that_fails_elsewhere_leaves_a_failure_alone(kept: Desk) -> No
 def test_a_control_that_cannot_be_run_changes_nothing(
     python: str, options: tuple[str, ...], without: tuple[str, ...], why: str, kept: Desk
 ) -> None:
-    """The failure stands, and the report says that it was not compared, and why."""
+    """A control that cannot be run leaves the failure as it is; the report says that it was not compared, and why."""
     given = control(kept, "fake-healthy", "fake_healthy:Healthy-v0", python=python)
     ran, cells = small(kept, {name: value for name, value in given.items() if name not in without}, *options)
     text = (
@@ -119,7 +122,7 @@ def test_another_file_than_the_known_good_one_is_no_control(kept: Desk) -> None:
 
 
 def test_try_and_the_pytest_face_ask_the_control_too(kept: Desk) -> None:
-    """`try` exits 3 and says whose line it is; the item of the failed phase fails as inconclusive."""
+    """`try` exits with 3 and quotes the control's line; the pytest item of the failed phase fails as inconclusive."""
     bad = control(kept, "fake-blank-frame", "fake_blank_frame:BlankFrame-v0")
     tried = kept.run("try", "fake-blank-frame==1.0", "--env", "fake_blank_frame:BlankFrame-v0", **bad)
     line = f"control known fails, too, in render.rgb_array: {FRAME} (here: {FRAME})"
@@ -131,7 +134,7 @@ def test_try_and_the_pytest_face_ask_the_control_too(kept: Desk) -> None:
 
 
 def test_fetch_brings_controls(desk: Desk) -> None:
-    """A run from a fetched folder runs them without a network."""
+    """`fetch` includes controls, so that a run from the fetched folder can run them without a network."""
     bad = control(desk, "fake-blank-frame", "fake_blank_frame:BlankFrame-v0")
     desk.matrix("small", SMALL.read_text())
     fetched = desk.run("fetch", "small.toml", "--to", "brought", **bad)
@@ -144,7 +147,7 @@ def test_fetch_brings_controls(desk: Desk) -> None:
 
 
 def test_controls_that_cannot_be_read_are_said_before_anything_is_measured(kept: Desk) -> None:
-    """Bad input at once, though nothing would have failed: not in the middle of a run, when first something does."""
+    """Unreadable controls are bad input at the start of a run, not only when something first fails."""
     missing = kept.folder / "nowhere"
     ran = kept.run("run", "small.toml", "--fresh", "-k", "*good*", HARNESS_CONTROLS=str(missing))
     assert (ran.code, ran.err) == (

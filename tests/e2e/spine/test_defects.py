@@ -192,7 +192,7 @@ def test_what_stops_a_loop_is_red(defects: Measured, defect: str) -> None:
 
 @pytest.mark.parametrize("defect", MISLEADING)
 def test_what_contradicts_itself_misleads(defects: Measured, defect: str) -> None:
-    """A defect that raises nothing and contradicts what the environment says leaves its phase passed, and misleads."""
+    """A defect that raises nothing but contradicts the environment's claims leaves its phase passed, and misleads."""
     cell = defects.ran.cells("defect")[defect]
     phase, check, decisive = MISLEADING[defect]
     assert (cell["verdict"], cell["phase"], cell["phases"][phase]) == ("misleads", phase, "passed")
@@ -211,7 +211,7 @@ def test_what_contradicts_itself_misleads(defects: Measured, defect: str) -> Non
     ],
 )
 def test_what_cannot_be_compared_is_skipped(defects: Measured, defect: str, outcomes: tuple[str, ...]) -> None:
-    """A check without a specification, or of something else than MuJoCo, or with a fault of ours, says nothing."""
+    """A check is skipped without a specification, on something other than MuJoCo, or after a fault of our own."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     names = ("single.start_pose", "single.contact", "single.solver", "single.arrays")
     assert tuple(case["checks"][name] for name in names) == outcomes
@@ -220,7 +220,7 @@ def test_what_cannot_be_compared_is_skipped(defects: Measured, defect: str, outc
 
 @pytest.mark.parametrize("defect", FOUND)
 def test_findings(defects: Measured, defect: str) -> None:
-    """What does not stop a loop is told as warnings of the check that saw it, and nothing else is."""
+    """Problems that do not stop a loop are warnings of the check that saw them; nothing else is a warning."""
     found = defects.ran.cells("defect")[defect]["findings"]
     assert {finding["check"] for finding in found} == set(FOUND[defect])
     for finding in found:
@@ -239,7 +239,7 @@ def test_a_failed_single_leaves_the_rest_unreached(defects: Measured) -> None:
 
 @pytest.mark.parametrize("defect", ["worker-raises", "worker-exits", "worker-crashes", "worker-hangs"])
 def test_other_checks_still_report(defects: Measured, defect: str) -> None:
-    """Workers that die take neither the checks before them nor those after them along."""
+    """Checks before and after those with dying workers still report."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     outcomes = {check: case["checks"][check] for check in case["checks"] if check in OTHERS}
     assert outcomes == dict.fromkeys(OTHERS, "passed")
@@ -247,7 +247,7 @@ def test_other_checks_still_report(defects: Measured, defect: str) -> None:
 
 @pytest.mark.parametrize("defect", ["worker-raises", "worker-exits", "worker-crashes"])
 def test_the_mask_is_told_apart(defects: Measured, defect: str) -> None:
-    """The broken pipe that a worker's death looks like from outside is what masked the cause, never the cause."""
+    """The broken pipe of a dead worker is reported as a mask of the cause, never as the cause."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     assert re.match("ConnectionResetError|BrokenPipeError|EOFError", case["masked"]["vector.async.fork"])
 
@@ -270,14 +270,14 @@ def test_no_process_is_left(defects: Measured) -> None:
 
 
 def test_endless_output_is_bounded(defects: Measured) -> None:
-    """Of output without end the head and the tail are kept."""
+    """Endless output is cut: its head and its tail are kept."""
     log = _evidence(defects, "flood") / "log.txt"
     assert log.stat().st_size < 3 << 20
     assert log.read_text().startswith("the solver did not converge\n")
 
 
 def test_writes_reach_no_other_environment(defects: Measured) -> None:
-    """What a probe wrote into its environment is gone with it: the shared one is as it was installed."""
+    """A probe's writes into its environment are discarded: the shared environment stays as it was installed."""
     (module,) = defects.desk.cache.glob("environments/*/**/site-packages/fake_writer.py")
     assert not (module.parent / "fake_writer_cache.txt").exists()
     assert "neighbour" not in (module.parent / "fake_healthy.py").read_text()

@@ -21,7 +21,7 @@ CODE = (wheelhouse.FAKES / "healthy" / "fake_healthy.py").read_text()
 
 @pytest.fixture
 def shelf(desk: Desk) -> Desk:
-    """A desk whose wheels have a `metaworld` that works, and a newer one whose first step fails."""
+    """Return a desk whose wheels have a `metaworld` that works, and a newer one whose first step fails."""
     own = desk.folder / "wheels"
     shutil.copytree(desk.wheels, own)
     broken = CODE.replace("self.steps += 1", "self.steps += numpy.no_such_name")
@@ -32,7 +32,7 @@ def shelf(desk: Desk) -> Desk:
 
 
 def environment(desk: Desk, host: Interpreter, *requirements: str) -> Path:
-    """An environment of the user's own, made without the harness."""
+    """Return the folder of an environment of the user's own, made without the harness."""
     folder = desk.folder / "env"
     quiet = {name: value for name, value in os.environ.items() if not name.startswith("UV_")}
     uv = (find_uv_bin(), "--offline", "--no-config", "--cache-dir", str(desk.folder / "uv"))
@@ -43,7 +43,10 @@ def environment(desk: Desk, host: Interpreter, *requirements: str) -> Path:
 
 
 def test_an_environment_in_place(shelf: Desk, host: Interpreter) -> None:
-    """It is made and stepped with what is installed; the failure decides; not a file of the environment changes."""
+    """`doctor --env` makes and steps an environment with the installed packages, and changes none of their files.
+
+    The failure is the decisive line.
+    """
     folder = environment(shelf, host, "metaworld==2.0")
     before = {path: path.lstat().st_mtime_ns for path in folder.rglob("*")}
 
@@ -55,7 +58,10 @@ def test_an_environment_in_place(shelf: Desk, host: Interpreter) -> None:
 
 
 def test_the_changes_are_proven_in_a_copy(shelf: Desk, host: Interpreter) -> None:
-    """What was measured to work here is the nearest; a copy with it works, one without fails, the original stays."""
+    """The nearest combination measured here is proposed and proven in a copy; the original environment stays.
+
+    The copy with the change works, and the one without it fails.
+    """
     settings = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(shelf.wheels)}
     assert shelf.run("try", "metaworld==1.0", "--env", ENV, "--python", "host", **settings).code == 0
     folder = environment(shelf, host, "metaworld==2.0")

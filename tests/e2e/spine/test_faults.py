@@ -1,4 +1,4 @@
-"""A sample of the declared faults, done for real: no run is lost, nobody is blamed for another's fault."""
+"""A sample of the declared faults, really caused: no run is lost, and no fault is blamed on something else."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ QUICK, COUNT, SEED = 15.0, 9, 15
 
 
 def sample() -> list[str]:
-    """Choose quick faults, the same each time; one whose folder is a full disk is always among them."""
+    """Choose the same quick faults each time, always with one whose folder is a full disk."""
     rows = json.loads(TABLE.read_text(encoding="utf-8"))["faults"]
     quick = sorted(row["fault"] for row in rows if row["tried"] and row["held"] and row["seconds"] < QUICK)
     return ["machine.full_state_table", *random.Random(SEED).sample(quick, min(COUNT, len(quick)))]
@@ -25,7 +25,7 @@ def sample() -> list[str]:
 
 @pytest.mark.parametrize("fault", sample())
 def test_the_promise_of_a_fault_holds(fault: str, wheels: Path, tmp_path: Path) -> None:
-    """The result in the table comes again."""
+    """A fault has the result that the table promises."""
     command = (sys.executable, "-m", "benchmarks.faults", "-k", fault, "-j", "1", "--fresh")
     ran = subprocess.run(
         (*command, "--wheels", str(wheels), "--folder", str(tmp_path)),

@@ -70,7 +70,7 @@ class Index:
             request.wfile.write(content or b"")
 
     def _file(self, name: str, *, taken: bool) -> bytes:
-        """A file, or the metadata of a wheel, so that no resolver needs the wheel."""
+        """Return a file's content, or a wheel's metadata, so that no resolver needs the whole wheel."""
         if name.endswith(".metadata"):
             with zipfile.ZipFile(self.folder / name.removesuffix(".metadata")) as wheel:
                 return wheel.read(next(one for one in wheel.namelist() if one.endswith(".dist-info/METADATA")))
@@ -96,7 +96,7 @@ class Index:
 
 @pytest.fixture
 def machines(desk: Desk, tmp_path: Path) -> tuple[Desk, Desk]:
-    """One that reaches the index, one with caches of its own that reaches nothing."""
+    """Return two machines: one that reaches the index, and one with its own caches that reaches nothing."""
     with_network, without = tmp_path / "with", tmp_path / "without"
     for folder in (with_network, without):
         folder.mkdir()
@@ -106,7 +106,7 @@ def machines(desk: Desk, tmp_path: Path) -> tuple[Desk, Desk]:
 def test_what_was_fetched_runs_without_network(
     machines: tuple[Desk, Desk], serve: Callable[[Any], str], tmp_path: Path
 ) -> None:
-    """Verdicts are those of the machine with the index, a changed wheel is refused, and fetching again mends it.
+    """A fetched folder gives the same verdicts offline; a changed wheel is refused, and fetching again replaces it.
 
     The seconds of the committed report come along: shards are balanced by them here, too.
     """
@@ -156,7 +156,10 @@ def test_what_was_fetched_runs_without_network(
 def test_a_folder_tells_what_it_is_not(
     machines: tuple[Desk, Desk], serve: Callable[[Any], str], tmp_path: Path
 ) -> None:
-    """An interrupted fetch, another matrix, a cell left out, another Python, another machine: each has its sentence."""
+    """Each way in which a fetched folder does not fit has its own sentence.
+
+    An interrupted fetch, another matrix, a cell left out, another Python, another machine.
+    """
     online, node = machines
     index = Index(online.wheels)
     matrix = online.matrix("small", MATRIX.replace("@INDEX@", serve(index)))
@@ -261,12 +264,12 @@ def assert_manifest(folder: Path, found: dict[str, tuple[int, bytes]]) -> None:
 
 
 def verdicts(ran: Ran) -> dict[str, str]:
-    """Cell by its value of `which`: the verdict."""
+    """Return the verdict of each cell by its value of `which`."""
     return {which: cell["verdict"] for which, cell in ran.cells("which").items()}
 
 
 def snapshot(folder: Path) -> dict[str, tuple[int, bytes]]:
-    """Every file below a folder: time of change and content."""
+    """Return modification time (ns) and content of every file below a folder."""
     files = [path for path in folder.rglob("*") if path.is_file()]
     return {str(path.relative_to(folder)): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
 

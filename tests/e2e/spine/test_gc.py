@@ -1,4 +1,4 @@
-"""`gc`: what is in use stays, what goes can be made again, and what is told to be freed is freed."""
+"""`gc`: environments in use stay, everything deleted can be rebuilt, and the freed space is as announced."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ python = ["host"]
 
 
 def test_all_that_goes_is_made_again(desk: Desk) -> None:
-    """While a probe runs its environment stays; afterwards all goes, and runs give the same, from results or anew."""
+    """An environment stays while a probe runs in it; later all is deleted, and a new run gives the same results."""
     own = replace(desk, cache=desk.folder / "cache")
     matrix = own.matrix("m", MATRIX)
     with own.started("run", matrix, "--json") as process:
@@ -53,7 +53,7 @@ def test_all_that_goes_is_made_again(desk: Desk) -> None:
 
 
 def test_what_was_left_behind_goes(kept: Desk) -> None:
-    """Without limits only waste goes, the user is told what limits would free, and bad limits are refused."""
+    """Without limits only waste is deleted; the user learns what limits would free, and bad limits are refused."""
     own = replace(kept, cache=kept.folder / "cache")
     left = own.state / "evidence" / "left-over"
     left.mkdir()

@@ -1,4 +1,4 @@
-"""Starting in somebody's project: what `init` writes is planned, run and compared by the other verbs as it stands."""
+"""Start in a user's project: the files that `init` writes can be planned, run and compared without edits."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ jobs:
 
 @pytest.fixture
 def project(desk: Desk) -> Desk:
-    """A project that registers an environment, built without tools."""
+    """Return a project that registers an environment and builds without tools."""
     folder = desk.folder / "my-sim"
     (folder / "site").mkdir(parents=True)
     (folder / ".git").mkdir()
@@ -63,12 +63,12 @@ def project(desk: Desk) -> Desk:
 
 
 def wheels(desk: Desk) -> dict[str, str]:
-    """A user's settings: packages from a folder and from nowhere else."""
+    """Return user settings that take packages from one folder only."""
     return {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
 
 
 def test_what_is_written_runs(project: Desk) -> None:
-    """The matrix measures the project, nox lists its cells, the workflow is up to date; a second time all is kept."""
+    """The matrix measures the project, nox lists its cells, the workflow is up to date; a second `init` keeps them."""
     settings = wheels(project)
     (project.folder / "tests").mkdir()
     (project.folder / "tests" / "test_it.py").write_text("def test_a():\n    import my_sim\n")
@@ -110,7 +110,10 @@ def test_what_is_written_runs(project: Desk) -> None:
 
 
 def test_what_a_workflow_claims_and_never_installs(project: Desk) -> None:
-    """Each leg is listed; its matrix is what is installed; lines for a noxfile that is there are printed."""
+    """Each leg of a workflow is listed with the versions really installed.
+
+    The matrix uses the installed versions. Lines for an existing noxfile are printed.
+    """
     (project.folder / "ci.yml").write_text(WORKFLOW)
     (project.folder / "noxfile.py").write_text("import nox\n")
 

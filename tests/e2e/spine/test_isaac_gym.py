@@ -49,7 +49,7 @@ pytestmark = [
 
 @pytest.fixture(scope="session")
 def numpies(together: Path, pytestconfig: pytest.Config) -> Path:
-    """A numpy for Python 3.8: downloaded once, then kept in pytest's own cache."""
+    """Return a folder with a numpy for Python 3.8: downloaded once, then kept in pytest's own cache."""
     kept = pytestconfig.cache.mkdir("wheels") / f"numpy-{AS_OF[:10]}-3.8"  # type: ignore[union-attr]
     python = interpreters.find("3.8")
     assert python
@@ -71,7 +71,7 @@ def numpies(together: Path, pytestconfig: pytest.Config) -> Path:
 
 @pytest.fixture(scope="session")
 def measured(once: Callable[[str, Callable[[Desk], Ran]], Measured], numpies: Path) -> Measured:
-    """Two machines, both run once."""
+    """Return a run of the cells of two machines."""
 
     def measure(desk: Desk) -> Ran:
         drivers(desk.folder / "drivers")
@@ -106,13 +106,13 @@ def drivers(folder: Path) -> None:
 
 
 def pairs(measured: Measured, machine: str) -> dict[str, Pair]:
-    """Every pair of devices of a machine, by a name such as `c0g1`."""
+    """Return every pair of devices of a machine, by a name such as `c0g1`."""
     cell = msgspec.convert(measured.ran.cells("machine")[machine], CellEntry)
     return {f"c{pair.compute}g{pair.graphics}": pair for pair in camera_pages.pairs(cell)}
 
 
 def test_each_pair_has_its_class(measured: Measured) -> None:
-    """Every failure is told from the others, on its own devices and by its own way to the picture."""
+    """Each pair of devices gets the class of its own failure, for the GPU picture and for the copied one."""
     assert {name: (str(pair.tensor), str(pair.cpu)) for name, pair in pairs(measured, "server").items()} == {
         "c0g0": ("ok", "ok"),
         "c0g1": ("crash", "crash"),
@@ -129,7 +129,7 @@ def test_each_pair_has_its_class(measured: Measured) -> None:
 
 
 def test_the_way_round_is_proven_on_the_same_devices(measured: Measured) -> None:
-    """Where a picture cannot stay on the GPU, copying it is tried on those very devices, and does what it does."""
+    """If a picture cannot stay on the GPU, copying it is tried on the same pair of devices, and reported."""
     assert {name: pair.proven for name, pair in pairs(measured, "server").items()} == {
         "c0g0": None,
         "c0g1": False,
@@ -144,7 +144,7 @@ def test_the_way_round_is_proven_on_the_same_devices(measured: Measured) -> None
 
 
 def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: Measured) -> None:
-    """The reason is the picture that is None; what was printed without an exception stands beside, known by name."""
+    """The reason is the picture that is None; native output without an exception is shown and matched beside it."""
     cell = measured.ran.cells("machine")["server"]
     tensor = pairs(measured, "server")["c1g0"].tensor
 
@@ -163,7 +163,7 @@ def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: Measur
 
 
 def test_a_device_that_is_not_there_is_no_failure(measured: Measured) -> None:
-    """It is skipped, with the count of the driver that was asked."""
+    """A pair with a missing device is skipped, with the number of devices that its driver reports."""
     seen = pairs(measured, "server")
 
     assert seen["c5g0"].tensor.why == "no compute device 5: CUDA sees 5"
@@ -171,7 +171,7 @@ def test_a_device_that_is_not_there_is_no_failure(measured: Measured) -> None:
 
 
 def test_devices_are_told_with_those_that_are_the_same(measured: Measured) -> None:
-    """Mesa's software stands between the GPUs of Vulkan's list: from there on the numbers differ."""
+    """Each device is listed with its equals: from Mesa's software device on, Vulkan's numbers differ from CUDA's."""
     told = [case for case in measured.ran.cells("machine")["server"]["cases"] if case["case"] == "physics-c0"]
 
     assert told[0]["told"]["single.loop"] == {

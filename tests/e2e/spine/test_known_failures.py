@@ -72,7 +72,7 @@ expect = { verdict = "partial", signature = "default-renamed" }
 
 
 def known(desk: Desk) -> dict[str, str]:
-    """Write the signatures; returns the variable with which a command knows them."""
+    """Write the signatures, and return the variable that makes a command use them."""
     folder = desk.folder / "signatures"
     folder.mkdir(exist_ok=True)
     (folder / "layers.toml").write_text(SIGNATURES, encoding="utf-8")
@@ -81,13 +81,13 @@ def known(desk: Desk) -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def changed(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
-    """A red cell and three changes of it."""
+    """Return a run of a red cell and three changes of it."""
     return once("changed", lambda desk: desk.run("run", desk.matrix("layers", MATRIX), "-j", "2", **known(desk)))
 
 
 @pytest.fixture
 def tried(desk: Desk, changed: Measured) -> Desk:
-    """A working folder in which they were measured before."""
+    """Return a working folder in which the red cell and its changes were measured before."""
     shutil.copytree(changed.desk.state, desk.state)
     desk.matrix("layers", MATRIX)
     known(desk)
@@ -95,13 +95,13 @@ def tried(desk: Desk, changed: Measured) -> Desk:
 
 
 def cells(desk: Desk, folder: str = ".harness/reports/layers") -> dict[str, dict[str, Any]]:
-    """The cells of a report by what stands behind the base's label."""
+    """Return the cells of a report by the part of their id after the base's label."""
     made = json.loads((desk.folder / folder / "report.json").read_text(encoding="utf-8"))
     return {cell["id"].partition("_red")[2] or "red": cell for cell in made["cells"]}
 
 
 def test_cause_changes_and_proof(changed: Measured) -> None:
-    """Everything is as expected: the cause before its mask, its remedy proven by the cell that the change made."""
+    """The cause is listed before its mask, and the changed cell proves its remedy; all cells are as expected."""
     found = cells(changed.desk)
     red = found["red"]
     ends = {name: (cell["verdict"], cell["phase"], cell["decisive"]) for name, cell in found.items()}
@@ -123,7 +123,10 @@ def test_cause_changes_and_proof(changed: Measured) -> None:
 
 
 def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
-    """Cures, uncovers, makes no difference; cause, remedy and proof with its lock stand where the failure is told."""
+    """Page and terminal say whether a change cures, uncovers another failure or makes no difference.
+
+    Cause, remedy and its proof with a lock stand beside the failure.
+    """
     page = (changed.desk.state / "reports" / "layers" / "report.md").read_text(encoding="utf-8")
     before, base = f"partial in vector: {XML}", f"`{cells(changed.desk)['red']['id'].partition('/')[2]}`"
     for row in (
@@ -143,7 +146,7 @@ def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
 
 
 def test_show_says_whether_the_remedy_is_proven(tried: Desk) -> None:
-    """Beside its base, which show does not print."""
+    """`show` says whether the remedy is proven, and why a change was tried."""
     shown = tried.run("show", "*-red", **known(tried))
     told = "known as default-renamed\n  cause      the model gives its outermost default class a name\n"
     assert told in shown.out
@@ -153,7 +156,7 @@ def test_show_says_whether_the_remedy_is_proven(tried: Desk) -> None:
 
 
 def test_try_says_cause_and_remedy(desk: Desk) -> None:
-    """Of what is red, between the line that says why and the next command."""
+    """`try` prints cause, remedy and link of a failure after the decisive line."""
     links = {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
     asked = ("fake-layers==1.0", "--env", "fake_layers:Layers-v0", "--api", "gymnasium")
     ran = desk.run("try", *asked, **links, **known(desk))
@@ -169,7 +172,10 @@ def test_try_says_cause_and_remedy(desk: Desk) -> None:
 
 
 def test_another_cause_than_the_one_expected(tried: Desk) -> None:
-    """Is not as expected: a mask is no cause where one is known. A cause that nobody knows is a mistake."""
+    """A cell that fails by another cause than the expected one is not as expected.
+
+    An expected cause that is no known failure is bad input.
+    """
     path, variables = tried.folder / "layers.toml", known(tried)
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace('signature = "default-renamed"\nreason', 'signature = "reset"\nreason'))
@@ -188,7 +194,7 @@ def test_another_cause_than_the_one_expected(tried: Desk) -> None:
 
 
 def test_accept_speaks_of_a_changed_cell_by_its_label(tried: Desk) -> None:
-    """Of no other, and the next run is as expected."""
+    """`accept` names a changed cell by its label and accepts only that cell; the next run is as expected."""
     path, variables = tried.folder / "layers.toml", known(tried)
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(line for line in lines if "blank frame" not in line), encoding="utf-8")
@@ -200,7 +206,7 @@ def test_accept_speaks_of_a_changed_cell_by_its_label(tried: Desk) -> None:
 
 
 def test_remedies_are_proven_on_demand(tried: Desk) -> None:
-    """`--prove` runs the red cell with the remedy of its failure, which nobody expects anything of."""
+    """`--prove` also runs the red cell with the remedy of its known failure; no expectation applies to that cell."""
     path, variables = tried.folder / "layers.toml", known(tried)
     path.write_text(MATRIX.partition("[[change]]")[0].replace("@WHEELS@", str(tried.wheels)), encoding="utf-8")
     plain = tried.run("run", "layers.toml", **variables)
@@ -225,7 +231,7 @@ def test_remedies_are_proven_on_demand(tried: Desk) -> None:
 
 
 def test_why_a_change_is_tried_changes_no_result(tried: Desk) -> None:
-    """With other words for it, what was measured of it stands, also where it is not looked at again."""
+    """A new reason for a change keeps the stored results, also in a run of other cells only."""
     path = tried.folder / "layers.toml"
     path.write_text(path.read_text(encoding="utf-8").replace("the next release", "one more"), encoding="utf-8")
     ran = tried.run("run", "layers.toml", "-k", "*-red", **known(tried))
@@ -234,7 +240,7 @@ def test_why_a_change_is_tried_changes_no_result(tried: Desk) -> None:
 
 
 def test_shards_are_merged_with_their_proof(tried: Desk) -> None:
-    """The cure stands in another shard than the cell that it cures."""
+    """`merge` combines a cell with its cure from another shard."""
     variables = known(tried)
     parts = [f"part-{number}" for number in (1, 2)]
     for number, part in enumerate(parts, start=1):

@@ -1,4 +1,4 @@
-"""The matrix in nox, as a user types it: nox itself loads a noxfile and runs what it lists."""
+"""The matrix in nox, as a user types it: nox itself loads a noxfile and runs the listed sessions."""
 
 from __future__ import annotations
 
@@ -19,31 +19,34 @@ BIG = PLAIN + f'[axes]\nmode = {{ variable = {[str(n) for n in range(60)]} }}\np
 
 
 def listed(text: str) -> list[str]:
-    """The sessions that `nox -l` prints, without what is said of them."""
+    """Return the sessions that `nox -l` prints, without their descriptions."""
     return re.findall(r"^[*-] (\S+)", text, re.MULTILINE)
 
 
 def results(path: Path) -> dict[str, tuple[str, str | None]]:
-    """How each session ended, by the report that nox writes."""
+    """Return the result and reason of each session, from nox's report."""
     sessions = json.loads(path.read_text())["sessions"]
     return {session["signatures"][0]: (session["result"], session["reason"]) for session in sessions}
 
 
 def minor(desk: Desk) -> str:
-    """The Python of the tests, as cells name it."""
+    """Return the Python of the tests in the form that cells use."""
     label = desk.run("plan", "small.toml", "--json").document["cells"][0]["id"]
     return label.partition("/py")[2].partition("_")[0]
 
 
 @pytest.fixture
 def nox_desk(kept: Desk) -> Desk:
-    """A working folder with a noxfile, in which the small matrix was run before."""
+    """Return a working folder with a noxfile, in which the small matrix was run before."""
     (kept.folder / "noxfile.py").write_text(NOXFILE)
     return kept
 
 
 def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:
-    """One per cell, none by default; what cannot be planned is told and listed; a big matrix is listed by Python."""
+    """nox lists one session per cell, none selected by default, and a big matrix as one session per Python.
+
+    A matrix that cannot be planned is listed too, with its error.
+    """
     nox_desk.matrix("range", NEVER_EXPANDED)
     nox_desk.matrix("big", BIG)
     asked = "range.toml, smal.toml,quickstrat,big.toml,./small.toml"
@@ -70,7 +73,7 @@ def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:
 
 
 def test_a_session_ends_as_its_cell(nox_desk: Desk) -> None:
-    """It passes, fails with the decisive line, is skipped where this machine cannot run it, or could not tell."""
+    """A session has the result of its cell: passed, failed with the decisive line, skipped, or inconclusive."""
     nox_desk.matrix("away", AWAY)
     nox_desk.matrix("only", ONLY_IMPORTED)
     python = minor(nox_desk)
@@ -114,7 +117,7 @@ def test_cells_run_side_by_side(desk: Desk) -> None:
 
 
 def test_our_noxfile_needs_nothing_but_nox(nox_desk: Desk) -> None:
-    """Where nox was installed apart, the cells alone are missing, and one line says how to get them."""
+    """A nox that was installed without the harness lists all other sessions, and one line says how to get the cells."""
     apart = "import sys; sys.modules['msgspec'] = None; from nox.__main__ import main; main()"
     (nox_desk.folder / "apart.py").write_text(apart)
 

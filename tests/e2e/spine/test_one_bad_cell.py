@@ -1,4 +1,4 @@
-"""Tests unforeseen errors in one cell: it becomes inconclusive, and all others are measured."""
+"""An unforeseen error in one cell makes it inconclusive, and all other cells are measured."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SAID = "a fault of simmatrix, not of the packages: IndexError: list index out of
 
 @pytest.mark.parametrize("place", ["install", "measure", "control"])
 def test_a_bug_in_one_cell(desk: Desk, place: str) -> None:
-    """Its neighbour works, the traceback is kept, the next run measures it anew."""
+    """The other cell works, the traceback is kept, and the next run measures the failed cell again."""
     matrix = desk.matrix("small", SMALL.read_text(encoding="utf-8"))
     ran = desk.run("run", matrix, "--json", module="harness_with_a_bug", BUG=place, PYTHONPATH=HERE)
     cells = ran.cells("which")
@@ -32,7 +32,7 @@ def test_a_bug_in_one_cell(desk: Desk, place: str) -> None:
 
 
 def test_a_record_that_cannot_be_stored(desk: Desk) -> None:
-    """It is told all the same."""
+    """A record that cannot be stored is reported all the same."""
     matrix = desk.matrix("small", SMALL.read_text(encoding="utf-8"))
     ran = desk.run("run", matrix, "--json", module="harness_with_a_bug", BUG="store", PYTHONPATH=HERE)
     cells = ran.cells("which")
@@ -41,7 +41,7 @@ def test_a_record_that_cannot_be_stored(desk: Desk) -> None:
 
 
 def test_an_interrupt_is_no_fault_of_a_cell(desk: Desk) -> None:
-    """Bad input in one cell ends the run, as ever."""
+    """Bad input in one cell ends the run with code 2."""
     matrix = desk.matrix("small", SMALL.read_text(encoding="utf-8"))
     ran = desk.run("run", matrix, "--json", HARNESS_SANDBOX="none")
     assert (ran.code, ran.out) == (2, "")

@@ -1,4 +1,4 @@
-"""Repaired releases from the command line: what they are with the overlay, and for everybody else."""
+"""Repaired releases from the command line, with and without the overlay."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ reason = "it asks for a Python that nobody has"
 
 
 def test_the_same_cell_with_and_without(desk: Desk) -> None:
-    """Repaired, it installs and says what was changed; without the overlay it is what it is for everybody else.
+    """With the overlay the release installs and the changed lines are shown; without it, it fails as for everybody.
 
     Fetched, it runs where there is no index, no sdist and nothing in the cache.
     """
@@ -84,7 +84,7 @@ def test_the_same_cell_with_and_without(desk: Desk) -> None:
 
 
 def test_try_repairs_when_it_is_asked_to(desk: Desk) -> None:
-    """Bare, with a package, and with the requirement behind it; without a recipe the name is refused."""
+    """`try --overlay` takes no name, a package, or the requirement itself; a name without a recipe is refused."""
     recipes.write(desk.folder / "matrices", desk.wheels)
     variables = {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
     asked = ("--import", "fake_plain", "--json")

@@ -12,20 +12,20 @@ HERE = platform.python_version()
 
 @pytest.mark.parametrize("env", ["fake_own:make", "fake_own:Robots.small", "own-robot"])
 def test_what_no_registry_knows_is_made_by_a_callable(desk: Desk, env: str) -> None:
-    """Every phase passes, in workers, too, whether the callable takes how to draw or draws by itself."""
+    """An environment made by a callable passes every phase, in workers, too, and whichever way it draws."""
     ran = _tried(desk, "--env", env)
     assert ran == (0, f"works: fake-own 1.0: import, single, vector, render of {env} on Python {HERE}\n", "")
 
 
 def test_a_name_that_is_no_callable_is_the_librarys_to_refuse(desk: Desk) -> None:
-    """What the module does not have is looked for as the id that gym's own syntax makes of it."""
+    """A name that the module lacks is looked up as an environment id in gym's own syntax."""
     code, _, err = _tried(desk, "--env", "fake_own:nothing")
     assert code == 2
     assert "registers no such environment" in err
 
 
 def test_an_api_that_nothing_tells_has_to_be_named(desk: Desk) -> None:
-    """Without gym or gymnasium among what is installed, an id does not say what it speaks."""
+    """Without gym or gymnasium installed, an id does not tell its API, and the user has to name it."""
     ran = desk.run("try", "fake-plain", "--env", "fake_plain:make", "--python", "host", **_index(desk))
     told = (
         "simmatrix: --env fake_plain:make: nothing that is asked for brings gym or gymnasium; name one of them, too, "

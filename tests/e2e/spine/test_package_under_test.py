@@ -88,20 +88,20 @@ def project(desk: Desk) -> Path:
 
 
 def measured(desk: Desk, text: str, *more: str) -> tuple[Ran, dict[str, dict[str, Any]]]:
-    """Run a matrix of the project: how that ended, and the cells by label."""
+    """Run a matrix of the project, and return the ended command and the cells by label."""
     ran = desk.run("run", desk.matrix("matrices/own", text), "--json", *more)
     assert ran.out, ran.err
     return ran, {cell["id"].partition("/")[2].partition("_")[2] or "one": cell for cell in ran.document["cells"]}
 
 
 def made(desk: Desk, cells: dict[str, dict[str, Any]]) -> dict[str, int]:
-    """When the environments of cells were made."""
+    """Return the creation time (ns) of the environments of these cells, by key."""
     keys = {cell["key"] for cell in cells.values()}
     return {key: (desk.cache / "environments" / key / "stamp.json").stat().st_mtime_ns for key in keys}
 
 
 def test_a_new_commit_reuses_locks_and_environments(desk: Desk, project: Path, git: Callable[..., str]) -> None:
-    """The lock never holds the subject; what another state of it shares with the one before is not made again."""
+    """The lock never holds the subject; a new commit reuses all that it shares with the one before."""
     git(project, "init")
     git(project, "commit", "-m", "one")
     text = (
@@ -220,7 +220,7 @@ def test_a_build_that_fails(desk: Desk, project: Path) -> None:
 
 
 def test_a_suite_whose_environment_goes_blames_nobody(desk: Desk, project: Path) -> None:
-    """What fails in an environment that was discarded meanwhile says nothing of the subject."""
+    """A suite that fails in an environment discarded meanwhile is infra, and blames neither package nor subject."""
     (project / "tests" / "test_own.py").write_text(
         "import os, pathlib, time\n\ndef test_slow():\n    pathlib.Path(os.environ['GATE']).touch()\n"
         "    while pathlib.Path(os.environ['GATE']).exists():\n        time.sleep(0.05)\n    assert False\n"
@@ -241,7 +241,7 @@ def test_a_suite_whose_environment_goes_blames_nobody(desk: Desk, project: Path)
 
 
 def test_a_wheel_and_what_cannot_be(desk: Desk, project: Path) -> None:
-    """A wheel is taken as it is; what it cannot have, and what is no subject, is refused before anything runs."""
+    """A wheel is used as it is; options that it cannot have, and anything that is no subject, are refused first."""
     about = {"name": "own-envs", "requires": ["fake-plain"]}
     wheel = fakes.wheel(project, "2.0", {"own_envs.py": "import fake_plain\n"}, about)
     _, cells = measured(desk, f'subject = "{wheel.name}"\n{INDEX}[axes]\npython = ["host"]\n')

@@ -1,4 +1,4 @@
-"""What is wrong with a picture that is not blank, and what has to be there for one to appear."""
+"""Pictures that are not blank but wrong, and the display that windows need."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ WRONG = {
 
 @pytest.fixture(scope="session")
 def pictures(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
-    """Every picture that is wrong, and the window with its display."""
+    """Return a run of every wrong picture, and of a window on a display."""
     text = (Path(__file__).parent / "pictures.toml").read_text(encoding="utf-8")
     return once("pictures", lambda desk: desk.run("run", desk.matrix("pictures", text), "--json", "-j", "2"))
 
@@ -63,7 +63,7 @@ def _cases(measured: Measured) -> dict[str, dict[str, Any]]:
 
 @pytest.mark.parametrize("env", UNUSABLE)
 def test_a_picture_that_cannot_be_used_fails(pictures: Measured, env: str) -> None:
-    """No array, another shape, another type: a loop that takes pictures stops there."""
+    """A picture that is no array, or of another shape or type, fails: a loop that takes pictures stops there."""
     case = _cases(pictures)[env]
 
     assert (case["checks"]["render.rgb_array"], case["decisive"]) == ("failed", UNUSABLE[env])
@@ -71,7 +71,7 @@ def test_a_picture_that_cannot_be_used_fails(pictures: Measured, env: str) -> No
 
 @pytest.mark.parametrize("env", WRONG)
 def test_a_picture_that_is_not_right_is_told(pictures: Measured, env: str) -> None:
-    """A picture that is not blank but wrong stops no loop: it is a warning, of one kind each; a right one has none."""
+    """A picture that is wrong but not blank is a warning of its own kind; a right picture has none."""
     found = pictures.ran.cells("drawn")["pictures"]["findings"]
     case = _cases(pictures)[env]
 
@@ -81,14 +81,14 @@ def test_a_picture_that_is_not_right_is_told(pictures: Measured, env: str) -> No
 
 
 def test_a_warning_that_is_required_not_to_be_there(pictures: Measured) -> None:
-    """A matrix that asks for pictures that follow gets a red cell."""
+    """A matrix that requires pictures to change as the environment moves has a red cell for constant ones."""
     cell = pictures.ran.cells("drawn")["refused"]
 
     assert (cell["phases"]["render"], cell["decisive"].partition(":")[0]) == ("failed", "render.constant")
 
 
 def test_a_window_has_a_display(pictures: Measured) -> None:
-    """A lock that holds pyglet gets a display of ours; that it took one is part of the result, its number is not."""
+    """A lock that holds pyglet gets our own display; the result records its use, but not its number."""
     if display.program() is None:
         pytest.skip("missing library: xvfb")
     cell = pictures.ran.cells("drawn")["window"]
@@ -98,7 +98,7 @@ def test_a_window_has_a_display(pictures: Measured) -> None:
 
 
 def test_a_display_that_is_lacking(pictures: Measured, desk: Desk) -> None:
-    """Without Xvfb what draws in windows is unavailable, with the package that brings it, and the rest works."""
+    """Without Xvfb drawing in windows is unavailable, with the package that brings Xvfb; the rest works."""
     (desk.folder / "bin").mkdir()
     unshare = shutil.which("unshare")
     if unshare:

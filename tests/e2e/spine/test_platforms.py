@@ -1,4 +1,4 @@
-"""What `ci` makes does what it says: its own scripts are run, from the plan to the judgement of the merged report."""
+"""The files that `ci` writes are run with their own scripts, from the plan to the verdict on the merged report."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FEW = SMALL.read_text().replace("@FAKES@", '"fake-healthy", "fake-blank-frame"')
 
 
 def test_github(desk: Desk) -> None:
-    """Shards measure a cell each and the merge has both; what a lost shard leaves open makes the one check red."""
+    """Each shard measures one cell and the merged report has both; a lost shard makes the one required check red."""
     repository = desk.folder / "repository"
     repository.mkdir()
     desk.matrix("repository/small", FEW + RED)
@@ -62,13 +62,13 @@ def test_github(desk: Desk) -> None:
 
 
 def read(folder: Path, key: str) -> dict[str, Any]:
-    """One key of every cell of a report."""
+    """Return one key of every cell of a report."""
     cells = json.loads((folder / "report.json").read_text())["cells"]
     return {cell["axes"]["which"]: cell[key] for cell in cells}
 
 
 def test_slurm(desk: Desk, tmp_path: Path) -> None:
-    """What was fetched where there is a network is measured by tasks that have none, and merged."""
+    """Slurm's job fetches with network, its array tasks measure without, and the results are merged."""
     wheels = tmp_path / "wheels"
     shutil.copytree(desk.wheels, wheels)
     online = replace(desk, wheels=wheels, online=True)
@@ -119,7 +119,7 @@ def test_slurm_without_all_that_is_needed(desk: Desk, tmp_path: Path) -> None:
 
 
 def test_slurm_usage(desk: Desk, tmp_path: Path) -> None:
-    """A word that the script does not know is refused before anything is fetched."""
+    """An argument that the script does not know is refused before anything is fetched."""
     desk.matrix("small", SMALL.read_text())
     assert desk.run("ci", "small.toml", "--provider", "slurm", "--out", "slurm.sh").code == 0
 

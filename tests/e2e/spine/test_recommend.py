@@ -1,4 +1,4 @@
-"""`recommend` answers from what was run here, beside what came with us."""
+"""`recommend` answers from local runs and from the results that come with the package."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from commandline import SMALL, Desk
 
 
 def test_what_was_run_here_is_known(desk: Desk) -> None:
-    """Before a run nothing is known of a package; after it the green cell is, with its lock, and the red one as red."""
+    """`recommend` knows nothing of a package before a run; afterwards it has the green cell's lock and the red cell."""
     before = desk.run("recommend", "fake-healthy", "--json")
     desk.run("run", desk.matrix("small", SMALL.read_text()))
 
@@ -30,7 +30,7 @@ def test_what_was_run_here_is_known(desk: Desk) -> None:
 
 
 def test_results_of_others_are_layered(desk: Desk) -> None:
-    """A report folder named by HARNESS_RESULTS answers on a machine that ran nothing."""
+    """A report folder named by HARNESS_RESULTS gives answers on a machine that ran nothing."""
     desk.run("run", desk.matrix("small", SMALL.read_text()), "--out", "theirs")
     elsewhere = {"HARNESS_STATE": str(desk.folder / "empty")}
 

@@ -97,7 +97,7 @@ TOGETHER = ("single", "again", "hopeless", "fine")
 
 
 def written(desk: Desk, index: str, cells: tuple[str, ...]) -> Path:
-    """A matrix with a cell for each of these robots."""
+    """Write a matrix with a cell for each of these robots, and return its path."""
     lines = "\n".join(
         CELL.format(
             name=name,
@@ -112,7 +112,7 @@ def written(desk: Desk, index: str, cells: tuple[str, ...]) -> Path:
 
 @pytest.fixture(scope="session")
 def index(together: Path, wheels: Path) -> str:
-    """The address of the index, made once for all workers of the session."""
+    """Return the address of the index, which is written once for all workers of the session."""
     folder = together / "index"
     with FileLock(together / "index.lock"):
         if not folder.exists():
@@ -124,7 +124,7 @@ def index(together: Path, wheels: Path) -> str:
 
 @pytest.fixture(scope="session")
 def repaired(once: Callable[[str, Callable[[Desk], Ran]], Measured], index: str) -> Measured:
-    """Some robots run, and what is red of them repaired."""
+    """Return a run of some robots in which every red cell was repaired."""
     return once(
         "market",
         lambda desk: desk.run("run", written(desk, index, TOGETHER), "--repair", "--json", HARNESS_SIGNATURES=""),
@@ -132,14 +132,14 @@ def repaired(once: Callable[[str, Callable[[Desk], Ran]], Measured], index: str)
 
 
 def proof(measured: Measured, which: str) -> dict[str, Any]:
-    """What was written of the repair of a cell."""
+    """Return the document of the repair of a cell."""
     (folder,) = (measured.desk.state / "repairs").glob(f"*/*_{which}")
     made: dict[str, Any] = json.loads((folder / "repair.json").read_text(encoding="utf-8"))
     return made
 
 
 def shown(made: dict[str, Any]) -> bool:
-    """Return whether each part is needed and all of them are enough, by runs that say so."""
+    """Return whether the runs show that each part of the remedy is needed and all of them are enough."""
     runs, remedy = made["runs"], made["remedy"]
     without = [runs[part["without"] - 1]["verdict"] for part in remedy["parts"]]
     enough = runs[remedy["proof"] - 1]
@@ -157,7 +157,10 @@ def shown(made: dict[str, Any]) -> bool:
     ],
 )
 def test_smallest_change(desk: Desk, index: str, which: str, change: dict[str, Any]) -> None:
-    """Bounds begin where the failure does; each part is shown to be needed, and the whole to be enough."""
+    """The smallest change is found: each bound begins at the first failure.
+
+    Each part is shown to be needed, and the whole to be enough.
+    """
     ran = desk.run("repair", f"{written(desk, index, (which,))}/*-{which}", "--json", HARNESS_SIGNATURES="")
     made = ran.document
     assert (ran.code, made["status"], made["remedy"]["change"]) == (0, "found", change)
@@ -166,7 +169,7 @@ def test_smallest_change(desk: Desk, index: str, which: str, change: dict[str, A
 
 
 def test_bound_that_the_error_names(desk: Desk, index: str) -> None:
-    """Is tried before anything else, though the user asks for another release; the resolver names one, too."""
+    """A bound that the error or the resolver names is tried first, though the user asks for another release."""
     ran = desk.run("repair", f"{written(desk, index, ('strict',))}/*-strict", "--json", HARNESS_SIGNATURES="")
     made = ran.document
     assert (ran.code, made["remedy"]["change"]) == (0, {"requirements": ["toolbox>=1.1,<2"]})
@@ -176,7 +179,7 @@ def test_bound_that_the_error_names(desk: Desk, index: str) -> None:
 
 
 def test_older_release_that_does_not_refuse_yet(desk: Desk, index: str) -> None:
-    """Is no remedy by itself: what the newer one refuses has to go, too."""
+    """An older release that does not refuse yet is no remedy alone: the refused package needs its bound, too."""
     ran = desk.run("repair", f"{written(desk, index, ('refuser',))}/*-refuser", "--json", HARNESS_SIGNATURES="")
     made = ran.document
     assert made["runs"][1]["why"] == "the error names toolbox<2"
@@ -185,7 +188,7 @@ def test_older_release_that_does_not_refuse_yet(desk: Desk, index: str) -> None:
 
 
 def test_parts_are_left_out_by_halves_and_bounds_are_widened(desk: Desk, index: str, tmp_path: Path) -> None:
-    """Of a known remedy of nine bounds the one that cures stays, as wide as it can be."""
+    """Of the nine bounds of a known remedy only the necessary one stays, as wide as possible."""
     lines = ", ".join(f'"{name}<2"' for name in PARTS)
     known = tmp_path / "known"
     known.mkdir()
@@ -199,27 +202,27 @@ def test_parts_are_left_out_by_halves_and_bounds_are_widened(desk: Desk, index: 
 
 
 def test_package_that_nobody_named(repaired: Measured) -> None:
-    """Is bounded from where the failure begins, and no other with it."""
+    """A package that nobody named is bounded from its first failing release, and no other package with it."""
     made = proof(repaired, "single")
     assert (made["status"], made["remedy"]["change"], shown(made)) == ("found", {"constraints": ["toolbox<2"]}, True)
 
 
 def test_once_per_cause(repaired: Measured) -> None:
-    """What cured one cell is tried on the next with the same cause, and measured there, too."""
+    """The remedy of one cell is tried on the next with the same cause, and measured there, too."""
     made = proof(repaired, "again")
     assert (made["remedy"]["change"], shown(made)) == ({"constraints": ["toolbox<2"]}, True)
     assert [run["why"] for run in made["runs"][1:2]] == ["it cured another cell of the same cause"]
 
 
 def test_nothing_cures(repaired: Measured) -> None:
-    """Then nothing is said to."""
+    """If no change cures the cell, no remedy is claimed."""
     made = proof(repaired, "hopeless")
     assert (made["status"], made["remedy"], made["stopped"]) == ("not found", None, None)
     assert len(made["runs"]) > 1
 
 
 def test_report_shows_repaired_cells(repaired: Measured) -> None:
-    """Each beside the red one, nothing being expected of it; the exit code is that of the red ones."""
+    """The report shows each repaired cell beside the red one; the exit code counts the red ones alone."""
     cells = {cell["id"].partition("_")[2]: cell for cell in repaired.ran.document["cells"]}
     assert repaired.ran.code == 1
     assert (cells["single_with-repair"]["verdict"], cells["single"]["verdict"]) == ("works", "broken")
@@ -232,7 +235,7 @@ def test_report_shows_repaired_cells(repaired: Measured) -> None:
 
 
 def test_proof_repeats_with_one_command(repaired: Measured, desk: Desk) -> None:
-    """Its lock and a page lie beside it; what was measured before is at hand, and the whole is run once more."""
+    """`repair` runs the proof again with one command; its lock and a page are stored beside it."""
     shutil.copytree(repaired.desk.state, desk.state)
     (folder,) = (desk.state / "repairs").glob("*/*_single")
     assert "toolbox==1.2" in (folder / "lock.txt").read_text(encoding="utf-8")
@@ -250,7 +253,7 @@ def test_proof_repeats_with_one_command(repaired: Measured, desk: Desk) -> None:
     ["gripper", pytest.param("aged", id="what was, where it could be installed", marks=NEEDS_OLDER)],
 )
 def test_cell_that_only_imports(desk: Desk, index: str, name: str) -> None:
-    """It never `works`, but is cured where all that it asks for passes."""
+    """A cell that only imports never `works`, but is cured if all requested imports pass."""
     cell = f'{name} = {{ requirements = ["{name}==1.0"], cases = [{{ id = "import", imports = ["{name}"] }}] }}'
     matrix = desk.matrix("market", MATRIX.format(index=index, cells=cell))
     ran = desk.run("repair", f"{matrix}/*-{name}", "--json", HARNESS_SIGNATURES="")
@@ -262,7 +265,7 @@ def test_cell_that_only_imports(desk: Desk, index: str, name: str) -> None:
 
 
 def test_nothing_is_said_to_cure_what_is_flaky(desk: Desk, index: str) -> None:
-    """A cell that fails once and then works owes that to no change."""
+    """No change is credited with curing a cell that fails once and then works."""
     ran = desk.run("repair", f"{written(desk, index, ('fickle',))}/*-fickle", "--json", HARNESS_SIGNATURES="")
     assert ran.code == 3
     assert (ran.document["status"], ran.document["remedy"]) == ("could not tell", None)
@@ -277,14 +280,14 @@ def test_green_already(repaired: Measured, desk: Desk) -> None:
 
 
 def test_bounds(repaired: Measured, desk: Desk) -> None:
-    """A search that is cut short says so, and what it would have tried."""
+    """A search that is cut short says so, and names the untried changes."""
     ran = desk.run("repair", f"{repaired.desk.folder / 'market.toml'}/*-hopeless", "--runs", "1", HARNESS_SIGNATURES="")
     assert ran.code == 1
     assert "stopped short: 1 runs are used up; not tried yet: the index as it stood, " in ran.out
 
 
 def test_as_try_asks(desk: Desk, index: str) -> None:
-    """Requirements instead of a cell; all that `try` checks is checked. Without its interpreter nothing is told."""
+    """`repair` takes requirements like `try`, and checks the same; without their interpreter it draws no conclusion."""
     given = {"UV_DEFAULT_INDEX": index, "HARNESS_SIGNATURES": ""}
     asked = ("undeclared==1.0", "--env", "undeclared:undeclared-v0", "--api", "gymnasium", "--as-of", "2026-10-01")
     ran = desk.run("repair", *asked, "--python", "host", "--json", **given)
@@ -296,7 +299,7 @@ def test_as_try_asks(desk: Desk, index: str) -> None:
 
 
 def test_without_anything_to_repair(desk: Desk) -> None:
-    """Says what to type."""
+    """Without a cell or requirements the message says what to type."""
     ran = desk.run("repair")
     assert (ran.code, ran.err) == (
         2,

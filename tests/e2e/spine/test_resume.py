@@ -1,4 +1,4 @@
-"""A run that is ended in the middle leaves no process, and the next one goes on from there."""
+"""A run that is stopped in the middle leaves no process, and the next run continues from there."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ cases = [{ env = "fake_pictureless:Pictureless-v0", api = "gymnasium" }]
     ids=["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"],
 )
 def test_ended_in_the_middle(desk: Desk, number: signal.Signals, code: int, said: str) -> None:
-    """The first cell is done and kept, the second is in the middle of a step, the third was not begun."""
+    """A signal ends a run in its second cell: the finished cell is kept, the other two are measured later."""
     matrix = desk.matrix("m", MATRIX)
     with desk.started("run", matrix, "-j", "1", "--json", FAKE_MARK=desk.mark) as process:
         assert process.stderr
@@ -69,7 +69,7 @@ def test_ended_in_the_middle(desk: Desk, number: signal.Signals, code: int, said
 
 
 def test_a_timeout_is_never_reused(desk: Desk) -> None:
-    """What did not end in time may do so the next time: it is measured again."""
+    """A cell that timed out is measured again: it may end in time."""
     text = MATRIX.replace('Gate-v0", api', 'Gate-v0", timeouts = { single = 1 }, api')
     matrix = desk.matrix("m", text)
     first = desk.run("run", matrix, "-k", "*-second", "--json").cells("which")["second"]
@@ -80,7 +80,7 @@ def test_a_timeout_is_never_reused(desk: Desk) -> None:
 
 
 def test_bytecode_that_a_full_disk_cut_short(desk: Desk) -> None:
-    """It is compiled anew, and no package is blamed for it."""
+    """Truncated bytecode is compiled again, and no package is blamed for it."""
     matrix = desk.matrix("m", MATRIX)
     cache = desk.folder / "cache"
     asked = ("run", matrix, "-k", "*-first", "--json")
@@ -95,7 +95,7 @@ def test_bytecode_that_a_full_disk_cut_short(desk: Desk) -> None:
 
 
 def test_an_environment_that_goes_while_it_is_used_blames_nothing(desk: Desk) -> None:
-    """An environment that somebody removes is made anew, and the case is measured again, in the same run."""
+    """An environment that was deleted during a run is made again, and the case is measured again in that run."""
     text = MATRIX.replace('Gate-v0", api', 'Gate-v0", timeouts = { single = 2 }, api')
     matrix, cache = desk.matrix("m", text), desk.folder / "cache"
     with desk.started("run", matrix, "-k", "*-second", "--json", HARNESS_CACHE=str(cache)) as process:
@@ -114,13 +114,13 @@ KILLED = "killed by SIGKILL, by whom cannot be told: perhaps the system for want
 
 
 def probe_of(desk: Desk) -> int:
-    """The process of the cell that waits: the only one with the desk's mark that is no harness."""
+    """Return the id of the probe of the waiting cell: the only marked process that runs `bootstrap.py`."""
     wait_for(lambda: any(b"bootstrap.py" in command(pid) for pid in processes_of(desk.mark)))
     return next(pid for pid in processes_of(desk.mark) if b"bootstrap.py" in command(pid))
 
 
 def command(pid: int) -> bytes:
-    """The command line of a process."""
+    """Return the command line of a process, or nothing if it has ended."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
@@ -130,7 +130,7 @@ def command(pid: int) -> bytes:
 @pytest.mark.parametrize("times", [1, 2])
 @pytest.mark.parametrize("sandbox", ["", "subreaper"])
 def test_a_probe_that_somebody_kills(desk: Desk, times: int, sandbox: str) -> None:
-    """It is run again once; killed twice it is inconclusive, blames no package, and is not reused."""
+    """A killed probe is run once more; killed twice it is inconclusive, blames no package, and is not reused."""
     matrix = desk.matrix("m", MATRIX)
     asked = ("run", matrix, "-k", "*-second", "--json")
     with desk.started(*asked, HARNESS_SANDBOX=sandbox) as process:
@@ -153,7 +153,7 @@ def test_a_probe_that_somebody_kills(desk: Desk, times: int, sandbox: str) -> No
 
 
 def test_a_closed_terminal(desk: Desk) -> None:
-    """A run whose terminal goes (an ssh session that ends) is ended like any other: what is done is kept."""
+    """A closed terminal (an ssh session that ends) ends a run like any signal: finished cells are kept."""
     matrix = desk.matrix("m", MATRIX)
     pid, terminal = pty.fork()
     if pid == 0:
@@ -172,7 +172,7 @@ def test_a_closed_terminal(desk: Desk) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_at_the_first_moment(desk: Desk, number: signal.Signals) -> None:
-    """A signal while the command is still being loaded ends it with its sentence, never with a traceback."""
+    """A signal during start-up ends the command with its sentence, never with a traceback."""
     matrix = desk.matrix("m", MATRIX)
     said = "simmatrix: terminated; finished cells are kept, the same command goes on from there\n"
     ended = []
@@ -189,7 +189,7 @@ def test_at_the_first_moment(desk: Desk, number: signal.Signals) -> None:
 
 @pytest.mark.parametrize("home", ["kept", "none"])
 def test_almost_no_environment(desk: Desk, home: str) -> None:
-    """A run needs PATH and HOME of its caller, and does without HOME."""
+    """A run works with only PATH and HOME of its caller's variables, and also without HOME."""
     matrix = desk.matrix("m", MATRIX.replace("[axes.which.second]", "[axes.which.late]"))
     given = {"PATH": os.environ["PATH"], **({"HOME": str(desk.folder)} if home == "kept" else {})}
     words = (sys.executable, "-m", "harness", "run", matrix, "-k", "*-first", "--json")

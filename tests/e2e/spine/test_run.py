@@ -1,4 +1,4 @@
-"""What a run leaves: the document of the contract, files beside it, exit codes, and nothing to do the second time."""
+"""The results of a run: the document of the contract, the files beside it, exit codes, and reuse by later runs."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_an_expectation_of_no_cell_is_stale(kept: Desk) -> None:
 
 
 def test_what_cannot_be_told_is_3(desk: Desk) -> None:
-    """An index that does not answer is nobody's fault but the network's."""
+    """An index that does not answer is a fault of the network alone."""
     text = 'requirements = ["fake-plain"]\nindex = { default = "http://127.0.0.1:9/" }\n'
     matrix = desk.matrix("m", text + 'cases = [{ imports = ["fake_plain"] }]\n[axes]\npython = ["host"]\n')
     ran = desk.run("run", matrix, UV_HTTP_RETRIES="0")
@@ -201,7 +201,7 @@ def test_bad_input_is_2(desk: Desk, arguments: tuple[str, ...]) -> None:
 
 
 def test_a_second_run_has_nothing_to_do(kept: Desk) -> None:
-    """What was measured is reused, even without the cache and the network, and the run says so."""
+    """Results are reused, even without the cache and the network, and the run says so."""
     ran = kept.run("run", "small.toml", "--offline", HARNESS_CACHE=str(kept.folder / "empty"))
     assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
     assert ran.out.splitlines()[-1] == "report: .harness/reports/small"
@@ -224,7 +224,10 @@ def test_fresh_measures_again_from_the_caches(kept: Desk) -> None:
 
 
 def test_what_was_resolved_offline_is_resolved_again_with_the_network(desk: Desk) -> None:
-    """Offline the caches may hold an older version only: no answer for later runs, whose own is then kept."""
+    """An offline resolution may be older than the newest release: a later run with the network resolves again.
+
+    The later run then keeps its own answer.
+    """
     matrix = desk.matrix("small", SMALL.read_text())
     asked = ("run", matrix, "-k", "*-good", "--until", "resolve", "--json")
     cells = [desk.run(*asked, *more).cells("which")["good"] for more in (("--offline",), (), ())]
@@ -242,7 +245,7 @@ def test_what_was_resolved_offline_is_resolved_again_with_the_network(desk: Desk
     ],
 )
 def test_what_was_changed_is_measured_again(change: tuple[str, str], again: set[str] | None, kept: Desk) -> None:
-    """What a cell asks for and sees is part of its results' key; the other cell is reused."""
+    """Settings and variables of a cell are part of its results' key: only the changed cells are measured again."""
     matrix = kept.matrix("small", SMALL.read_text().replace(*change, 1))
     cells = kept.run("run", matrix, "--until", "single", "--json").cells("which")
     known = again if again is not None else set(cells)
@@ -250,14 +253,14 @@ def test_what_was_changed_is_measured_again(change: tuple[str, str], again: set[
 
 
 def test_a_variable_of_the_user_that_cells_see_is_measured_again(kept: Desk) -> None:
-    """What reaches a cell from outside is part of its results' key, too."""
+    """A user's variable that reaches a cell is part of its results' key, too."""
     asked = ("run", "small.toml", "--until", "single", "-k", "*-good", "--json")
     cells = kept.run(*asked, __EGL_VENDOR_LIBRARY_DIRS="/usr/share/glvnd/egl_vendor.d").cells("which")
     assert cells["good"]["reused"] is False
 
 
 def test_what_failed_is_tried_again_on_another_system(kept: Desk) -> None:
-    """After a library was installed a red phase may be green: it is measured again, what passed is reused."""
+    """A red phase is measured again on a changed system, for example with a new library; a passed one is reused."""
     vault = Vault(kept.state)
     claims = sorted((vault.folder / "ac").glob("*/*"))
     assert claims
@@ -275,7 +278,7 @@ def test_what_failed_is_tried_again_on_another_system(kept: Desk) -> None:
 
 
 def test_a_failed_build_is_tried_again_on_another_system(desk: Desk) -> None:
-    """After a compiler or a header was installed an sdist may build: only on the same system is the failure kept."""
+    """A failed build is reused on the same system only: a new compiler or header may fix it."""
     text = 'requirements = ["fake-build-failure"]\nindex = { no_index = true, find_links = ["@WHEELS@"] }\n'
     text += 'cases = [{ imports = ["fake_build_failure"] }]\n[axes]\npython = ["host"]\n'
     asked = ("run", desk.matrix("m", text), "--json")
@@ -291,7 +294,7 @@ def test_a_failed_build_is_tried_again_on_another_system(desk: Desk) -> None:
 
 
 def test_verify_makes_a_damaged_environment_anew(desk: Desk) -> None:
-    """With `--verify` no environment is used whose files are not those of its wheels."""
+    """`--verify` makes an environment again if its files differ from its wheels."""
     own = desk.folder / "own-cache"
     asked = ("run", desk.matrix("small", SMALL.read_text()), "-k", "*-good", "--json")
     key = desk.run(*asked, HARNESS_CACHE=str(own)).cells("which")["good"]["key"]
@@ -318,7 +321,7 @@ def test_until_stops_and_a_later_run_goes_on(desk: Desk) -> None:
 
 
 def test_out_goes_elsewhere(kept: Desk) -> None:
-    """`--out DIR` is where the report goes, whole."""
+    """`--out DIR` writes the whole report to another folder."""
     ran = kept.run("run", "small.toml", "--out", "there")
     document = json.loads((kept.folder / "there" / "report.json").read_text())
     assert ran.out.splitlines()[-1] == "report: there"
@@ -326,7 +329,7 @@ def test_out_goes_elsewhere(kept: Desk) -> None:
 
 
 def test_progress_is_plain_lines(small: Measured) -> None:
-    """Where the output is no terminal each finished cell is one line on stderr."""
+    """If the output is not a terminal, each finished cell is one line on stderr."""
     lines = small.ran.err.splitlines()
     assert len(lines) == 2
     assert all(
@@ -335,7 +338,7 @@ def test_progress_is_plain_lines(small: Measured) -> None:
 
 
 def _without_paths(document: dict[str, Any]) -> dict[str, Any]:
-    """A document without what differs between two that say the same: paths, instants, whether it was reused."""
+    """Return a document without the paths, times and reuse marks in which equal results may differ."""
     kept: dict[str, Any] = json.loads(json.dumps(document))
     for cell in kept["cells"]:
         for key in ("lock", "evidence", "reused", "seconds"):

@@ -1,4 +1,4 @@
-"""Many cells: nothing is done twice, memory is not overdrawn, a part of a run is a part of its report."""
+"""Many cells: no work is done twice, memory is not exceeded, and a shard is a part of the whole report."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ loose = { environment = { FAKE_GATE = "@FOLDER@/gate" }, constraints = ["fake-ga
 
 
 def wait_for(happened: Callable[[], bool]) -> None:
-    """Wait until it happened."""
+    """Wait until `happened` returns true; fail after `PATIENCE` seconds."""
     deadline = time.monotonic() + PATIENCE
     while not happened():
         assert time.monotonic() < deadline
@@ -56,7 +56,10 @@ def wait_for(happened: Callable[[], bool]) -> None:
 
 
 def test_combinations_of_one_lock_are_measured_once(desk: Desk) -> None:
-    """Two questions have the same answer: their cells run at the same time, and one measurement stands in both rows."""
+    """Two questions with the same lock are measured once, though their cells run at the same time.
+
+    Both rows of the report have that measurement.
+    """
     matrix = desk.matrix("m", GATES + ONE_LOCK)
     (desk.folder / "gate").touch()
     cells = desk.run("run", matrix, "-j", "2", "--until", "single", "--json").cells("bound")
@@ -88,7 +91,7 @@ def test_processes_share_what_they_measure(desk: Desk) -> None:
 
 
 def resolving(desk: Desk, monkeypatch: pytest.MonkeyPatch, matrix: Path) -> list[Path]:
-    """The files that are locked while the question of each cell is resolved."""
+    """Return the lock files that are held while the question of each cell is resolved."""
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     monkeypatch.setenv("HARNESS_STATE", str(desk.state))
     opened = store.open_store()
@@ -138,7 +141,7 @@ def test_installs_go_on_beside_probes(desk: Desk, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize(("free", "both"), [(3000, False), (5000, True)], ids=["little", "enough"])
 def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch, free: int, both: bool) -> None:
-    """Two that may take 2 GB each run one after the other where 3 GB are free, side by side where there are 5."""
+    """Two probes of up to 2 GB run one after the other with 3 GB free, and side by side with 5 GB."""
     if scheduler.default_jobs() < 2:
         pytest.skip("unavailable: a second core")
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
@@ -166,7 +169,7 @@ def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_peak_of_a_probe_is_recorded(kept: Desk) -> None:
-    """What a probe held at most is kept with its result, for the next time."""
+    """The peak memory of a probe is stored with its result, for the next run."""
     (record,) = (json.loads(path.read_text()) for path in kept.state.glob("cells/*/small/*_good.json"))
     peaks = [phase["peak_mb"] for case in record["cases"] for phase in case["phases"] if phase["checks"]]
     assert len(peaks) == 4
@@ -177,7 +180,7 @@ def test_the_peak_of_a_probe_is_recorded(kept: Desk) -> None:
 
 
 def test_the_longest_goes_first(kept: Desk) -> None:
-    """By what was recorded of each cell, whatever the order of the plan."""
+    """Cells start in the order of their recorded seconds, longest first, whatever the order of the plan."""
     for path in kept.state.glob("cells/*/small/*.json"):
         seconds = 99.0 if path.stem.endswith("_blank") else 0.5
         path.write_text(json.dumps({**json.loads(path.read_text()), "seconds": seconds}))
@@ -186,7 +189,7 @@ def test_the_longest_goes_first(kept: Desk) -> None:
 
 
 def test_a_shard_tells_of_its_own_cells_only(kept: Desk) -> None:
-    """The other cells are `not_run`, though they were measured here before: shards are put both by `merge`."""
+    """A shard reports all other cells as `not_run`, though they were measured here before: `merge` combines shards."""
     report = kept.folder / "past.json"
     shards = [kept.run("run", "small.toml", "--shard", f"{number}/3", "--json") for number in (1, 2, 3)]
     verdicts = [{name: cell["verdict"] for name, cell in shard.cells("which").items()} for shard in shards]
@@ -206,7 +209,7 @@ def test_a_shard_tells_of_its_own_cells_only(kept: Desk) -> None:
 
 
 def test_only_failed(kept: Desk) -> None:
-    """What was red without being expected to is measured again, and nothing else."""
+    """`--only-failed` measures only cells that were red and not expected to be."""
     ran = kept.run("run", "small.toml", "--only-failed", "--json")
     cells = ran.cells("which")
     assert (cells["blank"]["reused"], cells["good"]["reused"]) == (False, True)
@@ -219,7 +222,7 @@ def test_only_failed(kept: Desk) -> None:
 
 
 def test_less_is_not_kept_over_more(kept: Desk) -> None:
-    """`lock` after `run` leaves what was measured of the same lock."""
+    """`lock` after `run` keeps the results measured with the same lock."""
     kept.run("lock", "small.toml")
     cells = kept.run("report", "--json").cells("which")
     assert {name: cell["verdict"] for name, cell in cells.items()} == {"good": "works", "blank": "partial"}
@@ -238,7 +241,7 @@ def test_what_is_no_number_of_cells(desk: Desk) -> None:
 
 
 def test_until_install_then_offline(desk: Desk, serve: Callable[..., str], tmp_path: Path) -> None:
-    """What `--until install` brought from an index is all that `--offline` needs, where no network is."""
+    """`--until install` fetches all that a later `--offline` run needs without a network."""
     text = SMALL.read_text().replace('no_index = true, find_links = ["@WHEELS@"]', 'default = "@INDEX@"')
     assert "@INDEX@" in text
     matrix = desk.matrix("small", text.replace("@INDEX@", serve(Index(desk.wheels))))
@@ -255,7 +258,7 @@ def test_until_install_then_offline(desk: Desk, serve: Callable[..., str], tmp_p
 
 
 def test_what_stands_is_left_alone(kept: Desk) -> None:
-    """Where nothing changed no record and no report is written; a report that was touched is made again."""
+    """A run without changes writes no record and no report; an edited report is written again."""
     kept.run("run", "small.toml")
     folder = kept.state / "reports" / "small"
     files = [*kept.state.glob("cells/*/small/*.json"), *folder.rglob("*.*")]

@@ -34,13 +34,13 @@ def smoke(desk: Desk, *arguments: str, **variables: str) -> Ran:
 
 
 def items(cell: str, *cases: str) -> list[str]:
-    """The node ids of a cell with these cases."""
+    """Return the node ids of a cell with these cases."""
     names = ("resolve", "install", *(f"{case}::{phase}" for case in cases for phase in PHASES), "verdict")
     return [f"{cell}::{name}" for name in names]
 
 
 def ended(ran: Ran, outcome: str) -> list[str]:
-    """The lines of the summary for one outcome."""
+    """Return the lines of the summary for one outcome."""
     return re.findall(rf"(?m)^{outcome} (.*)$", ran.out)
 
 
@@ -48,7 +48,7 @@ def ended(ran: Ran, outcome: str) -> list[str]:
 
 
 def test_items_are_cells_by_cases_by_phases(desk: Desk) -> None:
-    """They are listed in the order of the plan, and listing them resolves nothing and fetches no repository."""
+    """Items are listed in the order of the plan, and listing them resolves nothing and fetches no repository."""
     desk.matrix("small", 'subject = "git+https://nowhere.invalid/own"\n' + SMALL.read_text())
     ran = smoke(desk, "--collect-only", "-q", "--strict-markers", "-W", "error")
     assert ran.out.splitlines()[:18] == [*items(GOOD, HEALTHY), *items(BLANK, HEALTHY, FRAME)]
@@ -89,7 +89,7 @@ def test_an_expected_failure_is_a_strict_xfail(kept: Desk) -> None:
 
 
 def test_another_failure_than_the_expected_one_fails(kept: Desk) -> None:
-    """Where the line does not match nothing is expected."""
+    """A failure whose line differs from the expected one is a failure."""
     kept.matrix("small", SMALL.read_text() + RED.replace('"blank frame"', '"no display"'))
     ran = smoke(kept)
     assert (ran.code, ended(ran, "XFAIL")) == (1, [])
@@ -105,7 +105,7 @@ CRASHED = f"small/{PREFIX}_segfault::fake_segfault-Segfault-v0"
 
 @pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["one", "two"])
 def test_a_phase_asked_for_alone_runs_what_it_needs(workers: tuple[str, ...], desk: Desk) -> None:
-    """What stands in its way is told by the item itself, which a crash in the cell does not take with it."""
+    """A phase selected alone also runs what it needs; if that crashes, the selected item reports the crash."""
     desk.matrix("small", SMALL.read_text().replace("[axes.which.odd]", f"{SEGFAULT}[axes.which.odd]"))
     ran = smoke(desk, "-k", "(segfault or good) and render", "-v", *workers)
     assert ran.code == 1
@@ -119,7 +119,7 @@ def test_a_phase_asked_for_alone_runs_what_it_needs(workers: tuple[str, ...], de
 
 
 def test_node_ids_are_arguments_as_they_are_printed(kept: Desk) -> None:
-    """Of an item, a case or a cell, though they name no file; one that there is not is pytest's usage error."""
+    """Node ids of items, cases and cells are arguments, though they name no file; an unknown id is a usage error."""
     asked = ("--matrix", "small.toml", "-v")
     ran = kept.run(*asked, f"{BLANK}::{FRAME}::single", f"{GOOD}::{HEALTHY}", module="pytest")
     chosen = [f"{GOOD}::{HEALTHY}::{phase}" for phase in PHASES] + [f"{BLANK}::{FRAME}::single"]
@@ -131,7 +131,7 @@ def test_node_ids_are_arguments_as_they_are_printed(kept: Desk) -> None:
 
 
 def test_markers_choose_phases(kept: Desk) -> None:
-    """`-m render` are the items of that phase; what nobody asked for is not judged."""
+    """`-m PHASE` selects the items of that phase, and deselected items are not judged."""
     ran = smoke(kept, "-m", "single or render", "--strict-markers")
     assert (ran.code, ended(ran, "FAILED")) == (1, [f"{BLANK}::{FRAME}::render - {WHY}"])
     assert ran.out.splitlines()[-1].strip("= ").startswith("1 failed, 5 passed, 12 deselected")
@@ -148,7 +148,7 @@ def pytest_configure_node(node):
 
 
 def test_workers_need_no_matrix_and_leave_what_a_run_leaves(desk: Desk) -> None:
-    """They have the plan from the controller; afterwards `run` finds everything measured and says the same."""
+    """Workers get the plan from the controller; afterwards `run` finds everything measured and reports the same."""
     matrix = desk.matrix("small", SMALL.read_text() + RED)
     text = matrix.read_text()
     (desk.folder / "conftest.py").write_text(WITHOUT_FILE)
@@ -167,7 +167,7 @@ def test_workers_need_no_matrix_and_leave_what_a_run_leaves(desk: Desk) -> None:
 
 
 def test_what_was_measured_in_part_is_no_record(desk: Desk) -> None:
-    """A report has only cells that were measured in full; results are kept all the same."""
+    """A cell measured in part has no record and no report; its results are kept all the same."""
     desk.matrix("small", SMALL.read_text())
     ran = smoke(desk, "-k", f"{PREFIX}-good and not verdict")  # the id of earlier versions
     assert (ran.code, "report:" in ran.out) == (0, False)
@@ -176,7 +176,7 @@ def test_what_was_measured_in_part_is_no_record(desk: Desk) -> None:
 
 
 def test_fresh_measures_each_case_once(kept: Desk) -> None:
-    """`--matrix-fresh` measures what is known, though one time for all items of a case."""
+    """`--matrix-fresh` measures known results again, but once for all items of a case."""
     before = runs(kept)
     ran = smoke(kept, "--matrix-fresh", "-k", "good", "--durations=0", "-n", "1")
     assert ran.code == 0
@@ -192,7 +192,7 @@ def runs(desk: Desk) -> int:
 
 
 def test_junit_has_one_suite_per_cell(kept: Desk) -> None:
-    """Each with its own counts and facts; the functions of a user stay in pytest's own suite."""
+    """Each cell has a JUnit suite with its own counts and facts; a user's functions stay in pytest's own suite."""
     (kept.folder / "test_mine.py").write_text("def test_mine(): pass\n")
     ran = smoke(kept, "test_mine.py", "--junitxml=j.xml", "-n", "2")
     assert ran.code == 1
@@ -252,7 +252,10 @@ def test_env(env, cell):
 
 
 def test_functions_of_a_user_run_once_for_each_cell_and_case(kept: Desk) -> None:
-    """What they hand to `cell.run` runs in the cell and nowhere else; a fixture of the user's own is left alone."""
+    """A user's function runs once for each cell and case, and its `cell.run` code in the cell alone.
+
+    A fixture of the user's own is left alone.
+    """
     (kept.folder / "test_mine.py").write_text(MINE)
     (kept.folder / "test_theirs.py").write_text(THEIRS)
     asked = ("test_mine.py", "test_theirs.py", "-v", "-rf", "--matrix", "small.toml")
@@ -270,7 +273,10 @@ def test_functions_of_a_user_run_once_for_each_cell_and_case(kept: Desk) -> None
 
 
 def test_without_a_matrix_a_function_that_asks_for_a_cell_says_so(kept: Desk) -> None:
-    """It is skipped; nothing else of a session without `--matrix` is touched, and nothing of ours is imported."""
+    """Without `--matrix`, a function that uses a cell is skipped.
+
+    Nothing else of the session is touched, and of our modules only the plugin is imported.
+    """
     (kept.folder / "test_mine.py").write_text(MINE)
     loaded = "import sys\n\ndef pytest_sessionfinish():\n    print(sorted(n for n in sys.modules if 'harness' in n))\n"
     (kept.folder / "conftest.py").write_text(loaded)
@@ -286,7 +292,10 @@ def test_without_a_matrix_a_function_that_asks_for_a_cell_says_so(kept: Desk) ->
 
 
 def test_what_cannot_be_told_fails_and_what_is_not_here_is_skipped(desk: Desk) -> None:
-    """An index that does not answer is `inconclusive` first in each message; an absent Python is a reason to skip."""
+    """An index that does not answer fails items with `inconclusive` first in each message.
+
+    An absent Python is a reason to skip.
+    """
     text = 'requirements = ["fake-plain"]\nindex = { default = "http://127.0.0.1:9/" }\n'
     text += 'cases = [{ imports = ["fake_plain"] }]\n[axes]\npython = ["host", "3.99"]\n'
     desk.matrix("small", text)
@@ -313,18 +322,18 @@ BAD = {
 
 @pytest.mark.parametrize("arguments", BAD, ids=" ".join)
 def test_bad_input_is_a_usage_error(arguments: tuple[str, ...], kept: Desk) -> None:
-    """pytest's 4, one sentence, no traceback."""
+    """Bad input is pytest's code 4 with one sentence and no traceback."""
     ran = kept.run("--pyargs", "harness.smoke", *arguments, module="pytest")
     assert (ran.code, ran.err.strip()) == (4, BAD[arguments].strip())
 
 
 def test_an_empty_selection_is_pytests_own(kept: Desk) -> None:
-    """pytest's 5."""
+    """An empty selection is pytest's code 5."""
     assert smoke(kept, "-k", "nothing").code == 5
 
 
 def test_an_interrupt_leaves_nothing_behind(desk: Desk) -> None:
-    """Ctrl-C is pytest's 2, and no process outlives it."""
+    """Ctrl-C ends with pytest's code 2, and no process is left behind."""
     text = SMALL.read_text().replace("fake_healthy:Healthy-v0", "fake_hang:Hang-v0")
     desk.matrix("small", 'environment = { FAKE_MARK = "@MARK@" }\n' + text)
     asked = ("--pyargs", "harness.smoke", "--matrix", "small.toml", "-k", "good")

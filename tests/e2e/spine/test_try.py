@@ -1,4 +1,4 @@
-"""`try` answers in one line what was really tried, or why it does not work and what to type next."""
+"""`try` answers in one line which phases were tried, or why it fails and what to type next."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_what_does_not_says_why_and_what_next(desk: Desk) -> None:
 
 
 def test_what_could_not_be_shown_is_named(desk: Desk) -> None:
-    """Where what was asked for cannot draw here, the rest works and the render is not verified."""
+    """If the requested drawing is impossible here, the other phases work and the render is not verified."""
     hidden = {"__EGL_VENDOR_LIBRARY_DIRS": str(desk.folder), "LIBGL_DRIVERS_PATH": str(desk.folder)}
     asked = ("fake-needs-gl==1.0", "--env", "fake_needs_gl:NeedsGl-v0", "--set", "MUJOCO_GL=egl")
     code, out = _try(desk, *asked, **hidden)
@@ -54,7 +54,7 @@ def test_what_could_not_be_shown_is_named(desk: Desk) -> None:
 
 
 def test_a_failed_drawing_is_red_where_egl_is(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With EGL here, an environment that cannot draw is at fault itself."""
+    """With EGL on this machine, an environment that cannot draw is itself at fault."""
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     if not this_machine.facts().capabilities & {"egl", "osmesa"}:
         pytest.skip("missing library: EGL")
@@ -64,7 +64,7 @@ def test_a_failed_drawing_is_red_where_egl_is(desk: Desk, monkeypatch: pytest.Mo
 
 
 def test_a_python_that_nobody_has_is_3(desk: Desk) -> None:
-    """What cannot be tried here is no answer about packages; it says what to do."""
+    """A missing Python says nothing about packages; the answer says how to install it."""
     ran = desk.run("try", "fake-plain", "--python", "3.99", "--import", "fake_plain", **_index(desk))
     assert ran.code == 3
     assert ran.out == (
@@ -74,7 +74,7 @@ def test_a_python_that_nobody_has_is_3(desk: Desk) -> None:
 
 
 def test_a_file_that_wants_another_python_is_3(desk: Desk) -> None:
-    """Where no Python here is one that a file allows, none that it forbids is tried in its place."""
+    """If a file allows no Python of this machine, no forbidden one is tried in its place."""
     project = desk.folder / "pyproject.toml"
     project.write_text('[project]\nname = "mine"\nrequires-python = ">=3.99"\ndependencies = ["fake-plain"]\n')
     ran = desk.run("try", "-r", project, "--import", "fake_plain", **_index(desk))
@@ -155,7 +155,7 @@ def test_an_id_that_nothing_registers_is_2(desk: Desk) -> None:
 
 
 def test_what_was_not_run_is_no_part_of_works(desk: Desk) -> None:
-    """A package that lies there while another one's environment runs makes it 3, and is named first."""
+    """A package that was only installed beside the environment makes the answer 3, and is named first."""
     code, out = _try(desk, "fake-plain", "fake-healthy", "--env", "fake_healthy:Healthy-v0")
     first, last = out.splitlines()
     assert code == 3
@@ -167,7 +167,7 @@ def test_what_was_not_run_is_no_part_of_works(desk: Desk) -> None:
 
 
 def test_without_an_environment_it_says_what_there_is(desk: Desk) -> None:
-    """A package is imported, and the answer names what its submodules register, and how to run it."""
+    """Without an environment a package is imported, and the answer lists its submodules' ids and how to run one."""
     code, out = _try(desk, "fake-submodule")
     assert code == 3
     assert out.splitlines() == [
@@ -178,7 +178,7 @@ def test_without_an_environment_it_says_what_there_is(desk: Desk) -> None:
 
 
 def test_rewards_are_as_the_environment_declares_them(desk: Desk) -> None:
-    """Vectors by its own `reward_space` are no failure, and undeclared ones are."""
+    """Vector rewards declared by `reward_space` pass, and undeclared ones fail."""
     code, out = _try(desk, "fake-vector-reward", "--env", "fake_vector_reward:VectorReward-v0")
     assert (code, out.partition("; ")[2]) == (
         0,
@@ -192,7 +192,7 @@ def test_rewards_are_as_the_environment_declares_them(desk: Desk) -> None:
 
 
 def test_a_failure_under_our_own_setting_is_none(desk: Desk) -> None:
-    """A picture that is black under SDL's driver that we supplied is drawn in another way; a user's own stays."""
+    """A picture that is black under our own SDL driver is drawn in another way; a user's driver is kept."""
     asked = ("fake-dummy-black", "--env", "fake_dummy_black:DummyBlack-v0")
     ran = desk.run("try", *asked, "--python", "host", "--json", **_index(desk))
     (cell,) = ran.document["cells"]
@@ -227,7 +227,7 @@ build-constraint-dependencies = ["fake-build-tool<2"]
 
 
 def _try(desk: Desk, *arguments: str, **variables: str) -> tuple[int, str]:
-    """Try with the Python of the tests, and packages from the shelf as the user's settings name it."""
+    """Run `try` with the Python of the tests and the shelf of wheels as index; return exit code and output."""
     ran = desk.run("try", *arguments, "--python", "host", **_index(desk), **variables)
     return ran.code, ran.out
 

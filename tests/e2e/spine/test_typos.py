@@ -1,4 +1,4 @@
-"""A misspelt package or a release that no index has is bad input of every verb, and never becomes a result."""
+"""A misspelt package, or a release that no index has, is bad input for every verb and never a result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NAME = "simmatrix: gymnasum: no such package; did you mean gymnasium?\n"
 @pytest.mark.parametrize(("asked", "said"), [("fake-healthy==9.9.9", RELEASE), ("gymnasum", NAME)])
 @pytest.mark.parametrize("verb", ["plan", "lock", "run", "bisect", "repair"])
 def test_a_matrix_with_a_typo_is_refused(desk: Desk, verb: str, asked: str, said: str) -> None:
-    """Nothing is measured: exit 2, with the newest release or the nearest name."""
+    """A matrix with a typo is refused with code 2 and the newest release or the nearest name; nothing is measured."""
     path = desk.matrix("m", TEXT.format(asked=asked))
     more = {"bisect": ("--axis", "python"), "repair": ()}
 
@@ -44,7 +44,7 @@ def test_a_matrix_with_a_typo_is_refused(desk: Desk, verb: str, asked: str, said
     ],
 )
 def test_a_typo_on_the_command_line_is_refused(desk: Desk, verb: str, asked: list[str], said: str) -> None:
-    """Exit 2, and `recommend` never hears of it."""
+    """A typo on the command line is refused with code 2, and is not stored for `recommend`."""
     here = {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
 
     ran = desk.run(verb, *asked, **here)
@@ -65,7 +65,7 @@ def test_a_project_with_a_typo_is_refused(desk: Desk) -> None:
 
 
 def test_what_another_package_asks_for_is_no_typo(desk: Desk) -> None:
-    """A release that only metadata ask for stays `unresolvable`."""
+    """A missing release that only another package requires stays `unresolvable`."""
     here = {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
 
     ran = desk.run("try", "--python", "host", "fake-plain", "fake-unresolvable", **here)
@@ -85,7 +85,7 @@ def test_an_index_that_does_not_answer_is_no_typo(desk: Desk, options: tuple[str
 
 
 def test_good_input_is_not_asked_for_twice(desk: Desk) -> None:
-    """A release that an index once listed is known without it; another one of the same package is asked for again."""
+    """A release that an index once listed is not looked up again; another release of the same package is."""
     cache = {"HARNESS_CACHE": str(desk.folder / "cache")}
     shelf = desk.folder / "shelf"
     shutil.copytree(desk.wheels, shelf)

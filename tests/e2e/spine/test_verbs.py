@@ -50,7 +50,7 @@ def test_a_cell_without_a_lock_is_1(desk: Desk) -> None:
 
 
 def test_report_makes_the_page_again(kept: Desk) -> None:
-    """From `report.json` the page and the document come out the same, byte for byte, wherever they are put."""
+    """`report` makes the page and the document again from `report.json`, byte for byte, in whatever folder."""
     folder = kept.state / "reports" / "small"
     page = (folder / "report.md").read_bytes()
     (folder / "report.md").unlink()
@@ -71,7 +71,7 @@ def test_report_has_the_document_of_the_run(kept: Desk) -> None:
 
 
 def test_a_file_is_no_folder_for_a_report(kept: Desk) -> None:
-    """Where nothing can be written, that is said at once and in one sentence."""
+    """A report folder that cannot be written to is reported at once, in one sentence."""
     taken = kept.folder / "taken"
     taken.write_text("")
     ran = kept.run("report", "small", "--out", taken)
@@ -100,7 +100,7 @@ def test_show_tells_all_of_a_cell(kept: Desk) -> None:
 
 
 def test_show_names_a_cell_that_was_not_run(kept: Desk) -> None:
-    """A glob that matches several cells, or none, is bad input that names cells."""
+    """A glob that matches several cells, or none, is bad input; the message names cells."""
     several, none = kept.run("show", "small/*"), kept.run("show", "*-odd")
     assert (several.code, none.code) == (2, 2)
     assert "matches 2 cells; name one of small/py" in several.err
@@ -108,7 +108,10 @@ def test_show_names_a_cell_that_was_not_run(kept: Desk) -> None:
 
 
 def test_mistakes_of_a_run_are_said_before_it_starts(desk: Desk) -> None:
-    """A pivot over no axis, one name for two matrices, no cell at all, or no number of jobs: 2, and nothing is kept."""
+    """Mistakes of a run end with code 2 before it starts.
+
+    A pivot over no axis, one name for two matrices, no cell at all, no number of jobs: nothing is kept.
+    """
     desk.matrix("small", SMALL.read_text())
     nothing = 'cases = [{ imports = ["fake_plain"] }]\nexclude = [{ when = { python = ">=3" }, reason = "no" }]\n'
     desk.matrix("nothing", nothing + '[axes]\npython = ["host"]\n')

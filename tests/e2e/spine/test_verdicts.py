@@ -1,4 +1,7 @@
-"""The verdicts that come before anything runs, or say nothing about packages; with the defects, all there are."""
+"""The verdicts before anything runs, and those that say nothing about packages.
+
+With the defects, these are all verdicts.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,7 @@ EARLY = {
 
 @pytest.mark.parametrize("what", EARLY)
 def test_verdicts_about_packages(verdicts: Measured, what: str) -> None:
-    """No solution, no wheel, a build that fails, a failure that comes and goes: each is told as what it is."""
+    """Each failure of packages has its own verdict: no solution, no wheel, a failed build, a flaky failure."""
     cell = verdicts.ran.cells("what")[what]
     wanted, phase, outcome, decisive = EARLY[what]
     assert (cell["verdict"], cell["phase"], cell["phases"].get(phase)) == (wanted, phase, outcome)
@@ -89,7 +92,10 @@ def test_a_capability_that_is_missing_is_unavailable(desk: Desk, monkeypatch: py
 
 @pytest.mark.skipif(not shutil.which("dpkg-query"), reason="unavailable: dpkg")
 def test_a_package_of_the_system_that_is_missing_is_unavailable(desk: Desk) -> None:
-    """Before anything is built for a cell it is told what brings the packages that it needs."""
+    """A missing system package makes a cell unavailable before anything is built.
+
+    The message says how to install the package.
+    """
     text = 'system = ["dpkg", "no-such-dev"]\ncases = [{ imports = ["fake_plain"] }]\n[axes]\npython = ["host"]\n'
     ran = desk.run("run", desk.matrix("system", text), "--json")
     (cell,) = ran.document["cells"]
@@ -98,7 +104,7 @@ def test_a_package_of_the_system_that_is_missing_is_unavailable(desk: Desk) -> N
 
 
 def test_more_memory_than_allowed_is_inconclusive(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A memory hog is ended at the limit; that the limit is ours makes it infra, whatever the package."""
+    """A process above our memory limit is killed and counts as infra, whatever the package."""
     record = _probed(desk, monkeypatch, "fake_memory_hog:MemoryHog-v0", memory_mb=300)
     judged = assess(record)
     assert (judged.verdict, judged.phases[Phase.SINGLE]) == (Verdict.INCONCLUSIVE, Outcome.INFRA)
@@ -120,7 +126,7 @@ def test_another_python_than_the_lock_s_is_inconclusive(desk: Desk, monkeypatch:
 def test_a_write_is_seen_where_nothing_can_be_laid_over(
     sandbox: str, desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where no overlay is to be had a probe writes into a copy: it works as for its user, and it is told."""
+    """Without an overlay a probe writes into a copy: it works as for its user, and the write is a finding."""
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     if process.sandbox_mode() != "pid+overlay":
         pytest.skip("unavailable: namespaces")
@@ -136,7 +142,7 @@ def test_a_write_is_seen_where_nothing_can_be_laid_over(
 
 
 def test_every_verdict_and_outcome_is_reached(defects: Measured, verdicts: Measured) -> None:
-    """Between them the two runs show everything that the harness can say."""
+    """The two runs together show every verdict and outcome of the harness."""
     cells = [*defects.ran.document["cells"], *verdicts.ran.document["cells"]]
     assert {cell["verdict"] for cell in cells} == set(Verdict)
     assert {outcome for cell in cells for outcome in cell["phases"].values()} == set(Outcome)
@@ -150,7 +156,7 @@ def _cell(measured: Measured, matrix: str) -> dict[str, object]:
 def _probed(
     desk: Desk, monkeypatch: pytest.MonkeyPatch, env: str, *, memory_mb: int = 6000, python: str | None = None
 ) -> CellRecord:
-    """The record of an environment that is run in a way that no command line asks for."""
+    """Return the record of an environment that is run in a way that no command line offers."""
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     monkeypatch.setenv("HARNESS_STATE", str(desk.state))
     host = interpreters.find("host")

@@ -60,6 +60,6 @@ class Followed(gymnasium.Env):
         return self.renderer.render()
 
     def close(self):
-        """Let go of what draws."""
+        """Close the renderer."""
         if self.renderer is not None:
             self.renderer.close()

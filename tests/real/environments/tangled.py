@@ -32,7 +32,7 @@ def model(seed):
 
 
 class Tangled(gymnasium.Env):
-    """Nothing but the simulation."""
+    """An environment of nothing but the simulation."""
 
     def __init__(self, seed=0, render_mode=None):
         self.model = mujoco.MjModel.from_xml_string(model(seed))

@@ -127,7 +127,7 @@ class Old(Troubled):
 
 
 class Classic(Troubled):
-    """The same before gym 0.26."""
+    """The same environment in the API before gym 0.26."""
 
     metadata = {"render.modes": ["rgb_array"], "render_modes": ["rgb_array"]}  # noqa: RUF012
 
