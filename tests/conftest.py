@@ -1,4 +1,4 @@
-"""What tests of several tiers share: running the in-cell side with any interpreter."""
+"""Share between the tiers of tests: running the in-cell side with any interpreter."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INCELL = Path(harness.__file__).parent / "incell"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Probed:
-    """What came of one probe; `returncode` is None when it was ended at the deadline."""
+    """The result of one probe; `returncode` is None when it was ended at the deadline."""
 
     reply: ProbeReply
     returncode: int | None
@@ -112,7 +112,7 @@ MENDABLE = "missing library: "
 
 
 def skip_reasons(reporter: pytest.TerminalReporter) -> Counter[str]:
-    """Why tests were skipped, and how many for each reason."""
+    """Print why tests were skipped, and how many for each reason."""
     reports = reporter.stats.get("skipped", [])
     return Counter(str(report.longrepr[2]).removeprefix("Skipped: ") for report in reports)
 

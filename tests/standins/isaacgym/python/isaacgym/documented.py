@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class Refused(AttributeError):
-    """What was asked for is not in the stubs."""
+    """The stubs do not have the name that was asked for."""
 
     def __init__(self, owner, name):
         super().__init__(f"{owner} has no {name!r} in the stubs")
@@ -20,7 +20,7 @@ class NotPlayed(NotImplementedError):
 
 
 class Stubs:
-    """What a stub file says: its classes and functions by their names, its constants with their types."""
+    """The content of a stub file: its classes and functions by their names, its constants with their types."""
 
     def __init__(self, path):
         source = re.sub(r"\bdef (lambda)\(", r"def \1_(", Path(path).read_text(encoding="utf-8"))

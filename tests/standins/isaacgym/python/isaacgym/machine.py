@@ -1,4 +1,4 @@
-"""What this machine is, which reported failure each pair of its devices has, and how native code fails."""
+"""Say what this machine is, which reported failure each pair of its devices has, and how native code fails."""
 
 import json
 import os
@@ -10,7 +10,7 @@ FOLDER = Path(__file__).parent
 
 
 def failure(part):
-    """What was reported of a pair of devices (`c0g1`), or of `gymtorch`."""
+    """Return the report on a pair of devices (`c0g1`), or of `gymtorch`."""
     planned = json.loads((FOLDER / "machine.json").read_text(encoding="utf-8"))
     reported = json.loads((FOLDER / "failures.json").read_text(encoding="utf-8"))
     return reported[planned.get(part, "sound")]

@@ -1,4 +1,4 @@
-"""What the stand-in plays of the class Gym: bodies that fall to the ground, cameras that fail as was reported."""
+"""Play a part of the class Gym: bodies that fall to the ground, cameras that fail as was reported."""
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class Simulation:
         self.drawn = self.open = False
 
     def reported(self, camera=None):
-        """What was reported of the way that a camera's pictures go; of any way before there is one."""
+        """Return the report on the way that a camera's pictures go; of any way before there is one."""
         ways = ("tensor", "cpu") if camera is None else ("tensor" if camera.enable_tensors else "cpu",)
         return next((self.failure[way] for way in ways if way in self.failure), {})
 
