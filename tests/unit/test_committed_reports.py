@@ -25,12 +25,6 @@ UNAVAILABLE = {"interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2}
 INCONCLUSIVE = {"masks": 21}
 """How many cells say nothing of packages, as they are meant to: workers that somebody kills by SIGKILL."""
 
-PENDING = {
-    "breakages", "kitchen",
-    "robosuite", "robosuite-egl", "torchrl",
-}  # fmt: skip
-"""Reports that were measured before evidence was kept, and have no pack yet: each goes when it is measured again."""
-
 FOLDERS = sorted(path.parent for path in REPORTS.glob("*/report.json"))
 FOREIGN = re.compile(r"https?://[^ \"]*/(?:simple|packages)/|/(?:root|home|tmp|work)/")
 """Addresses of an index, folders of a machine."""
@@ -48,15 +42,7 @@ def test_every_matrix_was_measured() -> None:
     assert {"quickstart"} <= matrices == {folder.name for folder in FOLDERS}
 
 
-PACKED = [folder for folder in FOLDERS if (folder / packs.INDEX).is_file()]
-
-
-def test_reports_have_their_evidence() -> None:
-    """None loses its pack, and none is called pending that has one."""
-    assert {folder.name for folder in FOLDERS} - {folder.name for folder in PACKED} == PENDING
-
-
-@pytest.mark.parametrize("folder", PACKED, ids=lambda folder: folder.name)
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_report_is_judged_from_its_evidence(folder: Path, tmp_path: Path) -> None:
     """`report.json` is, byte for byte, what judging makes of the pack today; the pack is no larger than it may be."""
     index = packs.index(folder)
@@ -76,7 +62,7 @@ def test_report_is_judged_from_its_evidence(folder: Path, tmp_path: Path) -> Non
     assert {path.relative_to(copy): path.read_bytes() for path in copy.glob("evidence/*/*")} == evidence
 
 
-@pytest.mark.parametrize("folder", PACKED, ids=lambda folder: folder.name)
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_evidence_names_no_machine_and_no_index(folder: Path) -> None:
     """No text inside a pack of evidence names a machine or an index."""
     for pack in folder.glob("*.tar.xz"):
