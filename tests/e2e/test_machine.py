@@ -100,7 +100,7 @@ class TestFacts:
 
     def test_remembered_until_something_changes(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A second call starts no process (it would be refused here); another driver setting makes it examine again."""
-        code = "from harness import machine; print(machine.facts().id)"
+        code = "from harness.machine import this_machine; print(this_machine.facts().id)"
         first = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
         monkeypatch.setenv(process.FORCED, "no such sandbox")
