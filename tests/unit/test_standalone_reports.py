@@ -46,9 +46,10 @@ def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
 
 def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     """The texts of failing cells, with the installed packages, mostly give the known cause; otherwise mostly none."""
+    coded = {str(one.id) for one in shipped_signatures.known() if one.code}  # a log has no word of our own checks
     right = other = 0
     for folder, cell in cells():
-        expected = {one.signature for one in counted_failures.counted(cell)}
+        expected = {one.signature for one in counted_failures.counted(cell)} - coded
         text = "\n".join(said(folder, cell))
         if expected and text:
             cause = made(text, cell).cause
