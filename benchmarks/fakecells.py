@@ -23,7 +23,7 @@ from harness.probes.evidence import LOG, REPLY, End, ProbeRun, Request
 from harness.probes.vault import kept
 from harness.running import case_run
 from harness.running.scheduler import Observer, Runner, Settings
-from harness.running.scheduler.pool import Pool
+from harness.running.scheduler.shared_environment import Pool
 
 PER_LOCK = 5
 """Cells that share a question: they differ in a variable."""

@@ -34,8 +34,8 @@ from harness.reports import document, publishing
 from harness.reports.text import progress
 from harness.running import open_matrix
 from harness.running.scheduler import Prepared, Runner, Settings
+from harness.running.scheduler.cost_history import Past
 from harness.running.scheduler.flow import Flow
-from harness.running.scheduler.past import Past
 
 HERE = Path(__file__).parent
 SIZES = (10, 100, 500, 1_000, 3_000, 10_000)

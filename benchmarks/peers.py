@@ -35,7 +35,9 @@ HERE = Path(__file__).parent
 MATRIX = HERE / "peers" / "probes.toml"
 PYTHONS = ("3.10", "3.11", "3.12")
 GYMNASIUM = ("0.29.1", "1.2.3")
-PLANNED = plan.expand(matrix_file.read(MATRIX.read_text(), MATRIX.name), host_python=platform.python_version())
+PLANNED = plan.make_plan(
+    plan.Sources(matrix=matrix_file.read(MATRIX.read_text(), MATRIX.name), host_python=platform.python_version())
+)
 REQUESTS = {"checks": PLANNED.cells[0].cases[0].checks, "repeat": ("single.repeat",)}
 """What the two processes of a cell are asked: what we ourselves ask, and the same episode again in a second process."""
 

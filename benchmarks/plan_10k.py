@@ -52,7 +52,7 @@ reason = "another"
 
 def planned(text: str) -> Plan:
     """Return the plan of the matrix."""
-    return plan.expand(matrix_file.read(text, "large.toml"), host_python="3.11.7")
+    return plan.make_plan(plan.Sources(matrix=matrix_file.read(text, "large.toml"), host_python="3.11.7"))
 
 
 def main() -> None:

@@ -16,10 +16,11 @@ from harness.judging.counted_phases import Cases, counted_cases, suite_not_run, 
 from harness.judging.identity import Failure
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge, Packages
 from harness.judging.verdict import Judgement, Outcomes, judge
-from harness.matrix.signatures import Diagnosis, Evidence, Signature
+from harness.matrix.signatures import Signature
 from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
 from harness.model.report_types import UNTOLD
 from harness.standalone import silent
+from harness.standalone.matching import Diagnosis, Evidence
 
 
 def assess(record: CellRecord, known: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from harness.judging.counted_phases import observed
-from harness.matrix.signatures import Evidence, Sighting
+from harness.matrix.signatures import Sighting
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
 from harness.model.words import in_words
 from harness.probes.wire import plain_records
+from harness.standalone.matching import Evidence
 
 KILLED = re.compile(r"\bkilled by (SIG[A-Z]+)")
 
@@ -54,7 +54,7 @@ def _of_phase(phase: PhaseRecord, logs: Logs) -> Evidence:
     told = [phase.decisive, *(line for check in failed for line in (check.decisive, check.masked_by))]
     said = [found.text for found in phase.findings]
     kept = written(logs(phase.evidence) if phase.evidence else {}, phase.phase)
-    return replace(gathered(phase.phase, told, [*said, *kept]), observed=tuple(_sightings(phase, told)))
+    return gathered(phase.phase, told, [*said, *kept])._replace(observed=tuple(_sightings(phase, told)))
 
 
 def gathered(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> Evidence:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from harness.matrix import signatures
-from harness.matrix.signatures import Around, Diagnosis, Evidence, Signature, diagnose
+from harness.matrix.signatures import Signature
 from harness.model import Phase, Verdict
 from harness.model.report_types import UNTOLD
-from harness.standalone import counting, silent
+from harness.standalone import counting, matching, silent
 from harness.standalone.counting import Fit
+from harness.standalone.matching import Around, Diagnosis, Evidence, diagnose
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -69,7 +69,7 @@ def lurking(known: Knowledge, packages: Packages) -> tuple[Signature, ...]:
     if packages.installed is None:
         return ()
     around = Around(installed=packages.installed, python=packages.python)
-    return signatures.lurking((known.silent or known.signatures)(), around)
+    return matching.lurking((known.silent or known.signatures)(), around)
 
 
 def shown_silent(

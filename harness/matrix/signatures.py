@@ -7,7 +7,7 @@ understands as well as Python does: searched with `^` and `$` at every line, `.`
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -31,7 +31,6 @@ from harness.model.vocabulary import (
     Word,
 )
 from harness.model.words import met, refusal, sentence_pattern
-from harness.standalone import matching
 
 ESCAPED = r"\\[\s\S]"
 CLASS = r"\[[^\]]+\]"
@@ -307,9 +306,6 @@ def _check_silent(one: Signature) -> str | None:
     return None
 
 
-# --- matching --------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sighting:
     """An observation with the line that it stands in; `told` marks a line that says why something failed."""
@@ -317,56 +313,6 @@ class Sighting:
     observed: Observed
     line: str
     told: bool
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Evidence:
-    """The evidence of one failure. `told` are the lines that say why, `logs` everything else that was written.
-
-    `phase` is None where that is not known: then it may be any. `observed` are those of these lines that our own code
-    wrote, as codes and data; None where there are only texts.
-    """
-
-    phase: Phase | None
-    told: tuple[str, ...] = ()
-    logs: tuple[str, ...] = ()
-    signal: str | None = None
-    observed: tuple[Sighting, ...] | None = None
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Around:
-    """The environment of a failure: `installed` versions, or the requirements where nothing was installed."""
-
-    installed: Mapping[str, str] | None = None
-    requirements: tuple[str, ...] = ()
-    python: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Diagnosis:
-    """A known failure that fits. `seen` is the line that shows it; without `told` it was only in the log."""
-
-    signature: Signature
-    phase: Phase | None
-    seen: str
-    told: bool
-
-
-def diagnose(known: Iterable[Signature], evidence: Sequence[Evidence], around: Around) -> tuple[Diagnosis, ...]:
-    """Return the known failures that fit, the deepest cause first, each once."""
-    return tuple(
-        Diagnosis(signature=hit.known, phase=hit.phase, seen=hit.seen, told=hit.told)  # type: ignore[arg-type]
-        for hit in matching.diagnose(known, evidence, around)
-    )
-
-
-def lurking(known: Iterable[Signature], around: Around) -> tuple[Signature, ...]:
-    """Return the silent failures that the installed packages run into: all packages of such a failure are there."""
-    return matching.lurking(known, around)
-
-
-compiled = matching.compiled
 
 
 def machine_applicable(known: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:

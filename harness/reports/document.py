@@ -19,7 +19,7 @@ from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.matrix import changes
-from harness.matrix.signatures import Diagnosis, Signature, machine_applicable
+from harness.matrix.signatures import Signature, machine_applicable
 from harness.model import Cell, CellRecord, IndexSettings, Outcome, Phase, Plan, Repair, Role, Verdict, cellid, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import (
@@ -41,6 +41,7 @@ from harness.model.report_types import (
     SuiteEntry,
 )
 from harness.reports.tables import change_effects
+from harness.standalone.matching import Diagnosis
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""
@@ -222,7 +223,7 @@ def diagnosis_entry(found: Diagnosis) -> DiagnosisEntry:
         masks=one.masks,
         references=one.references,
         generic=one.generic,
-        phase=found.phase,
+        phase=Phase(found.phase) if found.phase else None,
         seen=found.seen,
     )
 

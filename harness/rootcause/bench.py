@@ -15,8 +15,8 @@ from harness.machine import interpreters, process, this_machine
 from harness.machine.store import Store, cache_folder
 from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
 from harness.running import shipped_signatures
-from harness.running.scheduler import Beside, Controlled, Observer, Runner, Settings
-from harness.running.scheduler.pool import Pool, Unknown
+from harness.running.scheduler import Beside, Controlled, Observer, Runner, Settings, steps
+from harness.running.scheduler.shared_environment import Pool
 
 
 class Spent(Exception):
@@ -164,8 +164,8 @@ class Bench:
         if interpreter is None or cell.subject is not None:
             return False
         try:
-            lock, _ = self._runner.lock(cell.question, interpreter, quick=True)
-        except Unknown:
+            lock, _ = steps.known(self._runner.lock(cell.question, interpreter))
+        except steps.Unknown:
             return False
         kept = Pool(self._runner, cell, lock, interpreter).kept() if lock else None
         return kept is not None and kept.key is not None and (cache_folder() / "environments" / kept.key).is_dir()

@@ -15,9 +15,8 @@ from harness.machine.files import given_files
 from harness.machine.store import Store, now, write_atomic
 from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, version_ranges
 from harness.matrix.matrix_types import Expansion, Matrix
-from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, Suite
+from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.schema import suggestion
 from harness.running import shipped_signatures
 
 if TYPE_CHECKING:
@@ -56,29 +55,44 @@ def load(
     fetched: Fetched | None = None,
     ask: plan.Ask | None = None,
 ) -> Plan:
-    """Plan a matrix; a range that was never expanded (or is to be renewed) is expanded from the index and kept.
+    """Plan a matrix: gather all that its plan is made of, and make the plan."""
+    return plan.make_plan(gather(name, say, offline=offline, renew=renew, fetched=fetched, ask=ask))
 
+
+def gather(
+    name: str,
+    say: Callable[[str], None],
+    *,
+    offline: bool = False,
+    renew: bool = False,
+    fetched: Fetched | None = None,
+    ask: plan.Ask | None = None,
+) -> plan.Sources:
+    """Read and ask for all that the plan of a matrix is made of; everything after this is pure.
+
+    A range that was never expanded (or is to be renewed) is expanded from the index and written beside the matrix.
     With `ask`, which resolves, so is a covering strategy that was never worked out.
     """
     path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrix_file.read(_text(path), str(path))
     if matrix_remedies.named(matrix):
         matrix = matrix_remedies.filled(matrix, shipped_signatures.known())
-    breaks = _breaks() if matrix.strategy.boundaries else version_ranges.NO_BREAKS
-    expanded = _expansion(matrix, path, say, offline=offline, renew=renew)
-    sources = {source: _text(path.parent / source, place) for source, place in matrix_file.sources(matrix).items()}
-    index = _located(plan.index_settings(matrix), path.parent)
-    repairing = recipes(path.parent) if matrix_file.repairing(matrix) else {}
-    if ask and expanded and matrix.strategy.covering and (renew or not expanded.chosen):
-        known = plan.candidates(
-            matrix, expanded, host_python=_host(), sources=sources, breaks=breaks, recipes=repairing
-        )
-        expanded = _chosen(known, expanded, partial(_asked, ask, matrix, path.parent), say)
-    planned = plan.expand(matrix, expanded, host_python=_host(), sources=sources, breaks=breaks, recipes=repairing)
     if matrix.snapshot and str(matrix.snapshot) > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
-    planned = _with_subjects(planned, partial(_placed, matrix, path.parent))
-    return _with_questions(planned, lambda question: replace(question, index=index))
+    expansion = _expansion(matrix, path, say, offline=offline, renew=renew)
+    sources = plan.Sources(
+        matrix=matrix,
+        host_python=_host(),
+        expansion=expansion,
+        texts={source: _text(path.parent / source, place) for source, place in matrix_file.sources(matrix).items()},
+        breaks=_breaks() if matrix.strategy.boundaries else version_ranges.NO_BREAKS,
+        recipes=recipes(path.parent) if matrix_file.repairing(matrix) else {},
+        index=_located(plan.index_settings(matrix), path.parent),
+        project=_project(matrix.subject, path.parent) if matrix.subject else None,
+    )
+    if ask and expansion and matrix.strategy.covering and (renew or not expansion.chosen):
+        return replace(sources, expansion=_chosen(sources, expansion, ask, say))
+    return sources
 
 
 def dated(
@@ -171,21 +185,17 @@ def _expanded(path: Path) -> Path:
     return path.with_suffix(".expanded.json")
 
 
-def _chosen(known: plan.Candidates, expanded: Expansion, ask: plan.Ask, say: Callable[[str], None]) -> Expansion:
+def _chosen(sources: plan.Sources, expansion: Expansion, ask: plan.Ask, say: Callable[[str], None]) -> Expansion:
     """Write and return the expansion with the combinations that a covering strategy chose of those that resolve."""
-    file = _expanded(Path(known.matrix.path))
-    made = msgspec.structs.replace(expanded, chosen=plan.choose(known, ask, say))
-    write_atomic(file, version_ranges.text_of(made).encode())
-    say(f"chose combinations as of {made.instant} into {file}; commit it beside the matrix")
-    return made
 
+    def ask_settled(cells: Sequence[Cell]) -> list[str | None]:
+        return ask(_with_subjects(Plan(matrix=sources.matrix.name, cells=tuple(cells)), _settled).cells)
 
-def _asked(ask: plan.Ask, matrix: Matrix, folder: Path, cells: Sequence[Cell]) -> list[str | None]:
-    """Resolve cells with the index settings and the subject that the cells of a plan have."""
-    index = _located(plan.index_settings(matrix), folder)
-    planned = _with_subjects(Plan(matrix=matrix.name, cells=tuple(cells)), partial(_placed, matrix, folder))
-    planned = _with_subjects(planned, _settled)
-    return ask(_with_questions(planned, lambda question: replace(question, index=index)).cells)
+    file = _expanded(Path(sources.matrix.path))
+    chosen = msgspec.structs.replace(expansion, chosen=plan.choose(plan.candidates(sources), ask_settled, say))
+    write_atomic(file, version_ranges.text_of(chosen).encode())
+    say(f"chose combinations as of {chosen.instant} into {file}; commit it beside the matrix")
+    return chosen
 
 
 def _breaks() -> version_ranges.Breaks:
@@ -204,32 +214,21 @@ def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
     return replace(settings, find_links=links)
 
 
-def _placed(matrix: Matrix, folder: Path, subject: Subject) -> Subject:
-    """Return the subject as it is found from anywhere.
-
-    Raises BadInput if its pyproject does not have one of its extras and groups.
-    """
+def _project(source: str, folder: Path) -> plan.Project:
+    """Return the package under test as it is found from anywhere, with what its pyproject declares."""
     from harness.packages import package_under_test  # noqa: PLC0415 - start-up
 
-    located = replace(subject, source=package_under_test.located(subject.source, folder))
-    about, suite = package_under_test.about(located), subject.suite or Suite()
-    if about:
-        _check_names(matrix, "extra", (*subject.extras, *suite.extras), about.extras)
-        _check_names(matrix, "dependency group", (*subject.groups, *suite.groups), tuple(about.groups))
-    return located
+    place = package_under_test.located(source, folder)
+    about = package_under_test.about(Subject(source=place))
+    return plan.Project(
+        source=place, extras=about.extras if about else None, groups=tuple(about.groups) if about else None
+    )
 
 
 def _settled(subject: Subject, *, offline: bool = False) -> Subject:
     from harness.packages import package_under_test  # noqa: PLC0415 - start-up
 
     return package_under_test.settled(subject, offline=offline)
-
-
-def _check_names(matrix: Matrix, what: str, names: Sequence[str], known: Sequence[str] | None) -> None:
-    unknown = next((name for name in names if known is not None and name not in known), None)
-    if unknown:
-        message = f'{matrix.path}: the subject has no {what} "{unknown}"{suggestion(unknown, known or ())}'
-        raise BadInput(message)
 
 
 def _with_subjects(planned: Plan, change: Callable[[Subject], Subject]) -> Plan:

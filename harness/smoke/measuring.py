@@ -11,7 +11,7 @@ from harness.machine import interpreters
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
 from harness.probes import launch
-from harness.running.scheduler import Controlled, Runner, ways
+from harness.running.scheduler import Controlled, Runner, other_drawing
 from harness.smoke import judging
 from harness.smoke.frozen import Frozen
 
@@ -101,7 +101,7 @@ class Measuring:
         suite = [self.suite(cell)] if has_suite(cell) else []
         cases = [self.case(cell, case) for case in cell.cases]
         record = combined(cell, self.steps(cell), cases, suite)
-        if not any(ways.due(part) or part.supplied != record.supplied for part in cases):
+        if not any(other_drawing.due(part) or part.supplied != record.supplied for part in cases):
             return record
         # One set of settings has to draw all cases of a cell: what each drew with alone is stored, and looked up here.
         drawn = self._controlled(cell, Phase.SUITE if suite else CASE_PHASES[-1]).measure(cell)
@@ -150,7 +150,7 @@ class Measuring:
         interpreter = interpreters.obtain(cell.python, offline=self._frozen.offline)
         if interpreter and cell.subject is None:  # with a subject another question is asked, which is its own
             kept = Runner(self.store, replace(runner.settings, fresh=False), Quiet())
-            answer = kept.lock(cell.question, interpreter)
+            answer = kept.lock_of(cell, interpreter)
             runner.resolved.setdefault(question_key(cell.question, interpreter), answer)
 
 

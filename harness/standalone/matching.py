@@ -7,7 +7,20 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+    TypeVar,
+)
 
 from . import literals
 from .lines import bounded
@@ -17,6 +30,8 @@ from .versions import canonical, specifiers, unsatisfiable
 PHASES = ("resolve", "install", "import", "single", "vector", "render", "behave", "interop", "suite")
 """In this order."""
 PROBED = frozenset(PHASES[2:])
+
+K = TypeVar("K")
 
 
 class Part(NamedTuple):
@@ -93,7 +108,7 @@ def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str
     }
 
 
-class Seen(NamedTuple):
+class Evidence(NamedTuple):
     """Evidence of one failure. `told` are the lines that say why, `logs` all other output.
 
     `phase` is None where that is not known: then it may be any. `observed` is what our own of these lines say, as codes
@@ -115,10 +130,10 @@ class Around(NamedTuple):
     python: Optional[str] = None
 
 
-class Hit(NamedTuple):
+class Diagnosis(NamedTuple):
     """A known failure that fits. `seen` is the line that shows it; without `told`, it is in the log only."""
 
-    known: Any
+    signature: Any
     phase: Optional[str]
     seen: str
     told: bool
@@ -130,7 +145,7 @@ class Hit(NamedTuple):
         A mask comes last. Causes in packages come before those of the machine, specific ones before generic
         ones, and those in lines that say why before those in logs.
         """
-        return rank(self.known, not self.told, _order(self.phase))
+        return rank(self.signature, not self.told, _order(self.phase))
 
 
 def rank(known: Any, *nearness: int) -> Tuple[Any, ...]:
@@ -142,10 +157,10 @@ def _order(phase: Optional[str]) -> int:
     return PHASES.index(phase) if phase else len(PHASES)
 
 
-def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tuple[Hit, ...]:
+def diagnose(known: Iterable[Any], evidence: Sequence[Evidence], around: Around) -> Tuple[Diagnosis, ...]:
     """Return the known failures that fit, each once, the deepest cause first; equal ones by what failed first."""
     look = _looking(around)
-    found: List[Tuple[Any, int, Hit]] = []
+    found: List[Tuple[Any, int, Diagnosis]] = []
     for one in known:
         if one.loud and _fits(one, around, look):
             hits = [(hit.rank, place, hit) for place, hit in enumerate(_hit(one, each) for each in evidence) if hit]
@@ -155,22 +170,22 @@ def diagnose(known: Iterable[Any], evidence: Sequence[Any], around: Any) -> Tupl
     return tuple(hit for _, _, hit in sorted(found, key=lambda each: each[:2]))
 
 
-def _beside_the_point(hit: Hit) -> bool:
+def _beside_the_point(hit: Diagnosis) -> bool:
     """Return whether a mask is only mentioned in a log, though an exception says why.
 
     In other phases it counts: what installers say stands in their logs alone.
     """
-    return hit.known.masks and not hit.told and hit.phase in PROBED
+    return hit.signature.masks and not hit.told and hit.phase in PROBED
 
 
-def lurking(known: Iterable[Any], around: Any) -> Tuple[Any, ...]:
+def lurking(known: Iterable[K], around: Around) -> Tuple[K, ...]:
     """Return the silent failures that the installed packages run into: all their packages are there."""
-    silent = [one for one in known if one.silent]
+    silent = [one for one in known if one.silent]  # type: ignore[attr-defined]
     look = _looking(around) if silent else None
     return tuple(one for one in silent if look and _of_python(one, around) and _standing(one, look))
 
 
-def matches(known: Iterable[Any], evidence: Any) -> Iterator[Hit]:
+def matches(known: Iterable[Any], evidence: Any) -> Iterator[Diagnosis]:
     """Yield the known failures that the evidence shows, whatever is installed, in their order."""
     for one in known:
         hit = _hit(one, evidence)
@@ -184,26 +199,26 @@ def standing(known: Sequence[Any], around: Any) -> List[Optional[bool]]:
     return [_standing(one, look) for one in known]
 
 
-def _hit(one: Any, evidence: Any) -> Optional[Hit]:
+def _hit(one: Any, evidence: Any) -> Optional[Diagnosis]:
     """Return the hit of a known failure in the evidence; None if it does not fit."""
     if one.phases and evidence.phase is not None and evidence.phase not in one.phases:
         return None
     if one.signal and one.signal != evidence.signal:
         return None
     if one.wording is None:
-        return Hit(one, evidence.phase, "killed by {}".format(one.signal), told=True)
+        return Diagnosis(one, evidence.phase, "killed by {}".format(one.signal), told=True)
     return _by_code(one, evidence) or _by_pattern(one, evidence)
 
 
-def _by_code(one: Any, evidence: Any) -> Optional[Hit]:
+def _by_code(one: Any, evidence: Any) -> Optional[Diagnosis]:
     """Return the hit of the observation that has the code and data of this failure; None without one."""
     for each in evidence.observed or () if one.code else ():
         if one.observes(each.observed):
-            return Hit(one, evidence.phase, bounded(each.line), told=each.told)
+            return Diagnosis(one, evidence.phase, bounded(each.line), told=each.told)
     return None
 
 
-def _by_pattern(one: Any, evidence: Any) -> Optional[Hit]:
+def _by_pattern(one: Any, evidence: Any) -> Optional[Diagnosis]:
     """Return the hit of the text that the failure's pattern finds; None without one.
 
     If there are only texts, a pattern that finds our own sentences, too, is used.
@@ -213,7 +228,7 @@ def _by_pattern(one: Any, evidence: Any) -> Optional[Hit]:
         for text in texts if pattern else ():
             found = search(pattern, text)
             if found:
-                return Hit(one, evidence.phase, _line(text, found), told=told)
+                return Diagnosis(one, evidence.phase, _line(text, found), told=told)
     return None
 
 

@@ -14,7 +14,6 @@ import msgspec
 from packaging.utils import canonicalize_name
 
 from harness.judging.known_failures import counted
-from harness.matrix.signatures import Around, Evidence, diagnose
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
 from harness.model.vocabulary import parsed_requirement, required_name
@@ -22,6 +21,7 @@ from harness.packages import locks
 from harness.reports import document
 from harness.reports.tables import counted_failures
 from harness.running import shipped_signatures
+from harness.standalone.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]
 WELL = frozenset({Outcome.PASSED, Outcome.SKIPPED})

@@ -35,7 +35,7 @@ WISH = expectation_writer.Wish(pattern="*mujoco3*", reason="the model of Ant is 
 def planned(text: str) -> tuple[Matrix, Plan]:
     """Return the matrix in a text, and its plan."""
     matrix = matrix_file.read(text, "walkers.toml")
-    return matrix, plan.expand(matrix, host_python="3.11.7")
+    return matrix, plan.make_plan(plan.Sources(matrix=matrix, host_python="3.11.7"))
 
 
 def measured(cell: Cell, line: str | None = None, machine: str = "linux", at: Phase = Phase.SINGLE) -> CellEntry:

@@ -34,7 +34,7 @@ OLD = CHANGE + 'cells = "py3.11_mujoco-3.3.7_egl"\nrequirements = ["mujoco<3"]\n
 def planned(text: str, known: tuple[Signature, ...] = ()) -> Plan:
     """Return the plan of a matrix called demo."""
     read = matrix_remedies.filled(matrix_file.read(MATRIX + text, "demo.toml"), known)
-    return plan.expand(read, host_python="3.12.1")
+    return plan.make_plan(plan.Sources(matrix=read, host_python="3.12.1"))
 
 
 def changed(text: str, known: tuple[Signature, ...] = ()) -> dict[str, Cell]:
@@ -137,7 +137,7 @@ class TestCells:
         """A combination that it leaves out has no changes either."""
         text = 'strategy = "baseline"\n'
         read = matrix_file.read(text + MATRIX + CHANGE + 'cells = "*"\npython = "3.12"\n', "demo.toml")
-        found = plan.expand(read, host_python="3.12.1").cells
+        found = plan.make_plan(plan.Sources(matrix=read, host_python="3.12.1")).cells
         bases = [cell.id for cell in found if not cell.base]
         assert 0 < len(bases) < 8
         assert [cell.base for cell in found if cell.base] == bases
@@ -147,7 +147,7 @@ class TestCells:
 
         def made_from(text: str) -> str:
             read = matrix_file.read(MATRIX + text, "demo.toml")
-            return plan.candidates(read, None, host_python="3.12.1", sources={}).made_from
+            return plan.candidates(plan.Sources(matrix=read, host_python="3.12.1")).made_from
 
         assert made_from(OLD) == made_from("")
 

@@ -11,7 +11,7 @@ from facts import SITE, distribution, facts, installed
 from harness.standalone.doctor import declared, reading
 from harness.standalone.doctor.differences import Difference
 from harness.standalone.doctor.probing import Here
-from harness.standalone.matching import Known, Seen, read
+from harness.standalone.matching import Evidence, Known, read
 from harness.standalone.running import Ran
 
 
@@ -226,7 +226,7 @@ def test_known_failures_of_an_import() -> None:
     one = bool8("bool8", phases=["import"])
 
     hits = [
-        [hit.known.id for hit in reading.known_causes([one], probes, installed(gym="0.26.2", numpy=version))]
+        [hit.signature.id for hit in reading.known_causes([one], probes, installed(gym="0.26.2", numpy=version))]
         for version in ("2.2.6", "1.26.4")
     ]
 
@@ -235,7 +235,7 @@ def test_known_failures_of_an_import() -> None:
 
 def test_a_log_is_no_cause() -> None:
     """An error and its traceback count as evidence; other printed text does not."""
-    seen = [Seen(phase="single", told=("ValueError: other",), logs=("warning: bool8 is gone",))]
+    seen = [Evidence(phase="single", told=("ValueError: other",), logs=("warning: bool8 is gone",))]
     probes: dict[str, Any] = {"imports": {}, "clean_imports": {}}
 
     assert reading.known_causes([bool8("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()

@@ -28,7 +28,7 @@ def planned(draft: Draft, **versions: tuple[str, ...]) -> Plan:
     matrix = matrix_file.read(drafts.text_of(draft, TEMPLATE), "drafted.toml")
     axes = {name.replace("_", "-"): each for name, each in versions.items()}
     expansion = Expansion(matrix="drafted", instant=Instant("2026-11-20T00:00:00Z"), ranges=matrix.ranges, axes=axes)
-    return plan.expand(matrix, expansion if versions else None, host_python="3.11.7")
+    return plan.make_plan(plan.Sources(matrix=matrix, expansion=expansion if versions else None, host_python="3.11.7"))
 
 
 def labels(found: Plan) -> list[str]:

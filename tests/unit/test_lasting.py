@@ -10,7 +10,7 @@ import pytest
 from builders import lock, pin
 
 from harness.model import IndexSettings, Lock, Question
-from harness.running.scheduler.lasting import lasts
+from harness.running.scheduler.lock_freshness import lasts
 
 NAME = "demo-1.0-py3-none-any.whl"
 

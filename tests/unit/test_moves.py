@@ -6,10 +6,10 @@ import pytest
 from builders import asking
 
 from harness.matrix import changes
-from harness.matrix.signatures import Evidence
 from harness.model import Change, Phase
 from harness.rootcause.repair import candidate_changes, failure_hints
 from harness.rootcause.repair.candidate_changes import Way
+from harness.standalone.matching import Evidence
 
 WHOLE = Change(
     requirements=("packaging",),

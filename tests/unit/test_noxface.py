@@ -16,7 +16,7 @@ MANY = [f"m{number}" for number in range(60)]
 def planned(axes: str) -> Plan:
     """Return a plan of cells that install nothing in particular."""
     text = f'cases = [{{ imports = ["x"] }}]\n[axes]\n{axes}'
-    return plan.expand(matrix_file.read(text, "wide.toml"), host_python="3.11.7")
+    return plan.make_plan(plan.Sources(matrix=matrix_file.read(text, "wide.toml"), host_python="3.11.7"))
 
 
 def offered(found: Plan) -> list[noxface.Offer]:

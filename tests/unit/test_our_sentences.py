@@ -13,13 +13,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from harness.matrix.signatures import Around, Evidence, Sighting, Signature, diagnose
+from harness.matrix.signatures import Sighting, Signature
 from harness.model import Observed, Phase, words
 from harness.model.words import VIOLATION
 from harness.reports import document
 from harness.running.shipped_signatures import known
 from harness.standalone import matching
 from harness.standalone.lines import bounded
+from harness.standalone.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]
 SAMPLES: dict[str, tuple[Any, ...]] = {
@@ -129,8 +130,8 @@ def test_what_stands_alone_knows_the_sentence(one: Signature) -> None:
     """It has neither codes nor templates: what it is given of a known failure has the pattern of our sentence."""
     alone = matching.read(json.loads(json.dumps(one.as_file)))
     pasted = next(words.sentence(seen) for seen in observed(one) if one.observes(seen))
-    (hit,) = matching.matches([alone], matching.Seen(phase=None, told=(f"{VIOLATION}: {pasted}",)))
-    assert (hit.known.id, hit.seen) == (one.id, bounded(f"{VIOLATION}: {pasted}"))
+    (hit,) = matching.matches([alone], matching.Evidence(phase=None, told=(f"{VIOLATION}: {pasted}",)))
+    assert (hit.signature.id, hit.seen) == (one.id, bounded(f"{VIOLATION}: {pasted}"))
 
 
 @pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)

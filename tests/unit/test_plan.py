@@ -1,5 +1,7 @@
 """The plan of a matrix: which cells there are, what they ask for, what is dropped, and what is stale."""
 
+from typing import Any
+
 import pytest
 
 from harness.matrix import matrix_file, plan, version_ranges
@@ -16,9 +18,9 @@ def matrix(text: str) -> Matrix:
     return matrix_file.read(text, "demo.toml")
 
 
-def planned(text: str, host: str = "3.12.1") -> Plan:
-    """Return the plan of a matrix called demo."""
-    return plan.expand(matrix(text), host_python=host)
+def planned(text: str, host: str = "3.12.1", **sources: Any) -> Plan:
+    """Return the plan of a matrix called demo, made of these sources."""
+    return plan.make_plan(plan.Sources(matrix=matrix(text), host_python=host, **sources))
 
 
 def refused(text: str) -> str:
@@ -204,7 +206,7 @@ class TestSurroundings:
             'api = { x = { needs = ["egl", "gpu"], system = ["libglew-dev", "patchelf"], '
             'files = { ".config/a" = "other" } } } }\n' + CASE
         )
-        cell = plan.expand(matrix(text), host_python="3.12.1", sources={"b.xml": "<b/>"}).cells[0]
+        cell = planned(text, texts={"b.xml": "<b/>"}).cells[0]
 
         assert cell.needs == ("egl", "gpu")
         assert cell.system == ("patchelf", "libglew-dev")
@@ -401,7 +403,7 @@ class TestRanges:
     def test_an_expanded_range(self) -> None:
         """The versions of the expansion are values of the axis, and its instant is the cutoff."""
         made = version_ranges.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False), ("4.0.0", False)]}, "2026-11-20")
-        cells = plan.expand(matrix(self.TEXT), made, host_python="3.12.1").cells
+        cells = planned(self.TEXT, expansion=made).cells
 
         assert [cell.id for cell in cells] == ["demo/py3.11_mujoco-3.3.7", "demo/py3.11_mujoco-4.0.0"]
         assert cells[0].question == Question(requirements=("mujoco==3.3.7",), snapshot="2026-11-20T23:59:59Z")
@@ -416,7 +418,7 @@ class TestRanges:
         """An expansion that the file has moved on from is not used."""
         made = version_ranges.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False)]}, "2026-11-20")
         with pytest.raises(BadInput) as error:
-            plan.expand(matrix(self.TEXT.replace(">=3", ">=2")), made, host_python="3.12.1")
+            planned(self.TEXT.replace(">=3", ">=2"), expansion=made)
 
         assert str(error.value) == (
             "demo.toml: axes.mujoco: the range has changed since it was expanded; "

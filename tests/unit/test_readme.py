@@ -25,7 +25,7 @@ def test_its_matrix_can_be_planned() -> None:
         ranges=matrix.ranges,
         axes={"mujoco": ("2.3.7", "3.0.1", "3.1.6")},
     )
-    planned = plan.expand(matrix, expansion, host_python="3.11.7")
+    planned = plan.make_plan(plan.Sources(matrix=matrix, expansion=expansion, host_python="3.11.7"))
 
     assert len(planned.cells) == 12
     assert (planned.dropped, planned.stale) == ((), ())

@@ -10,7 +10,7 @@ import pytest
 from harness.machine import free_memory
 from harness.machine.free_memory import Reading
 from harness.running import scheduler
-from harness.running.scheduler.room import Room
+from harness.running.scheduler.admission import Room
 
 MEMINFO = "MemTotal:       16000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8388608 kB\n"
 

@@ -10,12 +10,14 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.matrix import signatures
-from harness.matrix.signatures import Around, Evidence, Signature, diagnose
+from harness.matrix.signatures import Signature
 from harness.model import Verdict
 from harness.model.report_types import CellEntry
 from harness.model.vocabulary import parsed_requirement
 from harness.reports import document
 from harness.running import shipped_signatures, signature_files
+from harness.standalone import matching
+from harness.standalone.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "matrices" / signature_files.FOLDER
@@ -56,7 +58,7 @@ class TestSignature:
     def test_knows_its_own_texts(self, one: Signature) -> None:
         """Each of its examples, and goes before all others that see something there; of a mask those are masks."""
         for text in one.examples:
-            assert one.wording is None or signatures.compiled(one.wording).search(text), text
+            assert one.wording is None or matching.compiled(one.wording).search(text), text
             found = named(one, text)
             if one.masks:
                 assert (one.id, True) in found

@@ -8,9 +8,11 @@ from typing import Any
 import pytest
 
 from harness.matrix import signatures
-from harness.matrix.signatures import Around, Evidence, Signature, diagnose
+from harness.matrix.signatures import Signature
 from harness.model import Change, Phase
 from harness.model.errors import BadInput
+from harness.standalone import matching
+from harness.standalone.matching import Around, Evidence, diagnose
 
 FULL = """
 [[signature]]
@@ -226,9 +228,9 @@ class TestSilent:
         """A silent issue needs an installed package in a version that fits."""
         known = signatures.read({"silent.toml": textwrap.dedent(self.TEXT)})
 
-        assert [one.id for one in signatures.lurking(known, Around(installed={"physics": "2"}))] == ["quietly"]
-        assert signatures.lurking(known, Around(installed={"physics": "3"})) == ()
-        assert signatures.lurking(known, Around(requirements=("other",))) == ()
+        assert [one.id for one in matching.lurking(known, Around(installed={"physics": "2"}))] == ["quietly"]
+        assert matching.lurking(known, Around(installed={"physics": "3"})) == ()
+        assert matching.lurking(known, Around(requirements=("other",))) == ()
 
     def test_they_never_explain_evidence(self) -> None:
         """Silent signatures explain no evidence, whatever its text."""
@@ -249,7 +251,7 @@ class TestSilent:
         known = signatures.read({"silent.toml": text})
         around = Around(installed={"physics": "2"})
 
-        assert [one.id for one in signatures.lurking(known, around)] == ["quietly"]
+        assert [one.id for one in matching.lurking(known, around)] == ["quietly"]
         seen = diagnose(known, [Evidence(phase=Phase.SINGLE, told=("off by 7",))], around)
         assert [one.signature.id for one in seen] == ["quietly"]
 

@@ -133,7 +133,7 @@ class TestRoles:
             '[[variant]]\nwhen = { mujoco = "<3" }\nreason = "old"\n'
             '[[variant]]\nwhen = { mujoco = ">4" }\nreason = "newer"\n'
         )
-        planned = plan.expand(matrix_file.read(text, "demo.toml"), host_python="3.11.7")
+        planned = plan.make_plan(plan.Sources(matrix=matrix_file.read(text, "demo.toml"), host_python="3.11.7"))
 
         assert [one.id in planned.variants for one in planned.cells] == [True, False]
         assert planned.stale == ('demo.toml: variant[1] matches no cell (reason: "newer")',)

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 
 from harness.matrix import signatures
-from harness.matrix.signatures import Around, Evidence
 from harness.running import shipped_signatures
 from harness.standalone import literals, matching
+from harness.standalone.matching import Around, Evidence
 
 ALPHABET = "abcx\n "
 
@@ -123,7 +123,7 @@ def test_plain_signatures_are_matched_as_typed_ones() -> None:
     for one in known:
         for text in one.examples:
             for more in arounds:
-                typed = signatures.diagnose(known, [Evidence(phase=None, told=(text,))], Around(python="3.10", **more))
-                seen = matching.Seen(phase=None, told=(text,))
+                typed = matching.diagnose(known, [Evidence(phase=None, told=(text,))], Around(python="3.10", **more))
+                seen = matching.Evidence(phase=None, told=(text,))
                 made = matching.diagnose(read, [seen], matching.Around(python="3.10", **more))
-                assert [hit.known.id for hit in made] == [hit.signature.id for hit in typed]
+                assert [hit.signature.id for hit in made] == [hit.signature.id for hit in typed]

@@ -33,7 +33,7 @@ def matrix(text: str) -> Matrix:
 
 def planned(text: str, chosen: Expansion | None = None, breaks: Breaks = BREAKS) -> Plan:
     """Return the plan of a matrix called demo."""
-    return plan.expand(matrix(text), chosen, host_python="3.12.1", breaks=breaks)
+    return plan.make_plan(plan.Sources(matrix=matrix(text), expansion=chosen, host_python="3.12.1", breaks=breaks))
 
 
 def labels(text: str, chosen: Expansion | None = None) -> list[str]:
@@ -65,7 +65,7 @@ def chosen(text: str, resolver: Resolver | None = None) -> Expansion:
     """Return the expansion of a matrix with its covering array."""
     read = matrix(text)
     made = version_ranges.expand(read, {}, INSTANT)
-    known = plan.candidates(read, made, host_python="3.12.1", sources={}, breaks=BREAKS)
+    known = plan.candidates(plan.Sources(matrix=read, expansion=made, host_python="3.12.1", breaks=BREAKS))
     return msgspec.structs.replace(made, chosen=plan.choose(known, resolver or Resolver(), lambda _: None))
 
 

@@ -39,7 +39,7 @@ PYTHON = interpreter()
 
 def cells(text: str) -> dict[str, Cell]:
     """Return the cells of a matrix called demo, by label."""
-    planned = plan.expand(matrix_file.read(text, "demo.toml"), host_python="3.12.1")
+    planned = plan.make_plan(plan.Sources(matrix=matrix_file.read(text, "demo.toml"), host_python="3.12.1"))
     return {cell.label: cell for cell in planned.cells}
 
 

@@ -25,7 +25,7 @@ def wide() -> tuple[Matrix, Expansion, Plan]:
     name = "gymnasium-mujoco"
     matrix = matrix_file.read((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml")
     made = version_ranges.read((FOLDER / f"{name}.expanded.json").read_text(encoding="utf-8"), f"{name}.expanded.json")
-    return matrix, made, plan.expand(matrix, made, host_python="3.11.7")
+    return matrix, made, plan.make_plan(plan.Sources(matrix=matrix, expansion=made, host_python="3.11.7"))
 
 
 def test_its_size(wide: tuple[Matrix, Expansion, Plan]) -> None:

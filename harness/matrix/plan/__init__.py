@@ -5,8 +5,8 @@ second or two.
 """
 
 from harness.matrix.plan.choosing import Ask, choose
-from harness.matrix.plan.contents import index_settings
-from harness.matrix.plan.product import candidates, expand
+from harness.matrix.plan.product import candidates, make_plan
+from harness.matrix.plan.sources import Project, Sources, index_settings
 from harness.matrix.plan.speaking import brings_models
 from harness.matrix.plan.strategies import Candidates
 from harness.matrix.plan.trial import NAME as TRY_MATRIX
@@ -17,12 +17,14 @@ __all__ = [
     "Ask",
     "Asked",
     "Candidates",
+    "Project",
+    "Sources",
     "brings_models",
     "candidates",
     "cases_for",
     "choose",
-    "expand",
     "index_settings",
+    "make_plan",
     "single",
     "unspoken",
 ]

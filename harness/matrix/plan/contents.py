@@ -8,8 +8,6 @@ from itertools import chain
 from pathlib import PurePosixPath
 from typing import NamedTuple, TypeVar
 
-import msgspec
-
 from harness.matrix import overlay_recipes
 from harness.matrix.matrix_types import (
     NO_CHANGES,
@@ -18,14 +16,14 @@ from harness.matrix.matrix_types import (
     Changes,
     ChangeTable,
     Constraint,
-    Matrix,
     PictureTable,
     SourceTable,
     SuiteTable,
 )
 from harness.matrix.plan.choices import Choice, Combination, Condition, condition
+from harness.matrix.plan.sources import Sources, index_settings
 from harness.matrix.plan.speaking import spoken
-from harness.model import Bring, Case, Change, IndexSettings, Phase, Question, Repair, Subject, Suite
+from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, located, suggestion
 from harness.model.vocabulary import (
@@ -45,9 +43,6 @@ T = TypeVar("T")
 
 Rules = tuple[tuple[str, Condition], ...]
 CasesWhen = tuple[tuple[Case, "Condition | _InBaseline"], ...]
-
-Recipes = Mapping[str, tuple[Repair, ...]]
-NO_RECIPES: Recipes = {}
 
 IMPORTED = Case(id="import-subject", env=None, api="", checks=(IMPORT_CHECK,), packages=(SELF,))
 """What is tried of a subject where the matrix has no case: its modules are imported."""
@@ -92,18 +87,17 @@ class Contents:
 
     def __init__(
         self,
-        matrix: Matrix,
-        sources: Mapping[str, str],
+        sources: Sources,
         snapshot: str | None,
         baseline: frozenset[Combination] = frozenset(),
-        recipes: Recipes = NO_RECIPES,
     ) -> None:
-        self.matrix = matrix
-        self.recipes = recipes
+        self.matrix = matrix = sources.matrix
+        self.recipes = sources.recipes
         self.baseline = baseline
-        self.sources = sources
+        self.texts = sources.texts
         self.snapshot = str(snapshot) if snapshot else None
-        self.index = index_settings(matrix)
+        self.index = sources.index or index_settings(matrix)
+        self.source = sources.project.source if sources.project else matrix.subject
         self.base = self._part(matrix, matrix.cases)
         if (
             matrix.subject
@@ -129,7 +123,7 @@ class Contents:
 
     def subject(self, combination: Combination) -> Subject | None:
         """Return the package under test with the extras and groups of a combination."""
-        if self.matrix.subject is None:
+        if self.source is None:
             return None
         chosen = {kind: [c.asked.split("+") for c in combination if c.kind is kind and c.asked] for kind in OF_SUBJECT}
         changes = [part.changes for part in self._parts(combination)]
@@ -141,7 +135,7 @@ class Contents:
         if key not in self.subjects:
             extras, groups, tested = key
             suite = self.suite if tested else None
-            self.subjects[key] = Subject(source=self.matrix.subject, extras=extras, groups=groups, suite=suite)
+            self.subjects[key] = Subject(source=self.source, extras=extras, groups=groups, suite=suite)
         return self.subjects[key]
 
     def surroundings(self, combination: Combination) -> Surroundings:
@@ -249,7 +243,7 @@ class Contents:
             needs=_distinct(need.value for change in changes for need in change.needs),
             system=_distinct(str(name) for change in changes for name in change.system),
             files={
-                path: self.sources[content.source] if isinstance(content, SourceTable) else content
+                path: self.texts[content.source] if isinstance(content, SourceTable) else content
                 for path, content in files.items()
             },
             empty=_distinct(str(name) for change in changes for name in change.empty),
@@ -304,11 +298,6 @@ class Contents:
 
     def _rules(self, constraints: Iterable[Constraint]) -> Rules:
         return tuple((each.require, condition(self.matrix, each.when)) for each in constraints)
-
-
-def index_settings(matrix: Matrix) -> IndexSettings:
-    """Return the places that a matrix's packages come from; relative find-links stay relative."""
-    return IndexSettings(**msgspec.structs.asdict(matrix.index))
 
 
 def _bring(name: str, table: BringTable) -> Bring:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, product
 from math import prod
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
-from harness.matrix.matrix_types import Expansion, ExpectTable, Matrix, Value
+from harness.matrix.matrix_types import ExpectTable, Matrix, Value
 from harness.matrix.plan.changing import Changing
 from harness.matrix.plan.choices import Choice, Combination, Condition, choice_of, choices, condition
-from harness.matrix.plan.contents import NO_RECIPES, Contents, Recipes
+from harness.matrix.plan.contents import Contents
 from harness.matrix.plan.covering import number_of_parts
+from harness.matrix.plan.sources import Sources
 from harness.matrix.plan.strategies import Axes, Candidates, baseline_combinations
-from harness.matrix.version_ranges import NO_BREAKS, Breaks
-from harness.model import Case, Cell, Dropped, Expectation, Plan, cellid
-from harness.model.schema import located
+from harness.model import Case, Cell, Dropped, Expectation, Plan, Suite, cellid
+from harness.model.errors import BadInput
+from harness.model.schema import located, suggestion
 from harness.model.vocabulary import Kind
 
 NO_CASE = "no case exists for it"
@@ -29,37 +30,26 @@ MOST_PARTS = 200_000
 """Parts that a covering array may have to cover: some seconds."""
 
 
-def expand(
-    matrix: Matrix,
-    expansion: Expansion | None = None,
-    *,
-    host_python: str,
-    sources: Mapping[str, str] | None = None,
-    breaks: Breaks = NO_BREAKS,
-    recipes: Recipes = NO_RECIPES,
-) -> Plan:
-    """Plan a matrix.
-
-    `expansion` is what its ranges came to and what was chosen, where that is needed. `host_python` is the version that
-    `host` stands for, `sources` the texts of `matrix_file.sources(matrix)`, `breaks` the known API breaks, `recipes`
-    how packages that `overlay` names are repaired.
-    """
-    axes, contents, sorted_out = _all(matrix, expansion, host_python, sources or {}, recipes)
-    known = _candidates(matrix, axes, contents, sorted_out, breaks)
-    sorted_out.planned = known.chosen(expansion)
+def make_plan(sources: Sources) -> Plan:
+    """Plan a matrix, from all that was read and asked for it. Raises BadInput or ValueError naming the place."""
+    matrix = sources.matrix
+    axes, contents, sorted_out = _all(sources)
+    choice = _candidates(sources, axes, contents, sorted_out)
+    sorted_out.planned = choice.chosen(sources.expansion)
     for index, table in enumerate(matrix.include):
         with located(matrix.path, "include", index, "axes"):
-            _include(sorted_out, matrix, _combination(matrix, axes, table.axes, host_python), contents)
+            _include(sorted_out, matrix, _combination(matrix, axes, table.axes, sources.host_python), contents)
     changing = Changing(matrix, contents, sorted_out.claim)
     cells, unmet = _cells(matrix, sorted_out.planned, contents, changing)
     variants, unused = _variants(matrix, sorted_out.planned)
+    _check_subjects(sources, contents)
     return Plan(
         matrix=matrix.name,
         cells=cells,
         dropped=(
             *(Dropped(id=name, reason=reason) for name, reason in sorted_out.dropped.items()),
             *(Dropped(id=name, reason=reason) for name, reason in changing.dropped.items()),
-            *known.left_out(sorted_out.planned, expansion),
+            *choice.left_out(sorted_out.planned, sources.expansion),
         ),
         stale=(
             *sorted_out.stale,
@@ -74,35 +64,26 @@ def expand(
         pivot=matrix.pivot,
         title=matrix.title,
         variants=variants,
-        page=contents.sources[str(matrix.page)] if matrix.page else None,
+        page=sources.texts[str(matrix.page)] if matrix.page else None,
     )
 
 
-def candidates(
-    matrix: Matrix,
-    expansion: Expansion | None,
-    *,
-    host_python: str,
-    sources: Mapping[str, str],
-    breaks: Breaks = NO_BREAKS,
-    recipes: Recipes = NO_RECIPES,
-) -> Candidates:
+def candidates(sources: Sources) -> Candidates:
     """Return the combinations that the strategy of a matrix can choose from."""
-    return _candidates(matrix, *_all(matrix, expansion, host_python, sources, recipes), breaks)
+    return _candidates(sources, *_all(sources))
 
 
-def _all(
-    matrix: Matrix, expansion: Expansion | None, host_python: str, sources: Mapping[str, str], recipes: Recipes
-) -> tuple[Axes, Contents, _SortedOut]:
+def _all(sources: Sources) -> tuple[Axes, Contents, _SortedOut]:
     """Return the axes, the contents, and every combination, sorted into those that can be run and those that cannot."""
-    axes = choices(matrix, expansion, host_python)
+    matrix, expansion = sources.matrix, sources.expansion
+    axes = choices(matrix, expansion, sources.host_python)
     with located(matrix.path, "axes"):
         _check_size(axes)
     with located(matrix.path, "strategy"):
         _check_parts(axes, matrix.strategy.covering)
     dated = expansion and (matrix.ranges or matrix.strategy.covering)
     snapshot = matrix.snapshot or (expansion.instant if expansion and dated else None)
-    contents = Contents(matrix, sources, snapshot, baseline_combinations(matrix, axes), recipes)
+    contents = Contents(sources, snapshot, baseline_combinations(matrix, axes))
     return axes, contents, _sort_out(matrix, axes, contents)
 
 
@@ -139,14 +120,14 @@ def shortened(text: str, most: int = 120) -> str:
     return text if len(text) <= most else f"{text[:most]} ..."
 
 
-def _candidates(matrix: Matrix, axes: Axes, contents: Contents, found: _SortedOut, breaks: Breaks) -> Candidates:
+def _candidates(sources: Sources, axes: Axes, contents: Contents, found: _SortedOut) -> Candidates:
     return Candidates(
-        matrix=matrix,
+        matrix=sources.matrix,
         axes=axes,
         contents=contents,
         combinations=found.planned,
         excluded=found.dropped,
-        breaks=breaks,
+        breaks=sources.breaks,
     )
 
 
@@ -314,6 +295,24 @@ def _variants(matrix: Matrix, planned: Mapping[str, Combination]) -> tuple[froze
         if not hits:
             unmet.append(f'{_file(matrix)}: variant[{index}] matches no cell (reason: "{table.reason}")')
     return frozenset(found), tuple(unmet)
+
+
+def _check_subjects(sources: Sources, contents: Contents) -> None:
+    """Raise BadInput if the package under test declares none of the extras and groups that a cell names."""
+    project = sources.project
+    if project is None:
+        return
+    for subject in contents.subjects.values():
+        suite = subject.suite or Suite()
+        _check_names(sources.matrix, "extra", (*subject.extras, *suite.extras), project.extras)
+        _check_names(sources.matrix, "dependency group", (*subject.groups, *suite.groups), project.groups)
+
+
+def _check_names(matrix: Matrix, what: str, names: Iterable[str], declared: Collection[str] | None) -> None:
+    unknown = next((name for name in names if declared is not None and name not in declared), None)
+    if unknown:
+        message = f'{matrix.path}: the subject has no {what} "{unknown}"{suggestion(unknown, declared or ())}'
+        raise BadInput(message)
 
 
 def _file(matrix: Matrix) -> str:

@@ -12,11 +12,11 @@ from harness.devices import egl_advice, gl_inventory
 from harness.devices.egl_advice import LIBRARIES, Advice, Drawn, Here
 from harness.devices.egl_rules import OLD_EGL_ID
 from harness.devices.gl_inventory import Answer, Ways
-from harness.matrix import signatures
 from harness.model import Level
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import document
 from harness.running import shipped_signatures
+from harness.standalone import matching
 
 
 class Selected(msgspec.Struct, frozen=True, kw_only=True):
@@ -121,12 +121,10 @@ def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable
     """Return the known failures that match the predicted errors, each once."""
     known: dict[str, DiagnosisEntry] = {}
     for error, failing in troubles.items():
-        evidence = [signatures.Evidence(phase=None, told=(error,))]
+        evidence = [matching.Evidence(phase=None, told=(error,))]
         for who in failing:
             installed = {who.library.replace("_", "-"): who.release, "mujoco": who.mujoco}
-            for one in signatures.diagnose(
-                shipped_signatures.known(), evidence, signatures.Around(installed=installed)
-            ):
+            for one in matching.diagnose(shipped_signatures.known(), evidence, matching.Around(installed=installed)):
                 known.setdefault(str(one.signature.id), document.diagnosis_entry(one))
     return known.values()
 

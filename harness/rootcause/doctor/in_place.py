@@ -30,7 +30,7 @@ from harness.standalone.doctor.choosing import Choice
 from harness.standalone.doctor.declared import NOTE, WARNING, Finding
 from harness.standalone.doctor.differences import versions
 from harness.standalone.keys import SIMULATORS
-from harness.standalone.matching import Seen
+from harness.standalone.matching import Evidence
 from harness.standalone.running import Ran
 
 MEMORY_MB = 64_000
@@ -78,9 +78,9 @@ class Looks:
     api: str | None = None
     tried: Tried | None = None
     drawn: Looked | None = None
-    seen: list[Seen] = field(default_factory=list)
+    seen: list[Evidence] = field(default_factory=list)
 
-    def more(self, choice: Choice, facts: Mapping[str, Any]) -> tuple[list[Finding], list[Seen]]:
+    def more(self, choice: Choice, facts: Mapping[str, Any]) -> tuple[list[Finding], list[Evidence]]:
         """Return findings, and evidence to match against known failures."""
         found: list[Finding] = []
         if self.rendering:
@@ -174,11 +174,11 @@ TOLD = frozenset(Outcome) - {Outcome.NOT_REACHED, Outcome.SKIPPED}
 PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
 
 
-def _seen(phase: PhaseRecord, store: Store) -> Seen:
+def _seen(phase: PhaseRecord, store: Store) -> Evidence:
     """Return the errors of a failed phase with their tracebacks, to match against known failures."""
     lines = (phase.decisive, *(check.decisive for check in phase.checks))
     kept = texts(store.folder / phase.evidence) if phase.evidence else {}
     words = written({name: text for name, text in kept.items() if name == REPLY}, phase.phase)
     told = tuple(dict.fromkeys(filter(None, (*lines, *words))))
     killed = next((found[1] for line in told if (found := KILLED.search(line))), None)
-    return Seen(phase=str(phase.phase), told=told, signal=killed)
+    return Evidence(phase=str(phase.phase), told=told, signal=killed)

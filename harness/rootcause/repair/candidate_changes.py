@@ -12,9 +12,9 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.matrix import changes
-from harness.matrix.signatures import Diagnosis
 from harness.model import Cell, Change
 from harness.model.vocabulary import parsed_requirement, required_name
+from harness.standalone.matching import Diagnosis
 
 
 class Way(StrEnum):

@@ -9,10 +9,10 @@ from contextlib import suppress
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name
 
-from harness.matrix.signatures import Evidence
 from harness.model import Cell, Change, Phase
 from harness.model.vocabulary import parsed_requirement, readers, required_name
 from harness.rootcause.repair.candidate_changes import Move, Way, asked_for, constraint
+from harness.standalone.matching import Evidence
 
 # --- what is imported and not required -------------------------------------------------------------------------
 

@@ -14,13 +14,13 @@ from packaging.version import Version
 from harness.judging.identity import Failure
 from harness.machine.store import Store
 from harness.matrix import changes
-from harness.matrix.signatures import Evidence
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
 from harness.model.vocabulary import MISLEADING
 from harness.packages import locks
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.rootcause.repair import candidate_changes, failure_hints
 from harness.running.scheduler import Observer, Settings
+from harness.standalone.matching import Evidence
 from harness.standalone.silent import PREFIX
 
 ORDER = list(Phase)

@@ -10,7 +10,6 @@ from packaging.version import Version
 
 from harness.machine import interpreters, this_machine
 from harness.machine.store import cache_folder
-from harness.matrix.signatures import Diagnosis
 from harness.model import Cell, Change, Interpreter, Phase
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages.environments import site_packages
@@ -21,6 +20,7 @@ from harness.rootcause.repair.candidate_changes import Move, Way
 from harness.rootcause.repair.lab import Lab, told, versions
 from harness.rootcause.repair.narrowing import Suspect
 from harness.running import shipped_signatures
+from harness.standalone.matching import Diagnosis
 from harness.standalone.silent import PREFIX, plainly_good
 
 TOOLS = ("setuptools", "wheel", "cython", "numpy", "packaging", "setuptools-scm", "pybind11", "cmake",

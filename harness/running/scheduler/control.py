@@ -9,9 +9,9 @@ from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.model.errors import BadInput
 from harness.running import controls
 from harness.running.scheduler import cell_faults
-from harness.running.scheduler.pool import Unknown
 from harness.running.scheduler.runner import Runner
 from harness.running.scheduler.settings import Observer
+from harness.running.scheduler.steps import Steps, carry_out, known, pending
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Controlled:
         """Return the record of a cell of which everything is known; None where something has to be done."""
         record = self.runner.known(cell)
         try:
-            return self.complete(record, quick=True) if record else None
+            return known(self._completed(record)) if record else None
         except BadInput:
             raise
         except Exception:  # Unknown; anything else is met again, and said, where something is done about the cell
@@ -44,47 +44,49 @@ class Controlled:
             if isinstance(found, Cell) and found.id not in self.results:
                 yield found
 
-    def complete(self, record: CellRecord, *, quick: bool = False) -> CellRecord:
-        """Return a record with the controls that it turns on; `quick` raises Unknown where one had to be run."""
-        wanted = controls.wanted(record)
-        found = {api: self._result(control, quick=quick) for api, control in wanted.items()}
-        if found == record.controls:
+    def complete(self, record: CellRecord) -> CellRecord:
+        """Return a record with the controls that it turns on, which are run where they have not been."""
+        return carry_out(self._completed(record))
+
+    def run(self, control: Cell) -> ControlRecord:
+        """Return the record of a control: from this run, from the store, or run now."""
+        return carry_out(self._result(control))
+
+    def _completed(self, record: CellRecord) -> Steps[CellRecord]:
+        results = {}
+        for api, control in controls.wanted(record).items():
+            results[api] = yield from self._result(control)
+        if results == record.controls:
             return record
         self.runner.unchanged.discard(record.cell.id)
-        return replace(record, controls=found)
+        return replace(record, controls=results)
 
-    def _result(self, control: Cell | str, *, quick: bool) -> ControlRecord:
+    def _result(self, control: Cell | str) -> Steps[ControlRecord]:
         if isinstance(control, str):
             return ControlRecord(control="none", untold=control)
-        return self.run(control, quick=quick)
-
-    def run(self, control: Cell, *, quick: bool = False) -> ControlRecord:
-        """Return the record of a control: from this run, from the store, or run now."""
         with self.runner.once.turn(("control", control.id)):
             if control.id not in self.results:
                 try:
-                    self.results[control.id] = self._run(control, quick=quick)
-                except Unknown:
-                    raise
+                    self.results[control.id] = yield from self._recorded(control)
                 except Exception as error:
                     step = cell_faults.fault(self.runner, control, Phase.RESOLVE, error)
                     untold = f"the {_name(control)} could not be run: {step.decisive}"
                     self.results[control.id] = ControlRecord(control=_name(control), untold=untold)
         return self.results[control.id]
 
-    def _run(self, control: Cell, *, quick: bool) -> ControlRecord:
+    def _recorded(self, control: Cell) -> Steps[ControlRecord]:
+        """Look a control up or measure it, to the last phase; keep its record as that of any cell."""
         runner = self.runner
         beside = replace(runner, settings=replace(runner.settings, until=Phase.SUITE), observer=Beside(runner.observer))
-        record = beside.known(control)
-        if record is None:
-            if quick:
-                raise Unknown
-            case = control.cases[0]
-            runner.observer.say(f"a {case.api} task failed; to rule out this machine, the {_name(control)} is run, too")
-            record = beside.measure(control)
+        record = beside.known(control) or (yield from pending(lambda: self._measured(beside, control)))
         beside.keep(record)
         text = (runner.store.folder / record.lock).read_text(encoding="utf-8") if record.lock else None
         return controls.said(record, text)
+
+    def _measured(self, beside: Runner, control: Cell) -> CellRecord:
+        case, name = control.cases[0], _name(control)
+        self.runner.observer.say(f"a {case.api} task failed; to rule out this machine, the {name} is run, too")
+        return beside.measure(control)
 
 
 def _name(control: Cell) -> str:

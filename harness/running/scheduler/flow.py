@@ -29,10 +29,10 @@ from harness.model import Cell, CellRecord, ControlRecord, Phase
 from harness.probes.vault import Vault
 from harness.running import controls
 from harness.running.scheduler import cell_faults
+from harness.running.scheduler.admission import Room
 from harness.running.scheduler.control import Controlled
-from harness.running.scheduler.past import Past
+from harness.running.scheduler.cost_history import Past
 from harness.running.scheduler.records import stopped
-from harness.running.scheduler.room import Room
 from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from harness.judging.exercised import unregistered
 from harness.machine import interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
+from harness.machine.once_per_key import Once
 from harness.machine.store import Installed, Store, digest, question_key
 from harness.matrix import overlay_recipes
 from harness.model import (
@@ -32,18 +33,18 @@ from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
 from harness.running import case_run
-from harness.running.scheduler import cell_faults, ways
-from harness.running.scheduler.brought import Luggage, missing
-from harness.running.scheduler.lasting import lasts
-from harness.running.scheduler.once import Once
-from harness.running.scheduler.pool import NoEnvironment, Pool, Unknown, code_folder, conditioned, outdated
+from harness.running.scheduler import cell_faults, other_drawing
+from harness.running.scheduler.lock_freshness import lasts
 from harness.running.scheduler.records import finished, not_reached, stopped, with_modules
 from harness.running.scheduler.settings import Observer, Settings
+from harness.running.scheduler.shared_environment import NoEnvironment, Pool, code_folder, conditioned, outdated
+from harness.running.scheduler.steps import Steps, carry_out, known, pending
+from harness.running.scheduler.user_supplied import Luggage, missing
 
 if TYPE_CHECKING:
     from harness.packages.environments.environments import Environment
     from harness.packages.package_under_test import Ready
-    from harness.running.scheduler import undertest
+    from harness.running.scheduler import subject_in_cell
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -58,12 +59,20 @@ class Prepared:
     record: CellRecord
     context: case_run.Context | None = None
     cases: tuple[Case, ...] = ()
-    suite: undertest.Suite | None = None
+    suite: subject_in_cell.Suite | None = None
     claims: tuple[str, ...] = ()
     environment: str | None = None
     site: launch.Site | None = None
     told: bool = False
-    around: ways.Around | None = None
+    around: other_drawing.Around | None = None
+
+
+class InstallFault(Exception):
+    """An unforeseen error while the environment of a record was made: not the resolution's."""
+
+    def __init__(self, record: CellRecord, error: Exception) -> None:
+        super().__init__(record.cell.id)
+        self.record, self.error = record, error
 
 
 @dataclass
@@ -110,10 +119,14 @@ class Runner:
     def known(self, cell: Cell) -> CellRecord | None:
         """Return the record of a cell of which everything is known; None where something has to be done."""
         try:
-            ready = self._prepared(cell, quick=True)
+            ready = known(self._prepared(cell))
             return ready.record if ready.told else finished(ready.record)
         except BadInput:
             raise
+        except InstallFault as fault:
+            if isinstance(fault.error, BadInput):
+                raise fault.error from None
+            return None
         except Exception:  # Unknown; anything else is met again, and said, where something is done about the cell
             return None
 
@@ -122,7 +135,10 @@ class Runner:
         self.observer.started(cell)
         self.observer.step(cell, Phase.RESOLVE)
         try:
-            return self._prepared(cell, quick=False)
+            return carry_out(self._prepared(cell))
+        except InstallFault as fault:
+            step = cell_faults.fault(self, cell, Phase.INSTALL, fault.error)
+            return Prepared(record=stopped(fault.record, step))
         except Exception as error:
             step = cell_faults.fault(self, cell, Phase.RESOLVE, error)
             return Prepared(record=stopped(CellRecord(cell=cell, machine=this_machine.facts().id), step))
@@ -136,7 +152,7 @@ class Runner:
                     record, cases=tuple(self._case(record.cell, ready.context, case) for case in ready.cases)
                 )
                 if ready.around:
-                    record = ways.drawn_otherwise(record, ready.cases, ready.around)
+                    record = other_drawing.drawn_otherwise(record, ready.cases, ready.around)
                 record = replace(record, suite=ready.suite.measure(record.cases) if ready.suite else None)
             except NoEnvironment as failure:
                 record = stopped(record, failure.step)
@@ -159,22 +175,21 @@ class Runner:
 
     def lock_of(self, cell: Cell, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         """Return the lock of a cell, or the step that failed; build its subject for that, if it has one."""
-        asked, tested = self._asked(cell, interpreter, quick=False)
-        return (None, tested) if isinstance(tested, Step) else self.lock(asked.question, interpreter)
+        asked, tested = carry_out(self._asked(cell, interpreter))
+        return (None, tested) if isinstance(tested, Step) else carry_out(self.lock(asked.question, interpreter))
 
-    def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
-        """Return the lock of a question and how it came: kept from before, or resolved now, once for all that ask it.
-
-        `quick` raises Unknown if it was not resolved before.
-        """
+    def lock(self, question: Question, interpreter: Interpreter) -> Steps[tuple[Lock | None, Step]]:
+        """Return the lock of a question and how it came: kept from before, or resolved now, once for all that ask."""
         key = question_key(question, interpreter)
         with self.once.turn(key):
-            known = self.resolved.get(key)
-            if known is None:
-                known = self._kept_lock(key, question) or self._resolved_lock(key, question, interpreter, quick=quick)
-                lock, step = known
+            answer = self.resolved.get(key)
+            if answer is None:
+                answer = self._kept_lock(key, question)
+                if answer is None:
+                    answer = yield from pending(lambda: self._resolved_lock(key, question, interpreter))
+                lock, step = answer
                 self.resolved[key] = lock, replace(step, seconds=0.0, reused=True)  # for whoever asks next
-        return known
+        return answer
 
     def _kept_lock(self, key: str, question: Question) -> tuple[Lock | None, Step] | None:
         """Return the stored answer to a question if it is still valid.
@@ -190,11 +205,7 @@ class Runner:
             return None
         return kept, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)
 
-    def _resolved_lock(
-        self, key: str, question: Question, interpreter: Interpreter, *, quick: bool
-    ) -> tuple[Lock | None, Step]:
-        if quick:
-            raise Unknown
+    def _resolved_lock(self, key: str, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         from harness.packages.sources import overlays  # noqa: PLC0415 - start-up
 
         with exclusive(self.store.claim_file(key)):
@@ -215,19 +226,19 @@ class Runner:
 
     # --- the way of a cell -----------------------------------------------------------------------------------------
 
-    def _prepared(self, cell: Cell, *, quick: bool) -> Prepared:
+    def _prepared(self, cell: Cell) -> Steps[Prepared]:
         record = CellRecord(cell=cell, machine=this_machine.facts().id)
-        interpreter = self._interpreter(cell, quick=quick)
+        interpreter = yield from self._interpreter(cell)
         missing = interpreter if isinstance(interpreter, str) else _missing(cell)
         if isinstance(interpreter, str) or missing:
             return Prepared(record=replace(record, unavailable=missing, cases=not_reached(cell)))
         record = replace(record, python=interpreter.version, brought=self.luggage.of(cell))
-        asked, tested = self._asked(cell, interpreter, quick=quick)
+        asked, tested = yield from self._asked(cell, interpreter)
         if isinstance(tested, Step):
             return Prepared(record=stopped(record, tested))
         record = replace(record, subject=tested.tested if tested else None)
         fetched = self.settings.fetched
-        lock, step = fetched.answer(cell) if fetched else self.lock(asked.question, interpreter, quick=quick)
+        lock, step = fetched.answer(cell) if fetched else (yield from self.lock(asked.question, interpreter))
         record = replace(record, resolve=step)
         if lock is None:
             return Prepared(record=stopped(record, step))
@@ -239,84 +250,71 @@ class Runner:
         record = replace(record, lock=file, lock_sha256=lock.sha256, supplied=supplied)
         if self.settings.until is Phase.RESOLVE:
             return Prepared(record=record)
-        return self._guarded_install(record, Pool(self, asked, lock, interpreter), tested, quick=quick)
+        try:
+            return (yield from self._installed(record, Pool(self, asked, lock, interpreter), tested))
+        except Exception as error:
+            raise InstallFault(record, error) from error
 
-    def _asked(self, cell: Cell, interpreter: Interpreter, *, quick: bool) -> tuple[Cell, Ready | Step | None]:
+    def _asked(self, cell: Cell, interpreter: Interpreter) -> Steps[tuple[Cell, Ready | Step | None]]:
         """Return the cell with its full question, and its subject, if it has one, or the step why there is no wheel."""
         if cell.subject is None:
             return cell, None
         from harness.packages import package_under_test  # noqa: PLC0415 - start-up
-        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
-        tested = undertest.ready(self, cell, interpreter, quick=quick)
+        tested = yield from subject_in_cell.ready(self, cell, interpreter)
         if isinstance(tested, Step):
             return cell, tested
         question = package_under_test.completed(cell.question, cell.subject, tested, interpreter)
         return replace(cell, question=question), tested
 
-    def _interpreter(self, cell: Cell, *, quick: bool) -> Interpreter | str:
+    def _interpreter(self, cell: Cell) -> Steps[Interpreter | str]:
         """Return the Python of a cell, or why there is none."""
         if self.settings.fetched:
             return self.settings.fetched.interpreter(cell)
         found = self.pythons.get(cell.python)
         if found is None:
-            found = interpreters.obtain(cell.python, offline=quick or self.settings.offline)
-            if found is None and quick:
-                raise Unknown  # it may be there to be downloaded
+            found = interpreters.obtain(cell.python, offline=True)
+            if found is None:  # it may be there to be downloaded
+                found = yield from pending(lambda: interpreters.obtain(cell.python, offline=self.settings.offline))
             if found:
                 self.pythons[cell.python] = found
         return found or interpreters.hint(cell.python)
 
-    def _guarded_install(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> Prepared:
-        """Install; an unforeseen exception counts as the install's failure, not as the resolution's."""
-        try:
-            return self._installed(record, pool, tested, quick=quick)
-        except Exception as error:
-            if quick:
-                raise
-            return Prepared(record=stopped(record, cell_faults.fault(self, record.cell, Phase.INSTALL, error)))
-
-    def _installed(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> Prepared:
+    def _installed(self, record: CellRecord, pool: Pool, tested: Ready | None) -> Steps[Prepared]:
         """Install, unless every result is known already."""
-        known = pool.kept()
-        if known is None:
-            if quick:
-                raise Unknown
-            known = pool.install()
-        if known.failed:
-            return Prepared(record=stopped(record, known.failed))
-        known = self._extended(known, tested) if tested else known
+        install = pool.kept() or (yield from pending(pool.install))
+        if install.failed:
+            return Prepared(record=stopped(record, install.failed))
+        install = self._extended(install, tested) if tested else install
         record = replace(
             record,
-            key=known.key,
-            installed=known.versions,
+            key=install.key,
+            installed=install.versions,
             install=Step(
                 phase=Phase.INSTALL,
                 outcome=Outcome.PASSED,
-                seconds=known.seconds,
+                seconds=install.seconds,
                 reused=pool.known,
-                findings=(*known.findings, *_unchecked(record.cell)),
+                findings=(*install.findings, *_unchecked(record.cell)),
             ),
         )
         try:
-            if self.settings.until is Phase.INSTALL:
-                if quick:
-                    raise Unknown  # it may be gone: that is looked at in turn
-                return Prepared(record=record, site=self._site(record, *self._place(pool, tested)))
-            return self._known_cases(record, pool, known, tested, quick=quick)
+            if self.settings.until is Phase.INSTALL:  # its environment may be gone: that is looked at in turn
+                site = yield from pending(lambda: self._site(record, *self._place(pool, tested)))
+                return Prepared(record=record, site=site)
+            return (yield from self._known_cases(record, pool, install, tested))
         except NoEnvironment as failure:
             return Prepared(record=stopped(record, failure.step))
 
     def _extended(self, known: Installed, tested: Ready) -> Installed:
-        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
-        return undertest.extended(known, tested)
+        return subject_in_cell.extended(known, tested)
 
-    def _known_cases(
-        self, record: CellRecord, pool: Pool, known: Installed, tested: Ready | None, *, quick: bool
-    ) -> Prepared:
+    def _known_cases(self, record: CellRecord, pool: Pool, install: Installed, tested: Ready | None) -> Steps[Prepared]:
         context = self._context(record, pool, tested)
-        cases = tuple(with_modules(case, known) for case in record.cell.cases)
+        cases = tuple(with_modules(case, install) for case in record.cell.cases)
         mark = digest(case_run.mark(context, cases, record.lock_sha256), sorted(record.supplied.items()))
         record = record if tested else replace(record, mark=mark)
         told = self._told(record)
@@ -324,15 +322,13 @@ class Runner:
             return Prepared(record=told, told=True)
         stored = [case_run.stored_case(context, case) for case in cases]
         found = tuple(one for one in stored if one)
-        suite = self._suite(record, pool, tested, quick=quick)
+        suite = yield from self._suite(record, pool, tested)
         if len(found) == len(stored):
             whole, ended = suite.known(found) if suite else (True, None)
             complete = replace(record, cases=found, suite=ended)
-            if whole and not ways.due(complete):
+            if whole and not other_drawing.due(complete):
                 return Prepared(record=complete)
-        if quick:
-            raise Unknown
-        self._place(pool, tested)
+        yield from pending(lambda: self._place(pool, tested))
         claims = {case_run.claim(context, case) for case, one in zip(cases, stored, strict=True) if one is None}
         return Prepared(
             record=record,
@@ -356,15 +352,15 @@ class Runner:
         versions = record.installed if record.installed == kept.installed else kept.installed  # one of many cells
         return replace(kept, cell=record.cell, installed=versions, reused=True)
 
-    def _suite(self, record: CellRecord, pool: Pool, tested: Ready | None, *, quick: bool) -> undertest.Suite | None:
+    def _suite(self, record: CellRecord, pool: Pool, tested: Ready | None) -> Steps[subject_in_cell.Suite | None]:
         """Return the subject's own suite, resolved and installed; None if the cell has none or stops before it."""
         cell = record.cell
         wanted = tested and cell.subject and cell.subject.suite and self.settings.until is Phase.SUITE
         if not wanted or tested is None:
             return None
-        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
-        suite = undertest.Suite(
+        suite = subject_in_cell.Suite(
             owner=self,
             cell=pool.cell,
             lock=pool.lock,
@@ -373,16 +369,16 @@ class Runner:
             site=lambda environment, below: self._site(record, environment, below),
             identity=self._identity(record),
         )
-        suite.prepare(quick=quick)
+        yield from suite.prepare()
         return suite
 
     def _place(self, pool: Pool, tested: Ready | None) -> tuple[Environment, Environment | None]:
         """Return the environment that a cell is probed in, and the environment below it, if it is a thin layer."""
         if tested is None:
             return pool.environment(), None
-        from harness.running.scheduler import undertest  # noqa: PLC0415 - start-up
+        from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
-        return undertest.on_top(self, pool, tested), pool.environment()
+        return subject_in_cell.on_top(self, pool, tested), pool.environment()
 
     def _variables(self, record: CellRecord) -> dict[str, str]:
         given = {**this_machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}

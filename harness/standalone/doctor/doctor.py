@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Opt
 
 from .. import matching
 from ..installing import Installer, installer
-from ..matching import Seen
+from ..matching import Evidence
 from ..running import Run
 from . import choosing, declared, differences, drawing, nearest, reading
 from .choosing import Choice
@@ -57,7 +57,7 @@ class Asked(NamedTuple):
     running: Optional[str] = None
 
 
-More = Callable[[Choice, Told], Tuple[List[Finding], List[Seen]]]
+More = Callable[[Choice, Told], Tuple[List[Finding], List[Evidence]]]
 """Looks at more of an environment, given the choice and its facts."""
 
 
@@ -82,20 +82,20 @@ def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: 
     told, seen = more(choice, looked) if more else ([], [])
     causes = reading.known_causes(known.signatures, probes, looked, seen)
     lurks = [*reading.foreseen(known.signatures, looked), *reading.quiet(known.signatures, looked, asked.env)]
-    shown = {hit.known.id for hit in causes}
+    shown = {hit.signature.id for hit in causes}
     lurks = [one for one in lurks if one.id not in shown]
     measured = known.measured()
     told += drawing.findings(seen_here(here), here.variables) if asked.rendering else []
     found += [*told, *map(_lurking, lurks), *nearest.failed(looked, measured)]
     found.sort(key=_rank)
-    issues = [*(hit.known for hit in causes), *lurks]
+    issues = [*(hit.signature for hit in causes), *lurks]
     remedies = reading.versions_asked(issues)
     near = nearest.found(looked, measured, asked.env, remedies, issues)
     other = None if near or asked.env is None else nearest.found(looked, measured, None, remedies, issues)
     return {
         "schema": 1,
         "decisive": next((one.text for one in found if one.level == WARNING), None),
-        "diagnoses": [matching.diagnosis(hit.known, hit.phase, hit.seen) for hit in causes],
+        "diagnoses": [matching.diagnosis(hit.signature, hit.phase, hit.seen) for hit in causes],
         "findings": [one.plain() for one in found],
         "environment": dict(_environment(choice, looked), scrubbed=here.removed),
         "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},

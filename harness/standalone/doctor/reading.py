@@ -7,7 +7,7 @@ import re
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ..keys import MODULES
-from ..matching import Around, Hit, Seen, diagnose, lurking
+from ..matching import Around, Diagnosis, Evidence, diagnose, lurking
 from ..requirements import requirement
 from ..silent import concerns
 from ..versions import canonical
@@ -52,12 +52,12 @@ def failed(probes: Told, apart: Sequence[Difference]) -> List[Finding]:
     return found
 
 
-def evidence(probes: Told) -> Iterator[Seen]:
+def evidence(probes: Told) -> Iterator[Evidence]:
     """Yield the errors and tracebacks of failed imports as evidence for known failures."""
     for one in (probes["imports"] or probes["clean_imports"]).values():
         if one["error"]:
             told = tuple(filter(None, (one["error"], one.get("traceback"))))
-            yield Seen(phase="import", told=told, signal=one.get("signal"))
+            yield Evidence(phase="import", told=told, signal=one.get("signal"))
 
 
 def skipped(probes: Told) -> List[Finding]:
@@ -76,7 +76,9 @@ def around(facts: Told) -> Around:
     return Around(installed=versions(facts), python=facts["python"]["version"].rstrip("+"))
 
 
-def known_causes(known: Iterable[Any], probes: Told, facts: Told, more: Sequence[Seen] = ()) -> Tuple[Hit, ...]:
+def known_causes(
+    known: Iterable[Any], probes: Told, facts: Told, more: Sequence[Evidence] = ()
+) -> Tuple[Diagnosis, ...]:
     """Return the known failures that the errors themselves show, the deepest cause first.
 
     Matches in a log alone do not count.

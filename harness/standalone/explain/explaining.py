@@ -8,7 +8,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Seq
 from .. import matching
 from ..counting import Fit, counting
 from ..lines import MASKS, bounded
-from ..matching import Around, Hit, Seen
+from ..matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
 from . import telling
@@ -59,25 +59,25 @@ class Explained(NamedTuple):
 
     told: Told
     hints: Hints
-    diagnoses: Tuple[Hit, ...]
+    diagnoses: Tuple[Diagnosis, ...]
     findings: Tuple[Tuple[str, str, str], ...]
 
     @property
     def phase(self) -> Optional[str]:
         """Return the phase that failed: the one that the text suggests, unless the cause shows only in others."""
         cause = _deepest(self.diagnoses)
-        if cause is not None and cause.known.phases and self.told.phase not in cause.known.phases:
-            return str(cause.known.phases[0])
+        if cause is not None and cause.signature.phases and self.told.phase not in cause.signature.phases:
+            return str(cause.signature.phases[0])
         return self.told.phase
 
     @property
-    def causes(self) -> Tuple[Hit, ...]:
+    def causes(self) -> Tuple[Diagnosis, ...]:
         """Return the causes that count, the deepest first; none if another process died and nothing says why."""
         told, echoed = self.told, self.echoed
         return counting(_fit(hit, says=not echoed and _where(hit, told) is DECISIVE) for hit in self.diagnoses)
 
     @property
-    def cause(self) -> Optional[Hit]:
+    def cause(self) -> Optional[Diagnosis]:
         """Return the deepest cause; None if none is known."""
         return next(iter(self.causes), None)
 
@@ -97,22 +97,22 @@ class Explained(NamedTuple):
         }
 
 
-def _deepest(hits: Sequence[Hit]) -> Optional[Hit]:
+def _deepest(hits: Sequence[Diagnosis]) -> Optional[Diagnosis]:
     """Return the deepest cause that hides no other; None where none is known."""
     return next(iter(counting(_fit(hit, says=False) for hit in hits)), None)
 
 
-def _fit(hit: Hit, *, says: bool) -> Fit:
-    return Fit(known=hit, masks=hit.known.masks, generic=hit.known.generic, seen=hit.seen, says=says)
+def _fit(hit: Diagnosis, *, says: bool) -> Fit:
+    return Fit(known=hit, masks=hit.signature.masks, generic=hit.signature.generic, seen=hit.seen, says=says)
 
 
-def _diagnosis(hit: Hit, phase: Optional[str]) -> Dict[str, Any]:
+def _diagnosis(hit: Diagnosis, phase: Optional[str]) -> Dict[str, Any]:
     """Return a known cause as all documents hold it.
 
     Its phase is the given one if the cause can show there, else the cause's first.
     """
-    phases = hit.known.phases
-    return matching.diagnosis(hit.known, phase if not phases or phase in phases else phases[0], hit.seen)
+    phases = hit.signature.phases
+    return matching.diagnosis(hit.signature, phase if not phases or phase in phases else phases[0], hit.seen)
 
 
 def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) -> Explained:
@@ -127,10 +127,10 @@ def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) 
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, _besides(hit)) for hit in aside[:SHOWN]]
     if _deepest(hits) is None:
         possible = _hits(could, told, killed)[0]
-        named = [hit for hit in possible if _named(hit.known, told.text)]
+        named = [hit for hit in possible if _named(hit.signature, told.text)]
         if len(named) == 1:
             hits = (*named, *hits)
-            findings.append(("packages", NOTE, _if_there(named[0].known)))
+            findings.append(("packages", NOTE, _if_there(named[0].signature)))
         else:
             findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
     if not told.failed and hits:
@@ -225,12 +225,12 @@ def _if_there(one: matching.Known) -> str:
     )
 
 
-def _besides(hit: Hit) -> str:
-    return "the text says so, too, and nothing shows that it failed by it: {} ({})".format(hit.seen, hit.known.id)
+def _besides(hit: Diagnosis) -> str:
+    return "the text says so, too, and nothing shows that it failed by it: {} ({})".format(hit.seen, hit.signature.id)
 
 
-def _possible(hit: Hit) -> str:
-    return "could be {}: {} {}".format(hit.known.id, hit.known.plain["cause"], _if_there(hit.known))
+def _possible(hit: Diagnosis) -> str:
+    return "could be {}: {} {}".format(hit.signature.id, hit.signature.plain["cause"], _if_there(hit.signature))
 
 
 # --- where they are told ---------------------------------------------------------------------------------------
@@ -238,7 +238,7 @@ def _possible(hit: Hit) -> str:
 
 def _hits(
     known: Sequence[matching.Known], told: Told, killed: Optional[str]
-) -> Tuple[Tuple[Hit, ...], Tuple[Hit, ...]]:
+) -> Tuple[Tuple[Diagnosis, ...], Tuple[Diagnosis, ...]]:
     """Return the known failures that the text shows, the deepest cause first, and those that it only mentions.
 
     What is written somewhere in a log, and in no line that says why, is no cause of an exception, nor of a command
@@ -246,26 +246,30 @@ def _hits(
     """
     if not told.failed:
         known = [one for one in known if one.pattern is not None and not one.generic]
-    seen = Seen(phase=None, told=told.lines, logs=(told.text,), signal=killed)
+    seen = Evidence(phase=None, told=told.lines, logs=(told.text,), signal=killed)
     found = sorted(matching.matches(known, seen), key=lambda hit: _rank(hit, told))
-    best = min([_where(hit, told) for hit in found if not hit.known.masks], default=LOG)
+    best = min([_where(hit, told) for hit in found if not hit.signature.masks], default=LOG)
     wordless = told.failed and not told.marked and killed is None
-    masked = any(hit.known.masks and _where(hit, told) is DECISIVE for hit in found)
+    masked = any(hit.signature.masks and _where(hit, told) is DECISIVE for hit in found)
     most = ELSEWHERE if best is not LOG or wordless or (told.raised and not masked) else LOG
     mask = ELSEWHERE if told.raised else LOG
-    kept = tuple(hit for hit in found if _where(hit, told) <= (mask if hit.known.masks else most))
+    kept = tuple(hit for hit in found if _where(hit, told) <= (mask if hit.signature.masks else most))
     return kept, tuple(hit for hit in found if hit not in kept)
 
 
-def _rank(hit: Hit, told: Told) -> Tuple[Any, ...]:
+def _rank(hit: Diagnosis, told: Told) -> Tuple[Any, ...]:
     """Return the sort key of a hit: causes of the decisive line come before those found elsewhere."""
-    phases = hit.known.phases
+    phases = hit.signature.phases
     elsewhere = bool(phases) and told.phase is not None and told.phase not in phases
-    return matching.rank(hit.known, _where(hit, told), elsewhere)
+    return matching.rank(hit.signature, _where(hit, told), elsewhere)
 
 
-def _where(hit: Hit, told: Told) -> int:
-    if hit.known.pattern is None or _in(hit.seen, told.decisive) or (told.raised and hit.seen in _flat(told.region)):
+def _where(hit: Diagnosis, told: Told) -> int:
+    if (
+        hit.signature.pattern is None
+        or _in(hit.seen, told.decisive)
+        or (told.raised and hit.seen in _flat(told.region))
+    ):
         return DECISIVE
     return ELSEWHERE if any(_in(hit.seen, line) for line in told.lines) else LOG
 
@@ -284,7 +288,7 @@ def _in(seen: str, line: Optional[str]) -> bool:
 # --- besides ---------------------------------------------------------------------------------------------------
 
 
-def _others(told: Told, hits: Sequence[Hit]) -> List[Tuple[str, str, str]]:
+def _others(told: Told, hits: Sequence[Diagnosis]) -> List[Tuple[str, str, str]]:
     """Return a note on the decisive line if the known cause does not explain it."""
     cause = _deepest(hits)
     if cause is None or not told.decisive or _where(cause, told) is DECISIVE or _mask_tells(told.decisive, hits):
@@ -293,16 +297,18 @@ def _others(told: Told, hits: Sequence[Hit]) -> List[Tuple[str, str, str]]:
     return [("also", NOTE, text)]
 
 
-def _mask_tells(line: str, hits: Sequence[Hit]) -> bool:
-    return any(hit.known.masks and _in(hit.seen, line) for hit in hits)
+def _mask_tells(line: str, hits: Sequence[Diagnosis]) -> bool:
+    return any(hit.signature.masks and _in(hit.seen, line) for hit in hits)
 
 
-def _measured(told: Told, hits: Sequence[Hit], measured: Optional[Mapping[str, Any]]) -> List[Tuple[str, str, str]]:
+def _measured(
+    told: Told, hits: Sequence[Diagnosis], measured: Optional[Mapping[str, Any]]
+) -> List[Tuple[str, str, str]]:
     """Return a note on measured cells with the same cause, or if none is known with the same decisive line."""
     cells = (measured or {}).get("cells", ())
     cause = _deepest(hits)
     if cause is not None:
-        same = [cell for cell in cells if cause.known.id in cell.get("causes", ())]
+        same = [cell for cell in cells if cause.signature.id in cell.get("causes", ())]
     else:
         shape = _shape(told.decisive)
         same = [cell for cell in cells if shape and _shape(cell.get("decisive")) == shape]

@@ -7,7 +7,7 @@ import shlex
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
 from ..installing import Installer, installer
-from ..matching import Hit
+from ..matching import Diagnosis
 from ..remedies import in_words
 from .explaining import Explained
 
@@ -44,8 +44,8 @@ def lines(made: Explained, place: Place) -> Iterator[str]:
         yield from _unknown(made)
     else:
         yield from _cause(made.cause)
-        for other in [hit for hit in made.causes if not hit.known.masks][1 : 1 + LIKE_IT]:
-            yield "also:      {} ({})".format(other.known.plain["cause"], other.seen)
+        for other in [hit for hit in made.causes if not hit.signature.masks][1 : 1 + LIKE_IT]:
+            yield "also:      {} ({})".format(other.signature.plain["cause"], other.seen)
     if made.cause is not None:
         yield from _hidden(made)
     for _, level, text in made.findings:
@@ -57,21 +57,21 @@ def lines(made: Explained, place: Place) -> Iterator[str]:
         yield "output:    {}".format(place.kept)
 
 
-def _cause(hit: Hit) -> Iterator[str]:
-    plain = hit.known.plain
+def _cause(hit: Diagnosis) -> Iterator[str]:
+    plain = hit.signature.plain
     yield "failed:    {}".format(hit.seen)
     yield "cause:     {}".format(plain["cause"])
     yield "remedy:    {}".format(in_words(plain.get("remedy", {})))
     for number, link in enumerate(list(plain.get("references", ()))[:LIKE_IT]):
         yield "{} {}".format("reference:" if number == 0 else "          ", link)
-    yield "known as:  {}".format(hit.known.id)
+    yield "known as:  {}".format(hit.signature.id)
 
 
 def _unknown(made: Explained) -> Iterator[str]:
     yield "failed:    {}{}".format(made.told.decisive or "without a word", _where(made))
     if made.diagnoses and made.echoed:
-        yield "that is:   {}".format(made.diagnoses[0].known.plain["cause"])
-        yield "remedy:    {}".format(in_words(made.diagnoses[0].known.plain.get("remedy", {})))
+        yield "that is:   {}".format(made.diagnoses[0].signature.plain["cause"])
+        yield "remedy:    {}".format(in_words(made.diagnoses[0].signature.plain.get("remedy", {})))
     else:
         yield from _hidden(made)
     if made.phase == "resolve":
@@ -86,12 +86,12 @@ def _hidden(made: Explained) -> Iterator[str]:
     If the cause is unknown, the explanation of one such line follows.
     """
     shown = made.cause.seen if made.cause else made.told.decisive
-    masks = [hit for hit in made.diagnoses if hit.known.masks and hit.seen != shown]
+    masks = [hit for hit in made.diagnoses if hit.signature.masks and hit.seen != shown]
     for line in dict.fromkeys(hit.seen for hit in masks):
         yield "hidden by: {}".format(line)
-    named = [hit for hit in masks if hit.known.packages] if made.cause is None else []
+    named = [hit for hit in masks if hit.signature.packages] if made.cause is None else []
     for hit in named[:1]:
-        yield "           {}".format(hit.known.plain["cause"])
+        yield "           {}".format(hit.signature.plain["cause"])
 
 
 def _where(made: Explained) -> str:
@@ -107,7 +107,7 @@ def following(made: Explained, place: Place) -> Iterator[str]:
         yield "{} explain -- COMMAND, which keeps all that a command writes".format(place.program)
         return
     if made.cause is not None:
-        yield from _applied(made.cause.known.plain.get("remedy", {}), place)
+        yield from _applied(made.cause.signature.plain.get("remedy", {}), place)
     elif made.echoed:
         command = " ".join(map(shlex.quote, place.command)) or "COMMAND"
         yield "{} explain -- env {}=1 {}".format(place.program, FAULTS, command)
@@ -145,7 +145,7 @@ def _tried(made: Explained, place: Place) -> Iterator[str]:
     version = place.version or made.hints.python
     python = " --python {}".format(".".join(version.split(".")[:2])) if version else ""
     typed = " ".join(map(shlex.quote, asked)) + python
-    if made.cause is not None and made.cause.known.plain.get("remedy", {}).get("overlay"):
+    if made.cause is not None and made.cause.signature.plain.get("remedy", {}).get("overlay"):
         yield "{} try {} --overlay".format(place.program, typed)
     else:
         yield "{} repair {}".format(place.program, typed)

@@ -9,6 +9,7 @@ from typing import Protocol
 from harness import model
 from harness.judging.runs import suite as judging
 from harness.machine import this_machine
+from harness.machine.once_per_key import Once
 from harness.machine.store import Installed, Store, digest
 from harness.model import (
     CaseRecord,
@@ -32,9 +33,9 @@ from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
 from harness.running import own_suites
-from harness.running.scheduler.once import Once
-from harness.running.scheduler.pool import NoEnvironment, Pool, Unknown, conditioned, outdated
 from harness.running.scheduler.settings import Observer, Settings
+from harness.running.scheduler.shared_environment import NoEnvironment, Pool, conditioned, outdated
+from harness.running.scheduler.steps import Steps, pending
 
 
 class Owner(Protocol):
@@ -50,11 +51,11 @@ class Owner(Protocol):
     measured: dict[str, tuple[str, ...]]
     subjects: dict[str, Ready | Step]
 
-    def lock(self, question: Question, interpreter: Interpreter, *, quick: bool = False) -> tuple[Lock | None, Step]:
+    def lock(self, question: Question, interpreter: Interpreter) -> Steps[tuple[Lock | None, Step]]:
         """Return the lock of a question, or why there is none."""
 
 
-def ready(owner: Owner, cell: Cell, interpreter: Interpreter, *, quick: bool) -> Ready | Step:
+def ready(owner: Owner, cell: Cell, interpreter: Interpreter) -> Steps[Ready | Step]:
     """Return the wheel of the cell's subject, or the step that failed; made once in a run for each Python."""
     assert cell.subject
     asked = cell.question
@@ -62,11 +63,11 @@ def ready(owner: Owner, cell: Cell, interpreter: Interpreter, *, quick: bool) ->
     key = digest("subject", cell.subject.source, cell.subject.state, interpreter.identity, *inputs)
     with owner.once.turn(("subject", key)):
         if key not in owner.subjects:
-            owner.subjects[key] = _ready(owner, cell, interpreter, key, quick=quick)
+            owner.subjects[key] = yield from _ready(owner, cell, interpreter, key)
     return owner.subjects[key]
 
 
-def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str, *, quick: bool) -> Ready | Step:
+def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> Steps[Ready | Step]:
     """Return a wheel that was built before, a failure that still holds, or the result of a build now."""
     assert cell.subject
     settings = owner.settings
@@ -76,13 +77,17 @@ def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str, *, quic
     before = None if settings.fresh or settings.again else owner.store.load_installed(key)
     if before and before.failed and not outdated(before.failed):
         return replace(before.failed, reused=True)
-    if quick:
-        raise Unknown
+    return (yield from pending(lambda: _build(owner, cell, interpreter, key)))
+
+
+def _build(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> Ready | Step:
+    """Build the wheel of the subject now; keep a failure."""
+    assert cell.subject
     owner.observer.step(cell, "build")
-    made = package_under_test.ready(cell.subject, interpreter, cell.question, offline=settings.offline)
-    if isinstance(made, Step) and made.outcome is Outcome.FAILED:
-        owner.store.save_installed(key, Installed(failed=conditioned(made)))
-    return made
+    wheel = package_under_test.ready(cell.subject, interpreter, cell.question, offline=owner.settings.offline)
+    if isinstance(wheel, Step) and wheel.outcome is Outcome.FAILED:
+        owner.store.save_installed(key, Installed(failed=conditioned(wheel)))
+    return wheel
 
 
 def extended(known: Installed, tested: Ready) -> Installed:
@@ -146,12 +151,12 @@ class Suite:
     pool: Pool | None = field(default=None, init=False)
     key: str | None = field(default=None, init=False)
 
-    def prepare(self, *, quick: bool) -> None:
-        """Resolve and install its needs; raises Unknown if that was not done before and `quick` forbids it."""
+    def prepare(self) -> Steps[None]:
+        """Resolve and install its needs."""
         assert self.cell.subject
         asked, subject = self.cell.question, self.cell.subject
         question = own_suites.question(asked, self.lock, subject, self.tested, self.interpreter)
-        lock, step = self.owner.lock(question, self.interpreter, quick=quick)
+        lock, step = yield from self.owner.lock(question, self.interpreter)
         if lock is None:
             told = f"the tests cannot have their packages beside the cell's: {step.decisive}"
             self.failed = own_suites.not_run(told, step)
@@ -161,16 +166,13 @@ class Suite:
             self.failed = own_suites.not_run(moved, Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=moved))
             return
         self.pool = Pool(self.owner, replace(self.cell, question=question), lock, self.interpreter)
-        known = self.pool.kept()
-        if known is None and quick:
-            raise Unknown
-        known = known or self.pool.install()
-        if known.failed:
-            decisive = f"the environment of the tests cannot be made: {known.failed.decisive}"
-            self.failed = own_suites.not_run(decisive, known.failed)
+        install = self.pool.kept() or (yield from pending(self.pool.install))
+        if install.failed:
+            decisive = f"the environment of the tests cannot be made: {install.failed.decisive}"
+            self.failed = own_suites.not_run(decisive, install.failed)
             return
         tests = (subject.suite, subject.state, launch.file_hash(own_suites.DOOR))
-        self.key = digest("suite", known.key, self.tested.tested.content, tests, self.identity)
+        self.key = digest("suite", install.key, self.tested.tested.content, tests, self.identity)
 
     def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
         """Return whether the suite's result after these cases is known, and the result; None if it is not reached."""

@@ -1,0 +1,53 @@
+"""Hold all that a plan is made of: what was read and asked for it beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+
+from harness.matrix.matrix_types import Expansion, Matrix
+from harness.matrix.version_ranges import Breaks
+from harness.model import IndexSettings, Repair
+
+Recipes = Mapping[str, tuple[Repair, ...]]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Project:
+    """The package under test: its source, found from anywhere, and the names that its pyproject declares, if any."""
+
+    source: str
+    extras: Collection[str] | None = None
+    groups: Collection[str] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Sources:
+    """All that a plan is made of.
+
+    Args:
+        matrix: The matrix file, with the known failures filled in that it names.
+        host_python: The version that `host` stands for.
+        expansion: The releases that its ranges came to, and the combinations that were chosen.
+        texts: The texts of `matrix_file.sources(matrix)`.
+        breaks: The releases at which an API broke.
+        recipes: How the packages that `overlay` names are patched.
+        index: Where packages come from, found from anywhere; None: as the matrix says.
+        project: The package under test; None: the source that the matrix names.
+    """
+
+    matrix: Matrix
+    host_python: str
+    expansion: Expansion | None = None
+    texts: Mapping[str, str] = field(default_factory=dict)
+    breaks: Breaks = field(default_factory=dict)
+    recipes: Recipes = field(default_factory=dict)
+    index: IndexSettings | None = None
+    project: Project | None = None
+
+
+def index_settings(matrix: Matrix) -> IndexSettings:
+    """Return the places that a matrix's packages come from; relative find-links stay relative."""
+    return IndexSettings(**msgspec.structs.asdict(matrix.index))
