@@ -48,7 +48,8 @@ def write(path: Path) -> None:
 
 def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
     """Return the bytes of the whole file."""
-    ours = {file.relative_to(PACKAGE).as_posix(): file for file in sorted(PACKAGE.rglob("*.py"))}
+    files = (*PACKAGE.rglob("*.py"), *PACKAGE.glob("vendored/*/LICENSE*"))
+    ours = {file.relative_to(PACKAGE).as_posix(): file for file in sorted(files)}
     members = {
         "__main__.py": START.encode(),
         **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},

@@ -17,7 +17,7 @@ from harness.probes import program
 
 INCELL = Path(harness.__file__).parent / "incell"
 STANDALONE = Path(harness.__file__).parent / "standalone"
-OURS = sorted(STANDALONE.glob("**/*.py"))
+OURS = sorted(path for path in STANDALONE.glob("**/*.py") if "vendored" not in path.parts)
 FILES = sorted(INCELL.glob("**/*.py"))
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
 

@@ -26,7 +26,9 @@ IMPURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempf
 MOST = 14
 """Modules of a room or of a room within it; verbs and in-cell files grow by verb and by adapter."""
 GROWING = {"commands", "standalone"}
-"""`standalone` has two parsers of its own that a kept library is to replace."""
+VENDORED = "vendored"
+"""The folder of released libraries that are kept whole and unchanged."""
+
 STANDALONE = frozenset(
     {
         "__main__", "spawning", "looking", "importing", "seeing", "choosing", "running", "probing", "doctor", "explain",
@@ -41,7 +43,7 @@ of an environment that is looked at. On the host the verbs alone, and `rootcause
 def modules() -> dict[str, Path]:
     """Return every module of the host by its full name."""
     found = {}
-    for path in PACKAGE.rglob("*.py"):
+    for path in (path for path in PACKAGE.rglob("*.py") if VENDORED not in path.parts):
         parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
         if len(parts) == 1 or parts[1] not in APART:
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path

@@ -53,8 +53,8 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
         text = "\n".join(said(folder, cell))
         if expected and text:
             cause = made(text, cell).cause
-            right += cause is not None and cause.known.id in expected
-            other += cause is None or cause.known.id not in expected
+            right += cause is not None and cause.signature.id in expected
+            other += cause is None or cause.signature.id not in expected
     assert right > 50
     assert right / (right + other) > ENOUGH
 

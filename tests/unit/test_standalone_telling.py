@@ -265,7 +265,7 @@ KILLED = known("killed", None, signal="SIGSEGV", packages=["arms"])
 
 def named(text: str, *those: matching.Known, **here: object) -> list[str]:
     """Return the ids of the failures recognised in a text."""
-    return [hit.known.id for hit in explaining.explained(text, those, Here(**here)).diagnoses]  # type: ignore[arg-type]
+    return [hit.signature.id for hit in explaining.explained(text, those, Here(**here)).diagnoses]  # type: ignore[arg-type]
 
 
 def test_the_deepest_cause_comes_first_and_its_mask_last() -> None:
@@ -299,7 +299,7 @@ def test_a_broad_cause_needs_its_packages() -> None:
     assert named(TRACE, BROAD, installed={"gym": "0.21.0"}) == []
     assert named("gym==0.21.0\n" + TRACE, BROAD) == []
     made = explaining.explained(TRACE, [BROAD])
-    assert [hit.known.id for hit in made.diagnoses] == ["broad"]
+    assert [hit.signature.id for hit in made.diagnoses] == ["broad"]
     assert made.findings[0][2] == "the text does not tell versions: this is the cause if `gym>=0.26` is installed"
 
 
@@ -368,7 +368,7 @@ def test_a_failure_that_came_after_another_is_told() -> None:
     """The known one is not the last that failed."""
     text = TRACE + "\n" + TRACE.replace("no wings", "no wheels")
     made = explaining.explained(text, [KNOWN])
-    assert [hit.known.id for hit in made.diagnoses] == ["wings"]
+    assert [hit.signature.id for hit in made.diagnoses] == ["wings"]
     assert made.findings[0][2].endswith("a failure of its own: ValueError: no wheels")
 
 

@@ -1,0 +1,1 @@
+"""Hold released libraries, whole and unchanged; README.md says which."""
