@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import time
@@ -19,7 +19,7 @@ from harness.machine.console import tell
 from harness.model.report_types import number
 from harness.packages import uv_command
 from harness.running import cleanup
-from harness.running.cleanup import DAY, Disk, Item, Kind
+from harness.running.cleanup import DAY, Item, Kind, disk_usage
 from harness.standalone.output import print_json
 
 HELP = (
@@ -35,7 +35,7 @@ EXAMPLE = 30.0
 
 
 class Removed(msgspec.Struct, frozen=True, kw_only=True):
-    """The removed items of one kind: how many, and the bytes on disk that this freed."""
+    """The removed items of one kind: how many, and their share of the disk in bytes."""
 
     kind: Kind
     number: int
@@ -71,23 +71,22 @@ def main(args: argparse.Namespace) -> int:
     """Remove the chosen items, and print how many and how much was freed."""
     places = cleanup.Places(cache=store.cache_folder(), state=_state(), evidence=args.evidence)
     before = time() - args.older_than * DAY if args.older_than is not None else None
-    size_before = _total(places)
+    size_before = disk_usage(places.cache, places.state)
     basket = _Basket(dry=args.dry_run, cache=places.cache)
     size = _pruned(places, basket, size_before)
-    items, disk = _known(places)
-    basket.take(cleanup.chosen(items, disk, size, before=before, most=args.max_size), disk)
+    basket.take(cleanup.chosen(cleanup.find(places), size, before=before, most=args.max_size))
     if Kind.RECORD in basket.numbers and not args.dry_run:  # what only they named is waste now
-        items, disk = _known(places)
-        basket.take([item for item in items if item.waste], disk)
+        basket.take([item for item in cleanup.find(places) if item.waste])
+    size_after = size_before - basket.size if args.dry_run else disk_usage(places.cache, places.state)
     made = Collected(
         dry_run=args.dry_run,
         removed=tuple(
-            Removed(kind=kind, number=count, bytes=basket.freed[kind]) for kind, count in basket.numbers.items()
+            Removed(kind=kind, number=count, bytes=round(basket.sizes[kind])) for kind, count in basket.numbers.items()
         ),
-        freed=sum(basket.freed.values()),
+        freed=size_before - size_after,
         in_use=basket.in_use,
         size_before=size_before,
-        size_after=_total(places) if not args.dry_run else size_before - sum(basket.freed.values()),
+        size_after=size_after,
     )
     if args.json:
         print_json(msgspec.json.encode(made))
@@ -107,21 +106,26 @@ class _Basket:
     dry: bool
     cache: Path
     numbers: dict[Kind, int] = field(default_factory=dict)
-    freed: dict[Kind, int] = field(default_factory=dict)
+    sizes: dict[Kind, float] = field(default_factory=dict)
     in_use: int = 0
 
-    def take(self, items: Iterable[Item], disk: Disk) -> None:
+    @property
+    def size(self) -> int:
+        """Return the bytes of all that was taken."""
+        return round(sum(self.sizes.values()))
+
+    def take(self, items: Iterable[Item]) -> None:
         """Remove items, except those in use. A dry run only counts them."""
-        left = Disk(sizes=disk.sizes)
         for item in items:
             if self.dry or cleanup.remove(item, self.cache):
-                self.count(item.kind, left.without(item.inodes))
+                self.count(item.kind, item.size)
             else:
                 self.in_use += 1
 
-    def count(self, kind: Kind, freed: int) -> None:
+    def count(self, kind: Kind, size: float) -> None:
+        """Count one thing that was removed."""
         self.numbers[kind] = self.numbers.get(kind, 0) + 1
-        self.freed[kind] = self.freed.get(kind, 0) + freed
+        self.sizes[kind] = self.sizes.get(kind, 0) + size
 
 
 def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
@@ -132,7 +136,7 @@ def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
     used = folder.stat().st_mtime
     uv_command.tidy("prune")
     os.utime(folder, (used, used))
-    left = _total(places)
+    left = disk_usage(places.cache, places.state)
     if left < size:
         basket.count(Kind.UV, size - left)
     return left
@@ -141,20 +145,6 @@ def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
 def _state() -> Path:
     """Return the path of the state folder without creating it."""
     return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
-
-
-def _known(places: cleanup.Places) -> tuple[list[Item], Disk]:
-    disk = Disk()
-    return cleanup.find(places, disk), disk
-
-
-def _total(places: cleanup.Places) -> int:
-    return _size_of([places.cache, places.state])
-
-
-def _size_of(folders: Sequence[Path]) -> int:
-    disk = Disk()
-    return disk.size(inode for folder in folders for inode in disk.walk(folder)[0])
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
@@ -170,12 +160,9 @@ def _print(made: Collected) -> None:
 
 def _suggest(places: cleanup.Places) -> None:
     """Print how many bytes a limit would free."""
-    items, disk = _known(places)
-    old = cleanup.chosen(items, disk, 0, before=time() - EXAMPLE * DAY, most=None)
-    every = Disk(sizes=disk.sizes)
-    some = Disk(sizes=disk.sizes)
-    could = sum(every.without(item.inodes) for item in items)
-    would = sum(some.without(item.inodes) for item in old)
+    items = cleanup.find(places)
+    old = cleanup.chosen(items, 0, before=time() - EXAMPLE * DAY, most=None)
+    could, would = (round(sum(item.size for item in some)) for some in (items, old))
     if could:
         tell(
             f"`--older-than {EXAMPLE:g}` would free {decimal(would)}, `--older-than 0` {decimal(could)};"

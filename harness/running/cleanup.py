@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from array import array
 from collections.abc import Iterable, Iterator, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -57,67 +56,33 @@ class Kind(StrEnum):
 class Item:
     """A thing that is removed as a whole. `used` is when it was of use last (seconds since 1970).
 
-    `inodes` has an entry for each name of each file, so that what several items share is counted once.
+    `size` is its share of the disk in bytes: of a file with several names, such as one that uv's cache and an
+    environment share, each name has an equal part.
     """
 
     kind: Kind
     paths: tuple[Path, ...]
     used: float
     waste: bool
-    inodes: array[int] = field(repr=False)
+    size: float
 
 
-@dataclass(slots=True)
-class Disk:
-    """Every file seen: its size (bytes on disk) and how many names it has; and how many of them are gone."""
-
-    sizes: dict[int, tuple[int, int]] = field(default_factory=dict)
-    gone: dict[int, int] = field(default_factory=dict)
-
-    def walk(self, path: Path) -> tuple[array[int], float]:
-        """Return the inodes of a file or of all in a folder, one for each name, and the last change of a folder."""
-        found, newest = array("Q"), 0.0
-        waiting = [str(path)]
-        while waiting:
-            at = waiting.pop()
-            with suppress(OSError):  # it may be going just now
-                status = Path(at).lstat()
-                found.append(self._seen(status))
-                newest = max(newest, status.st_mtime)
-                if S_ISDIR(status.st_mode):
-                    with os.scandir(at) as entries:
-                        for entry in entries:
-                            known = _number(status.st_dev, entry.inode())
-                            if entry.is_dir(follow_symlinks=False):
-                                waiting.append(entry.path)
-                            elif known in self.sizes:
-                                found.append(known)
-                            else:
-                                found.append(self._seen(entry.stat(follow_symlinks=False)))
-        return found, newest
-
-    def _seen(self, status: os.stat_result) -> int:
-        inode = _number(status.st_dev, status.st_ino)
-        self.sizes[inode] = (status.st_blocks * BLOCK, 1 if S_ISDIR(status.st_mode) else status.st_nlink)
-        return inode
-
-    def without(self, inodes: Iterable[int]) -> int:
-        """Count these names as removed; return the bytes that this frees: those of files without a name left."""
-        freed = 0
-        for inode in inodes:
-            size, names = self.sizes[inode]
-            self.gone[inode] = self.gone.get(inode, 0) + 1
-            freed += size if self.gone[inode] == names else 0
-        return freed
-
-    def size(self, inodes: Iterable[int]) -> int:
-        """Return the bytes of these files, each counted once."""
-        return sum(self.sizes[inode][0] for inode in set(inodes))
+def disk_usage(*folders: Path) -> int:
+    """Return the bytes on disk of all in these folders, each file counted once."""
+    sizes = {(status.st_dev, status.st_ino): status.st_blocks for path in folders for status in _within(path)}
+    return sum(sizes.values()) * BLOCK
 
 
-def _number(device: int, inode: int) -> int:
-    """Return one number of 64 bits for both."""
-    return (inode + (device << 40)) & 0xFFFF_FFFF_FFFF_FFFF
+def _within(path: Path) -> Iterator[os.stat_result]:
+    """Yield the status of a file, or of a folder and all in it; what is going just now is left out."""
+    waiting = [path]
+    while waiting:
+        at = waiting.pop()
+        with suppress(OSError):
+            status = at.lstat()
+            yield status
+            if S_ISDIR(status.st_mode):
+                waiting += at.iterdir()
 
 
 # --- what there is ---------------------------------------------------------------------------------------------
@@ -133,53 +98,53 @@ class Places:
     temporary: Path = field(default_factory=lambda: Path(tempfile.gettempdir()))
 
 
-def find(places: Places, disk: Disk, now: float | None = None) -> list[Item]:
+def find(places: Places, now: float | None = None) -> list[Item]:
     """Return everything that could go, the least recently used first."""
     instant = time() if now is None else now
-    items = [*_environments(places.cache, disk), *_cached(places.cache, disk), *_scratch(places, disk, instant)]
+    items = [*_environments(places.cache), *_cached(places.cache), *_scratch(places, instant)]
     if places.state.is_dir():
-        items += _state(places, disk, instant)
+        items += _state(places, instant)
     return sorted(items, key=lambda item: (item.used, item.paths))
 
 
-def _item(kind: Kind, disk: Disk, *paths: Path, used: float | None = None, waste: bool = False) -> Item:
-    inodes, newest = array("Q"), 0.0
-    for path in paths:
-        found, changed = disk.walk(path)
-        inodes.extend(found)
-        newest = max(newest, changed)
-    return Item(kind=kind, paths=paths, used=newest if used is None else used, waste=waste, inodes=inodes)
+def _item(kind: Kind, *paths: Path, used: float | None = None, waste: bool = False) -> Item:
+    size, newest = 0.0, 0.0
+    for status in (status for path in paths for status in _within(path)):
+        folder = S_ISDIR(status.st_mode)
+        size += status.st_blocks * BLOCK / (1 if folder else status.st_nlink)
+        newest = max(newest, status.st_mtime) if folder or status.st_nlink == 1 else newest
+    return Item(kind=kind, paths=paths, used=newest if used is None else used, waste=waste, size=size)
 
 
-def _environments(cache: Path, disk: Disk) -> Iterator[Item]:
+def _environments(cache: Path) -> Iterator[Item]:
     """Yield each environment with its compiled bytecode, and bytecode whose environment is gone."""
     for path, status in _folders(cache / "environments"):
         compiled = [place for place in [cache / "pycache" / path.name] if place.is_dir()]
         whole = (path / "stamp.json").is_file()
-        yield _item(Kind.ENVIRONMENT, disk, path, *compiled, used=status.st_mtime, waste=not whole)
+        yield _item(Kind.ENVIRONMENT, path, *compiled, used=status.st_mtime, waste=not whole)
     for path, _ in _folders(cache / "pycache"):
         if not (cache / "environments" / path.name).is_dir():
-            yield _item(Kind.COMPILED, disk, path, waste=True)
+            yield _item(Kind.COMPILED, path, waste=True)
 
 
-def _cached(cache: Path, disk: Disk) -> Iterator[Item]:
+def _cached(cache: Path) -> Iterator[Item]:
     kinds = {"wheels": Kind.WHEEL, "uv-builds": Kind.METADATA, "repositories": Kind.REPOSITORY, "brought": Kind.BROUGHT}
     for name, kind in kinds.items():
         for path, status in _folders(cache / name):
             if path.name != "requests":
-                yield _item(kind, disk, path, used=status.st_mtime)
+                yield _item(kind, path, used=status.st_mtime)
     if (cache / "uv").is_dir():
-        yield _item(Kind.UV, disk, cache / "uv", used=(cache / "uv").stat().st_mtime)
+        yield _item(Kind.UV, cache / "uv", used=(cache / "uv").stat().st_mtime)
 
 
-def _scratch(places: Places, disk: Disk, now: float) -> Iterator[Item]:
+def _scratch(places: Places, now: float) -> Iterator[Item]:
     """Yield folders of this user that are a day old and that no living process mentions."""
     candidates = [*_folders(places.cache / "tmp"), *_folders(places.temporary, "simmatrix-*")]
     old = [path for path, status in candidates if now - status.st_mtime > DAY and status.st_uid == os.getuid()]
     told = _told() if old else b""
     for path in old:
         if os.fsencode(path.name) not in told:
-            yield _item(Kind.SCRATCH, disk, path, waste=True)
+            yield _item(Kind.SCRATCH, path, waste=True)
 
 
 def _told() -> bytes:
@@ -205,7 +170,7 @@ def _folders(parent: Path, pattern: str = "*") -> Iterator[tuple[Path, os.stat_r
 # --- the state -------------------------------------------------------------------------------------------------
 
 
-def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
+def _state(places: Places, now: float) -> Iterator[Item]:
     """Yield records that no cell's record leads to, and locks and logs that nothing names."""
     cells = set().union(*(_names(path) for path in (places.state / "cells").glob("**/*.json")))
     kept = set(cells)
@@ -213,42 +178,42 @@ def _state(places: Places, disk: Disk, now: float) -> Iterator[Item]:
         for path in sorted((places.state / kind).glob("*/*.json")):
             names = _names(path) | _own(path)
             if not names & cells and now - path.stat().st_mtime > DAY:
-                yield _item(Kind.RECORD, disk, path, used=path.stat().st_mtime)
+                yield _item(Kind.RECORD, path, used=path.stat().st_mtime)
             kept |= names
     kept |= {f"build-{path.stem}" for path in (places.cache / "wheels" / "requests").glob("*.txt")}
     starts = {name[:16] for name in kept}
     for path in sorted((places.state / "locks").glob("*.txt")):
         if path.stem not in starts and now - path.stat().st_mtime > DAY:
-            yield _item(Kind.RECORD, disk, path, waste=True)
+            yield _item(Kind.RECORD, path, waste=True)
     old = [places.state / "results"]  # of an earlier version, which no later one reads
     waste = [(Kind.RECORD, path) for path in old if path.is_dir()]
     waste += [
         (Kind.EVIDENCE, path) for path, _ in _folders(places.state / "evidence") if path.name not in kept | starts
     ]
-    yield from _aged((_item(kind, disk, path, waste=True) for kind, path in waste), now)
+    yield from _aged((_item(kind, path, waste=True) for kind, path in waste), now)
     if places.evidence:
-        yield from _runs(places.state / "vault", kept, disk, now)
+        yield from _runs(places.state / "vault", kept, now)
 
 
 def _aged(items: Iterable[Item], now: float) -> Iterator[Item]:
     return (item for item in items if now - item.used > DAY)
 
 
-def _runs(vault: Path, named: Set[str], disk: Disk, now: float) -> Iterator[Item]:
+def _runs(vault: Path, named: Set[str], now: float) -> Iterator[Item]:
     """Yield claims on runs none of which a record names, and contents to which no other claim leads."""
     needed: set[str] = set()
     for claim in sorted((vault / "ac").glob("*/*")):
         runs = {name.decode() for name in CONTENT.findall(_content(claim))}
         old = now - claim.stat().st_mtime > DAY
         if old and not any({run, folder_of(run).rpartition("/")[2]} & named for run in runs):
-            yield _item(Kind.RUN, disk, claim, waste=True)
+            yield _item(Kind.RUN, claim, waste=True)
             continue
         needed |= runs
         for run in runs:
             needed |= {name.decode() for name in CONTENT.findall(_content(vault / "cas" / run[:2] / run[2:]))}
     for path in sorted((vault / "cas").glob("*/*")):
         if path.parent.name + path.name not in needed and now - path.stat().st_mtime > DAY:
-            yield _item(Kind.RUN, disk, path, waste=True)
+            yield _item(Kind.RUN, path, waste=True)
 
 
 def _content(path: Path) -> bytes:
@@ -273,24 +238,22 @@ def _own(record: Path) -> set[str]:
 # --- choosing and removing -------------------------------------------------------------------------------------
 
 
-def chosen(items: Iterable[Item], disk: Disk, size: int, *, before: float | None, most: int | None) -> list[Item]:
+def chosen(items: Iterable[Item], size: float, *, before: float | None, most: int | None) -> list[Item]:
     """Return the items to remove, by waste, age and size.
 
     These are waste, items that were not of use since `before`, then the least recently used until no more than `most`
     bytes are left. `size` is that of everything now, in bytes.
     """
-    found: list[Item] = []
-    others: list[Item] = []
-    for item in items:
-        goes = item.waste or (before is not None and item.used < before)
-        (found if goes else others).append(item)
-    left = size - sum(disk.without(item.inodes) for item in found)
-    for item in others:
+    every = list(items)
+    goes = [item for item in every if item.waste or (before is not None and item.used < before)]
+    left = size - sum(item.size for item in goes)
+    for item in every:
         if most is None or left <= most:
             break
-        left -= disk.without(item.inodes)
-        found.append(item)
-    return found
+        if item not in goes:
+            left -= item.size
+            goes.append(item)
+    return goes
 
 
 def remove(item: Item, cache: Path) -> bool:

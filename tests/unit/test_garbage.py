@@ -10,7 +10,7 @@ import pytest
 from harness.probes.evidence import End, Host, ProbeRun, Request, folder_of
 from harness.probes.vault import Vault
 from harness.running import cleanup
-from harness.running.cleanup import DAY, Disk, Item, Kind, Places
+from harness.running.cleanup import DAY, Item, Kind, Places, disk_usage
 
 NOW = 1_800_000_000.0
 
@@ -44,7 +44,7 @@ def environment(places: Places, key: str, days: float, *, whole: bool = True) ->
 
 def found(places: Places) -> dict[str, Item]:
     """Return the removable items, by the name of their first folder or file."""
-    return {item.paths[0].name: item for item in cleanup.find(places, Disk(), NOW)}
+    return {item.paths[0].name: item for item in cleanup.find(places, NOW)}
 
 
 def waste(places: Places) -> set[str]:
@@ -157,8 +157,8 @@ class TestState:
         for path in places.state.rglob("*"):
             os.utime(path, (NOW - 10 * DAY, NOW - 10 * DAY))
 
-        assert {item.kind for item in cleanup.find(places, Disk(), NOW)} == {Kind.EVIDENCE}  # of `other`: only links
-        asked = cleanup.find(replace(places, evidence=True), Disk(), NOW)
+        assert {item.kind for item in cleanup.find(places, NOW)} == {Kind.EVIDENCE}  # of `other`: only links
+        asked = cleanup.find(replace(places, evidence=True), NOW)
         gone = {item.paths[0] for item in asked if item.kind is Kind.RUN}
         assert gone == {
             vault.folder / "ac" / "22" / ("2" * 30),
@@ -174,24 +174,21 @@ class TestState:
 
     def test_no_state(self, tmp_path: Path, places: Places) -> None:
         """A missing state folder is no error, and is not created."""
-        assert cleanup.find(Places(cache=places.cache, state=tmp_path / "none"), Disk(), NOW) is not None
+        assert cleanup.find(Places(cache=places.cache, state=tmp_path / "none"), NOW) is not None
         assert not (tmp_path / "none").exists()
 
 
 class TestSizes:
     def test_shared_files_count_once(self, places: Places) -> None:
-        """A file with several names is freed with the last of them."""
+        """A file with several names counts in equal parts for each, and once for all."""
         first, second = (environment(places, key, days) for key, days in (("first", 9), ("second", 3)))
         (second / "shared.bin").write_bytes(b"x" * 1_000_000)
         (first / "shared.bin").hardlink_to(second / "shared.bin")
-        disk = Disk()
-        one, two = cleanup.find(places, disk, NOW)
+        one, two = cleanup.find(places, NOW)
 
-        alone = disk.without(one.inodes)
-
-        assert alone < 100_000
-        assert disk.without(two.inodes) > 1_000_000
-        assert disk.size([*one.inodes, *two.inodes]) < 1_100_000
+        assert 500_000 < one.size < 600_000
+        assert 500_000 < two.size < 600_000
+        assert disk_usage(first, second) < 1_100_000
 
     def test_oldest_first_until_it_fits(self, places: Places) -> None:
         """A size limit removes waste first, then the least recently used, and no more than needed."""
@@ -200,13 +197,12 @@ class TestSizes:
             (folder / "data.bin").write_bytes(b"x" * 1_000_000)
             os.utime(folder, (NOW - days * DAY, NOW - days * DAY))
         environment(places, "unfinished", 0, whole=False)
-        disk = Disk()
-        items = cleanup.find(places, disk, NOW)
-        size = disk.size(inode for item in items for inode in item.inodes)
+        items = cleanup.find(places, NOW)
+        size = disk_usage(places.cache)
 
         def names(**limits: float | int | None) -> list[str]:
             asked = {"before": None, "most": None} | limits
-            chosen = cleanup.chosen(items, Disk(sizes=disk.sizes), size, before=asked["before"], most=asked["most"])  # type: ignore[arg-type]
+            chosen = cleanup.chosen(items, size, before=asked["before"], most=asked["most"])  # type: ignore[arg-type]
             return [item.paths[0].name for item in chosen]
 
         assert names() == ["unfinished"]
