@@ -14,7 +14,7 @@ from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.reports import document, publishing
-from harness.running import shipped_signatures
+from harness.running import offline_bundle, shards, shipped_signatures
 from harness.running.scheduler import AUTO
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ def jobs(text: str) -> int:
 
 def shard(text: str) -> shards.Shard:
     """Return the shard that the value of `--shard` (I/N) names."""
-    from harness.running import shards  # noqa: PLC0415 - start-up
 
     try:
         return shards.Shard.parse(text)
@@ -47,7 +46,6 @@ def shard(text: str) -> shards.Shard:
 
 def fetched_folder(folder: Path) -> Fetched:
     """Open the folder that `--fetched` names."""
-    from harness.running import offline_bundle  # noqa: PLC0415 - start-up
 
     return offline_bundle.open_folder(folder)
 
@@ -62,7 +60,6 @@ def committed_report(matrix: Path, name: str) -> Path | None:
 
 def durations(files: Iterable[Path]) -> dict[str, float]:
     """Return the seconds of cells by id, from report documents. A later document overrides an earlier one."""
-    from harness.running import shards  # noqa: PLC0415 - start-up
 
     seconds: dict[str, float] = {}
     for file in files:
@@ -102,7 +99,6 @@ def check_distinct(plans: Sequence[Plan]) -> None:
 
 def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, float]) -> tuple[Cell, ...]:
     """Return the cells of one shard. Some shards are empty if there are more shards than cells."""
-    from harness.running import shards  # noqa: PLC0415 - start-up
 
     return shards.split(cells, wanted.count, seconds)[wanted.number - 1]
 

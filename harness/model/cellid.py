@@ -15,6 +15,8 @@ from functools import lru_cache
 from hashlib import sha256
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
+from packaging.version import InvalidVersion, Version
+
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
@@ -181,7 +183,6 @@ def _requirement(name: str, lines: Sequence[Requirement]) -> tuple[str, bool]:
 
 
 def _bound(operator: str, version: str) -> str:
-    from packaging.version import InvalidVersion, Version  # noqa: PLC0415 - start-up
 
     bare = version.removesuffix(".*")
     try:

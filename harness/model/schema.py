@@ -15,11 +15,13 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date, time
+from difflib import get_close_matches
 from functools import cache
 from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import msgspec
 from msgspec import inspect as types
+from tomli_w import dumps
 
 from harness.model.errors import BadInput
 
@@ -130,7 +132,6 @@ def json_schema(kind: type) -> dict[str, Any]:
 
 def suggestion(wrong: str, valid: Iterable[str]) -> str:
     """Return the end of a message on an unknown name: `; did you mean "checks"?`, else the valid names, if any."""
-    from difflib import get_close_matches  # noqa: PLC0415 - start-up
 
     names = sorted({str(name) for name in valid})
     lowered = {name.lower(): name for name in names}
@@ -153,7 +154,6 @@ def key_path(*segments: str | int) -> str:
 
 def toml_value(value: str | bool | int | Sequence[Any]) -> str:
     """Write a value as TOML has it in one line: a text, a number, a boolean, or a list of these."""
-    from tomli_w import dumps  # noqa: PLC0415 - start-up
 
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml_value, value))}]"

@@ -11,6 +11,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
 from functools import cache
 from pkgutil import get_data
 from string import Formatter
@@ -235,8 +236,6 @@ def refusal(code: str | None, wanted: Mapping[str, Any]) -> str | None:
     if code is None:
         return '"data" are of a "code", which is missing' if wanted else None
     if code not in templates():
-        from difflib import get_close_matches  # noqa: PLC0415 - start-up
-
         near = get_close_matches(code, templates(), n=1)
         return f'"{code}" is no code of an observation' + (f"; did you mean {near[0]}?" if near else "")
     foreign = sorted(wanted.keys() - fields(code))

@@ -15,6 +15,7 @@ from packaging.markers import default_environment
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.tags import Tag, compatible_tags, cpython_tags, platform_tags
 from packaging.utils import canonicalize_name, parse_wheel_filename
+from tomli_w import dumps
 
 from harness.model import Artifact, Interpreter, Lock, Pin
 from harness.model.errors import BadInput, CouldNotTell
@@ -69,7 +70,6 @@ def restored(pylock: Mapping[str, Any], requirements: str, interpreter: Interpre
 
 def to_install(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
     """Write a pylock from which uv installs exactly these wheels (name, version, file) without asking an index."""
-    from tomli_w import dumps  # noqa: PLC0415 - start-up
 
     packages: list[dict[str, Any]] = []
     for name, version, artifact in wheels:
@@ -86,7 +86,6 @@ def to_keep(wheels: Iterable[Artifact]) -> str:
     Without it, uv asks an index that says nothing of caching for the whole file again for each environment (measured:
     uv 0.13).
     """
-    from tomli_w import dumps  # noqa: PLC0415 - start-up
 
     indexes = [
         {

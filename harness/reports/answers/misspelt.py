@@ -25,8 +25,10 @@ from harness.model import Cell, IndexSettings, Verdict
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import parsed_requirement
+from harness.packages import index
 from harness.packages.index_settings import NOTHING, combined
 from harness.reports.answers import result_index
+from harness.standalone.keys import MODULES
 
 Say = Callable[[str], None]
 AT_A_TIME = 8
@@ -47,8 +49,8 @@ def check_cells(cells: Iterable[Cell], say: Say, *, offline: bool = False) -> No
     for one in questions.values():
         texts = found.setdefault(one.index, {})
         texts |= dict.fromkeys((*one.requirements, *one.constraints, *one.overrides, *one.build_constraints))
-    for index, requirements in found.items():
-        check(requirements, say, index, offline=offline)
+    for place, requirements in found.items():
+        check(requirements, say, place, offline=offline)
 
 
 def check(requirements: Iterable[str], say: Say, index: IndexSettings = NOTHING, *, offline: bool = False) -> None:
@@ -90,7 +92,6 @@ def _wrong(name: str, asked: Iterable[Requirement], listed: Listed | None) -> It
 
 def nearest(name: str) -> str | None:
     """Return the most similarly spelt name of a measured or well-known package, or None."""
-    from harness.standalone.keys import MODULES  # noqa: PLC0415 - start-up
 
     return next(iter(get_close_matches(name, sorted({*MODULES, *measured_names()}), n=1, cutoff=0.75)), None)
 
@@ -141,7 +142,6 @@ def _answers(names: Sequence[str], settings: IndexSettings, *, offline: bool) ->
     """
     if not names:
         return {}
-    from harness.packages import index  # noqa: PLC0415 - start-up
 
     memory = _Memory(settings)
 

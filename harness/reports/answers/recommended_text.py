@@ -9,6 +9,7 @@ from typing import Any
 
 from harness.model import CASE_PHASES
 from harness.model.report_types import number, word
+from harness.model.schema import suggestion
 from harness.reports.answers.never_together import Apart, Half
 from harness.reports.answers.recommended import Partly, Recommended
 from harness.reports.answers.recommending import Combination
@@ -148,7 +149,6 @@ def _half(half: Half) -> str:
 
 
 def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
-    from harness.model.schema import suggestion  # noqa: PLC0415 - start-up
 
     for name in answer.unknown:
         yield f"{name}: nothing was measured with it{suggestion(name, names).partition('; valid')[0]}"

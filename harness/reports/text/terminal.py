@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -66,7 +67,6 @@ def _print(target: Console, parts: Iterable[RenderableType]) -> None:
 
 
 def _console() -> Console:
-    import sys  # noqa: PLC0415 - start-up
 
     from rich.console import Console  # noqa: PLC0415 - start-up
 
